@@ -79,38 +79,21 @@ ARGUMENTS: Final[Mapping[int, struct.Struct]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Consecutive samples of a regular stream.
+    """Consecutive samples of a stream; an irregular one has one channel and brings the time of each.
 
     Attributes:
         stream: Its id in the hello.
         seq: Counter of the first sample, modulo 65,536.
         t_us: Device time of the first sample, modulo 2^32.
         values: Raw counts, shape (n * channels,), the channels of a sample side by side.
+        times_us: Of an irregular stream: device time of each sample, modulo 2^32, shape (n,).
     """
 
     stream: int
     seq: int
     t_us: int
     values: NDArray[np.int32]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Times:
-    """Consecutive samples of an irregular stream of one channel.
-
-    Attributes:
-        stream: Its id in the hello.
-        seq: Counter of the first sample, modulo 65,536.
-        t_us: Device time of the first sample, modulo 2^32.
-        times_us: Device time of each sample, modulo 2^32, shape (n,).
-        values: Raw counts, shape (n,).
-    """
-
-    stream: int
-    seq: int
-    t_us: int
-    times_us: NDArray[np.uint32]
-    values: NDArray[np.int32]
+    times_us: NDArray[np.uint32] | None = None
 
 
 class _Json(BaseModel):
@@ -184,7 +167,7 @@ class BoardReply:
     status: int
 
 
-Message = Samples | Times | BoardHello | CommandFrame | BoardReply
+Message = Samples | BoardHello | CommandFrame | BoardReply
 
 
 def encode(message: Message) -> bytes:
@@ -205,10 +188,8 @@ def decode(body: bytes) -> Message:
     """
     kind = body[0] if body else -1
     try:
-        if kind == BoardKind.SAMPLES:
+        if kind in (BoardKind.SAMPLES, BoardKind.TIMES):
             return _decode_samples(body)
-        if kind == BoardKind.TIMES:
-            return _decode_times(body)
         if kind == BoardKind.HELLO:
             return BoardHello.model_validate_json(body[1:])
         if kind == BoardKind.COMMAND:
@@ -230,12 +211,13 @@ def _body(message: Message) -> bytes:
         return bytes([BoardKind.HELLO]) + message.model_dump_json().encode()
     try:
         if isinstance(message, Samples):
-            header = _HEADER.pack(BoardKind.SAMPLES, message.stream, message.seq, message.t_us)
-            return header + _some(message.values).astype(_I32, copy=False).tobytes()
-        if isinstance(message, Times):
+            place = (message.stream, message.seq, message.t_us)
+            if message.times_us is None:
+                values = _some(message.values).astype(_I32, copy=False)
+                return _HEADER.pack(BoardKind.SAMPLES, *place) + values.tobytes()
             rows = np.empty(len(_some(message.values)), _TIMED)
             rows["t_us"], rows["value"] = message.times_us, message.values
-            return _HEADER.pack(BoardKind.TIMES, message.stream, message.seq, message.t_us) + rows.tobytes()
+            return _HEADER.pack(BoardKind.TIMES, *place) + rows.tobytes()
         if isinstance(message, CommandFrame):
             argument = () if message.argument is None else (message.argument,)
             layout = ARGUMENTS[message.code]
@@ -252,15 +234,13 @@ def _some(values: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _decode_samples(body: bytes) -> Samples:
-    _, stream, seq, t_us = _HEADER.unpack_from(body)
-    return Samples(stream, seq, t_us, _some(np.frombuffer(body, _I32, offset=_HEADER.size).astype(np.int32)))
-
-
-def _decode_times(body: bytes) -> Times:
-    _, stream, seq, t_us = _HEADER.unpack_from(body)
+    kind, stream, seq, t_us = _HEADER.unpack_from(body)
+    if kind == BoardKind.SAMPLES:
+        values = np.frombuffer(body, _I32, offset=_HEADER.size)
+        return Samples(stream, seq, t_us, _some(values.astype(np.int32)))
     rows = np.frombuffer(body, _TIMED, offset=_HEADER.size)
-    values = _some(rows["value"].astype(np.int32))
-    return Times(stream, seq, t_us, rows["t_us"].astype(np.uint32), values)
+    values, times_us = rows["value"].astype(np.int32), rows["t_us"].astype(np.uint32)
+    return Samples(stream, seq, t_us, _some(values), times_us)
 
 
 def _decode_command(body: bytes) -> CommandFrame:

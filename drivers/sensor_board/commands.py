@@ -20,35 +20,33 @@ class BoardLimits(Settings):
     tendon_max_m: float = Field(default=0.02, ge=-0.1, le=0.1)
     """Greatest tendon position (assumption: the finger's tendon travel)."""
 
+    def checked(self, device: str, streams: Iterable[str], command: Command) -> Command:
+        """The command as the board will see it: a tendon's position is rounded to the micrometre.
 
-def valid(device: str, limits: BoardLimits, streams: Iterable[str], command: Command) -> Command:
-    """The command as the board will see it: a tendon's position is rounded to the micrometre.
+        Args:
+            device: Name in the profile.
+            streams: That the board has.
+            command: As asked for.
 
-    Args:
-        device: Name in the profile.
-        limits: Of the tendon.
-        streams: That the board has.
-        command: As asked for.
-
-    Raises:
-        CommandError: not for this board, not finite or out of range.
-    """
-    if command.device != device:
-        raise wrong(device, command, f"it is for {command.device}", f"send it to {command.device}")
-    match command:
-        case Excite():
-            return command
-        case SetTendon(position_m=position_m):
-            # Written so that NaN is out of range too.
-            if not limits.tendon_min_m <= position_m <= limits.tendon_max_m:
-                advice = f"choose from {limits.tendon_min_m:g} to {limits.tendon_max_m:g} m"
-                raise wrong(device, command, f"{position_m:g} m is out of range", advice)
-            return replace(command, position_m=round(position_m * 1e6) * 1e-6)
-        case Tare(stream=stream):
-            check_streams(device, command, (stream,), streams)
-            return command
-        case Listen():
-            check_streams(device, command, command.streams, streams)
-            return command
-    advice = "a sensor board can Excite, SetTendon, Tare and Listen"
-    raise wrong(device, command, "it has no such command", advice)
+        Raises:
+            CommandError: not for this board, not finite or out of range.
+        """
+        if command.device != device:
+            raise wrong(device, command, f"it is for {command.device}", f"send it to {command.device}")
+        match command:
+            case Excite():
+                return command
+            case SetTendon(position_m=position_m):
+                # Written so that NaN is out of range too.
+                if not self.tendon_min_m <= position_m <= self.tendon_max_m:
+                    advice = f"choose from {self.tendon_min_m:g} to {self.tendon_max_m:g} m"
+                    raise wrong(device, command, f"{position_m:g} m is out of range", advice)
+                return replace(command, position_m=round(position_m * 1e6) * 1e-6)
+            case Tare(stream=stream):
+                check_streams(device, command, (stream,), streams)
+                return command
+            case Listen():
+                check_streams(device, command, command.streams, streams)
+                return command
+        advice = "a sensor board can Excite, SetTendon, Tare and Listen"
+        raise wrong(device, command, "it has no such command", advice)

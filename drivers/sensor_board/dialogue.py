@@ -1,27 +1,12 @@
-"""Orders to the board: identity, tags, replies, one repetition, silence."""
+"""Orders to the board: tags, replies, one repetition, silence."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.core.clock import Clock
-from drivers.core.errors import CodecError, ProtocolError
 from drivers.core.links import SerialLink
 from drivers.core.messages import Command
-from drivers.core.wire import Inquiry
-from drivers.sensor_board.codec import (
-    BoardCode,
-    BoardHello,
-    BoardKind,
-    BoardReply,
-    CommandFrame,
-    decode,
-    encode,
-)
-from drivers.sensor_board.framing import BoardFrameDecoder
-
-HELLO_ATTEMPTS = 4
-"""How often a board is asked for its hello. Assumption: the first answer may be lost in a partial frame."""
+from drivers.sensor_board.codec import BoardCode, BoardReply, CommandFrame, encode
 
 TAGS = 256
 """The tag is a u8. By the time it wraps, the replies to earlier orders are in."""
@@ -37,7 +22,7 @@ class BoardOrder:
         command: The command that it carries out, or None for the driver's own.
         frame: Its bytes.
         sent_s: Monotonic time in seconds at which its last byte was first written; None where it was not.
-        due_s: When the reply should be here, by the driver's watch.
+        due_s: When the reply should be here, in `BoardDialogue`'s time.
         repeated: It has been written twice.
         superseded: A later order on the same thing has been written: this one must not be repeated.
     """
@@ -64,7 +49,7 @@ class BoardDialogue:
 
     An order without a reply is written once more, under its tag. Orders set a state, so repeating one does no harm,
     unless a newer one on the same thing was sent; then it is dropped. One that stays without a reply is a fault of
-    the board. Nothing here waits.
+    the board. Nothing here waits. Its time (`attended_s`) stands still while the host is away.
 
     Args:
         link: The open port.
@@ -87,13 +72,13 @@ class BoardDialogue:
         return any(order.code is code for order in self._orders.values())
 
     def ask(
-        self, watch_s: float, code: BoardCode, argument: int | None = None, command: Command | None = None
+        self, attended_s: float, code: BoardCode, argument: int | None = None, command: Command | None = None
     ) -> BoardOrder:
-        """Write an order; `watch_s` is the driver's watch now."""
+        """Write an order; `attended_s` is the time now."""
         self._tag = (self._tag + 1) % TAGS
         frame = encode(CommandFrame(code, self._tag, argument))
         sent_s = self._link.send(frame)
-        order = BoardOrder(code, argument, command, frame, sent_s, watch_s + self._timeout_s)
+        order = BoardOrder(code, argument, command, frame, sent_s, attended_s + self._timeout_s)
         for earlier in self._orders.values():
             earlier.superseded |= earlier.subject == order.subject
         self._orders[self._tag] = order
@@ -106,10 +91,10 @@ class BoardDialogue:
             return None
         return self._orders.pop(reply.tag)
 
-    def turn(self, watch_s: float) -> str | None:
+    def turn(self, attended_s: float) -> str | None:
         """Repeat what is overdue; returns what is wrong where the board does not answer, or None."""
         for tag, order in list(self._orders.items()):
-            if watch_s < order.due_s:
+            if attended_s < order.due_s:
                 continue
             if order.superseded:
                 del self._orders[tag]
@@ -118,61 +103,5 @@ class BoardDialogue:
             else:
                 self._link.send(order.frame)
                 order.repeated = True
-                order.due_s = watch_s + self._timeout_s
+                order.due_s = attended_s + self._timeout_s
         return None
-
-
-def identify(
-    name: str, port: str, link: SerialLink, decoder: BoardFrameDecoder, clock: Clock, timeout_s: float
-) -> BoardHello:
-    """Ask for the hello, up to `HELLO_ATTEMPTS` times.
-
-    Args:
-        name: Of the device, for errors.
-        port: Its port, for errors.
-        link: To the port.
-        decoder: Left in step with the line.
-        clock: Times the answers.
-        timeout_s: How long an answer may take.
-
-    Raises:
-        PortError: the port was taken away.
-        SilentError: not a byte came.
-        ProtocolError: what came is no hello of a sensor board.
-    """
-    doing = f"asking who is at {port}"
-    received_bytes = 0
-
-    def parse(arrived: tuple[float, bytes]) -> BoardHello | None:
-        nonlocal received_bytes
-        received_bytes += len(arrived[1])
-        return _hello(name, doing, decoder.feed(arrived[1]))
-
-    inquiry = Inquiry(
-        name,
-        doing,
-        link,
-        clock,
-        timeout_s,
-        strange=lambda: (
-            f"{received_bytes} bytes came, but no hello of a sensor board" if received_bytes else ""
-        ),
-        stranger="is another device at this port, or the baud rate wrong?",
-        silent="is it powered, and is this its port?",
-    )
-    # The leading delimiter closes any partial frame that the board has received.
-    question = b"\0" + encode(CommandFrame(BoardCode.HELLO, 0))
-    return inquiry.ask(lambda: link.send(question), parse, HELLO_ATTEMPTS)
-
-
-def _hello(name: str, doing: str, bodies: list[bytes]) -> BoardHello | None:
-    for body in bodies:
-        if body[:1] == bytes([BoardKind.HELLO]):
-            try:
-                hello = decode(body)
-            except CodecError as error:
-                advice = "does the board's firmware fit this version of the program?"
-                raise ProtocolError(name, doing, str(error), advice) from error
-            assert isinstance(hello, BoardHello)
-            return hello
-    return None

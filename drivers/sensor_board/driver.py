@@ -4,19 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
 
 from pydantic import Field, model_validator
 
 from drivers.core.errors import CodecError, PortError, ProtocolError
 from drivers.core.links import SerialLink, SerialPort, open_serial
 from drivers.core.messages import Command, DeviceInfo, Excite, Listen, SetTendon, StreamInfo, Tare
-from drivers.core.wire import TURN_S, WireDriver
-from drivers.sensor_board.codec import BoardCode, BoardReply, ReplyStatus, Samples, Times, decode
-from drivers.sensor_board.commands import BoardLimits, valid
-from drivers.sensor_board.dialogue import BoardDialogue, BoardOrder, identify
+from drivers.core.wire import TURN_S, Inquiry, WireDriver
+from drivers.sensor_board.codec import (
+    BoardCode,
+    BoardHello,
+    BoardKind,
+    BoardReply,
+    CommandFrame,
+    ReplyStatus,
+    Samples,
+    decode,
+    encode,
+)
+from drivers.sensor_board.commands import BoardLimits
+from drivers.sensor_board.dialogue import BoardDialogue, BoardOrder
 from drivers.sensor_board.framing import BoardFrameDecoder
 from drivers.sensor_board.streams import BoardStreams, stream_info
+
+HELLO_ATTEMPTS = 4
+"""How often a board is asked for its hello. Assumption: the first answer may be lost in a partial frame."""
 
 CLOSE_S = 0.25
 """Longest wait at close for the board to acknowledge that all is off (assumption: as long as a reply may take)."""
@@ -26,6 +38,8 @@ TURN_MAX_S = 0.05
 
 FEEDS = 4
 """Times that the watchdog is fed in its period: three may be lost or late (assumption)."""
+
+FIRMWARE = "does the board's firmware fit this version of the program?"
 
 REFUSALS: Mapping[int, str] = {
     ReplyStatus.UNKNOWN: "the board does not know this command",
@@ -84,23 +98,29 @@ class SensorBoard(WireDriver[SerialLink]):
         self._malformed = 0
         self._excited = False
         self._arrived_s: dict[int, float] = {}
-        """For each stream that is on: when its last frame arrived, by the watch."""
+        """For each stream that is on: when its last frame arrived, in attended time."""
         self._fault: str | None = None
-        self._watch_s = 0.0
+        self._attended_s = 0.0
         self._turned_s = self._fed_s = self._clock.monotonic_s()
 
     def account(self) -> Mapping[str, object]:
         """Frames on the line, good and bad, and the drift of the board's clock in ppm."""
         if not self._infos:
             return {}
-        drift_ppm = self._streams.clock.model.drift_ppm
-        return {**asdict(self._decoder.counts), "malformed": self._malformed, "drift_ppm": drift_ppm}
+        return {
+            "good": self._decoder.good,
+            "bad_crc": self._decoder.bad_crc,
+            "bad_cobs": self._decoder.bad_cobs,
+            "overlong": self._decoder.overlong,
+            "malformed": self._malformed,
+            "drift_ppm": self._streams.clock.model.drift_ppm,
+        }
 
     # open and close; excitation and tendon stay as they are at the one, and are switched off at the other
 
     def _identify(self, link: SerialLink) -> DeviceInfo:
         s = self._settings
-        hello = identify(self.name, s.port, link, self._decoder, self._clock, s.reply_timeout_s)
+        hello = self._hello(link)
         self._infos = {
             stream.id: stream_info(
                 f"{self.name}.{stream.name}",
@@ -125,15 +145,48 @@ class SensorBoard(WireDriver[SerialLink]):
             details={"port": s.port, "watchdog_s": s.watchdog_s},
         )
 
+    def _hello(self, link: SerialLink) -> BoardHello:
+        """Ask for the hello; raises a `DeviceError`."""
+        doing = f"asking who is at {self._settings.port}"
+        received_bytes = 0
+
+        def parse(arrived: tuple[float, bytes]) -> BoardHello | None:
+            nonlocal received_bytes
+            received_bytes += len(arrived[1])
+            for body in self._decoder.feed(arrived[1]):
+                if body[:1] == bytes([BoardKind.HELLO]):
+                    try:
+                        hello = decode(body)
+                    except CodecError as error:
+                        raise ProtocolError(self.name, doing, str(error), FIRMWARE) from error
+                    assert isinstance(hello, BoardHello)
+                    return hello
+            return None
+
+        inquiry = Inquiry(
+            self.name,
+            doing,
+            link,
+            self._clock,
+            self._settings.reply_timeout_s,
+            strange=lambda: (
+                f"{received_bytes} bytes came, but no hello of a sensor board" if received_bytes else ""
+            ),
+            stranger="is another device at this port, or the baud rate wrong?",
+            silent="is it powered, and is this its port?",
+        )
+        # The leading delimiter closes any partial frame that the board has received.
+        question = b"\0" + encode(CommandFrame(BoardCode.HELLO, 0))
+        return inquiry.ask(lambda: link.send(question), parse, HELLO_ATTEMPTS)
+
     def _set_up(self, link: SerialLink) -> None:
         """Stop whatever an earlier host has left on, and set the watchdog."""
-        self._dialogue.ask(self._watch_s, BoardCode.STOP)
+        self._dialogue.ask(self._attended_s, BoardCode.STOP)
         self._feed(self._clock.monotonic_s())
         fault = self._settled(link, math.inf)
         if fault is not None:
             error = ProtocolError if link.fault is None else PortError
-            advice = "does the board's firmware fit this version of the program?"
-            raise error(self.name, "setting it up", fault, advice)
+            raise error(self.name, "setting it up", fault, FIRMWARE)
         # What has arrived so far belongs to an earlier session.
         self._blocks.clear()
         self._statuses.clear()
@@ -148,21 +201,21 @@ class SensorBoard(WireDriver[SerialLink]):
         return fault
 
     def _leave(self, link: SerialLink, failure: str | None) -> None:
-        self._dialogue.ask(self._watch_s, BoardCode.EXCITE, 0)
-        self._dialogue.ask(self._watch_s, BoardCode.STOP)
+        self._dialogue.ask(self._attended_s, BoardCode.EXCITE, 0)
+        self._dialogue.ask(self._attended_s, BoardCode.STOP)
         if failure is None:
             self._settled(link, CLOSE_S)
 
     # sending
 
     def _valid(self, command: Command) -> Command:
-        return valid(self.name, self._settings, self._numbers, command)
+        return self._settings.checked(self.name, self._numbers, command)
 
     def _carry_out(self, command: Command) -> None:
         code, argument = self._translated(command)
         if not (self._arrived_s or self._excited):  # with all off, the watchdog may have tripped
             self._fed_s = self._clock.monotonic_s()
-        order = self._dialogue.ask(self._watch_s, code, argument, command)
+        order = self._dialogue.ask(self._attended_s, code, argument, command)
         if order.sent_s is not None:
             self._sent(command, order.sent_s)
             return
@@ -185,14 +238,14 @@ class SensorBoard(WireDriver[SerialLink]):
 
     def _feed(self, now_s: float) -> None:
         self._fed_s = now_s
-        self._dialogue.ask(self._watch_s, BoardCode.WATCHDOG, round(self._settings.watchdog_s * 1e3))
+        self._dialogue.ask(self._attended_s, BoardCode.WATCHDOG, round(self._settings.watchdog_s * 1e3))
 
     # receiving
 
     def _update(self, link: SerialLink) -> str | None:
         """Process what has arrived, repeat what is overdue, feed the watchdog, check for silence."""
         now_s = self._clock.monotonic_s()
-        self._watch_s += min(now_s - self._turned_s, TURN_MAX_S)
+        self._attended_s += min(now_s - self._turned_s, TURN_MAX_S)
         self._turned_s = now_s
         for arrival_s, data in link.receive():
             for body in self._decoder.feed(data):
@@ -201,7 +254,7 @@ class SensorBoard(WireDriver[SerialLink]):
             self._fault
             or link.fault
             or self._starved(now_s)
-            or self._dialogue.turn(self._watch_s)
+            or self._dialogue.turn(self._attended_s)
             or self._silent()
         )
         # A feed that awaits its reply is not sent again here: the dialogue repeats it, and then fails.
@@ -213,20 +266,20 @@ class SensorBoard(WireDriver[SerialLink]):
     def _receive(self, body: bytes, arrival_s: float) -> None:
         try:
             message = decode(body)
-            if isinstance(message, Samples | Times):
+            if isinstance(message, Samples):
                 self._take(message, arrival_s)
             elif isinstance(message, BoardReply):
                 self._settle(message)
         except CodecError:
             self._malformed += 1
 
-    def _take(self, frame: Samples | Times, arrival_s: float) -> None:
+    def _take(self, frame: Samples, arrival_s: float) -> None:
         block, lost = self._streams.push(frame, arrival_s)
         if lost is not None:
             self._lost(self._clock.from_monotonic(arrival_s), block.stream, lost)
         self._blocks.append(block)
         if frame.stream in self._arrived_s:
-            self._arrived_s[frame.stream] = self._watch_s
+            self._arrived_s[frame.stream] = self._attended_s
 
     def _settle(self, reply: BoardReply) -> None:
         order = self._dialogue.answered(reply)
@@ -248,7 +301,7 @@ class SensorBoard(WireDriver[SerialLink]):
             mask = order.argument or 0
             on = [number for number in self._infos if mask >> number & 1]
             self._streams.begin(number for number in on if number not in self._arrived_s)
-            self._arrived_s = {number: self._arrived_s.get(number, self._watch_s) for number in on}
+            self._arrived_s = {number: self._arrived_s.get(number, self._attended_s) for number in on}
 
     # faults
 
@@ -260,7 +313,7 @@ class SensorBoard(WireDriver[SerialLink]):
     def _silent(self) -> str | None:
         limit_s = self._settings.silence_timeout_s
         for number, arrived_s in self._arrived_s.items():
-            if self._infos[number].rate_hz is not None and self._watch_s - arrived_s > limit_s:
+            if self._infos[number].rate_hz is not None and self._attended_s - arrived_s > limit_s:
                 return f"nothing of {self._infos[number].name} in {limit_s:g} s; is the board powered?"
         return None
 

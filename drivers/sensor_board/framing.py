@@ -33,27 +33,25 @@ def _crc(body: bytes) -> bytes:
 
 
 @dataclass(slots=True)
-class FrameCounts:
-    """Counts of the frames on the wire. Loss shows in the samples' counter, not in these."""
-
-    good: int = 0
-    bad_crc: int = 0
-    bad_cobs: int = 0
-    overlong: int = 0
-
-
-@dataclass(slots=True)
 class BoardFrameDecoder:
     """Cuts a stream of bytes into bodies, in whatever pieces they come.
 
     Bytes before the first delimiter are the rest of a frame that began before the port was opened, and are
     dropped. A frame that is never closed is given up at `MAX_ENCODED_BYTES`: memory is bounded.
 
+    Loss shows in the samples' counter, not in these counts.
+
     Attributes:
-        counts: Of the frames so far.
+        good: Frames so far.
+        bad_crc: Frames so far whose CRC was wrong.
+        bad_cobs: Frames so far that were no COBS.
+        overlong: Frames so far that were given up.
     """
 
-    counts: FrameCounts = field(default_factory=FrameCounts)
+    good: int = 0
+    bad_crc: int = 0
+    bad_cobs: int = 0
+    overlong: int = 0
     _partial: bytearray = field(default_factory=bytearray)
     _skipping: bool = True
 
@@ -74,7 +72,7 @@ class BoardFrameDecoder:
         if self._skipping:
             return
         if len(self._partial) + len(piece) > MAX_ENCODED_BYTES:
-            self.counts.overlong += 1
+            self.overlong += 1
             self._skipping = True
             self._partial.clear()
         else:
@@ -84,11 +82,11 @@ class BoardFrameDecoder:
         try:
             decoded: bytes = cobs.decode(encoded)
         except cobs.DecodeError:
-            self.counts.bad_cobs += 1
+            self.bad_cobs += 1
             return None
         body = decoded[:-2]
         if _crc(body) != decoded[-2:]:
-            self.counts.bad_crc += 1
+            self.bad_crc += 1
             return None
-        self.counts.good += 1
+        self.good += 1
         return body

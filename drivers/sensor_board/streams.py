@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from drivers.core.clock import Clock
 from drivers.core.errors import CodecError
 from drivers.core.messages import SampleBlock, StreamInfo
 from drivers.core.numbering import DeviceClock, StreamTrack
-from drivers.sensor_board.codec import COUNTER_MODULUS, TIME_MODULUS, Samples, Times
+from drivers.sensor_board.codec import COUNTER_MODULUS, TIME_MODULUS, Samples
 
 PERIOD_S = 0.2
 """Longest time between two samples of an irregular stream, s. Assumption: five periods of a finger at 28 Hz."""
@@ -26,18 +25,6 @@ def stream_info(
     return StreamInfo(
         name, channels, unit, scale, rate_hz, longest_s, noisy=rate_hz is not None and unit != "m"
     )
-
-
-class Arrival(NamedTuple):
-    """A block, and what lies between it and the one before.
-
-    Attributes:
-        block: In bench time; `seq` counts samples.
-        lost: As in `numbering.Placed`.
-    """
-
-    block: SampleBlock
-    lost: int | None
 
 
 class BoardStreams:
@@ -68,8 +55,8 @@ class BoardStreams:
         for number in numbers:
             self._tracks[number].begin()
 
-    def push(self, frame: Samples | Times, arrival_s: float) -> Arrival:
-        """The block in a frame that was in hand at monotonic time `arrival_s`.
+    def push(self, frame: Samples, arrival_s: float) -> tuple[SampleBlock, int | None]:
+        """The block in a frame that was in hand at monotonic time `arrival_s`, and what was lost before it (`Placed`).
 
         Raises:
             CodecError: of a stream that the board does not have, or not of its shape.
@@ -91,19 +78,17 @@ class BoardStreams:
             device_t0_s=placed.device_s,
             arrival_s=arrival_s + bench_s,
         )
-        return Arrival(block, placed.lost)
+        return block, placed.lost
 
 
-def _content(
-    frame: Samples | Times, info: StreamInfo
-) -> tuple[NDArray[np.int32], NDArray[np.float64] | None]:
+def _content(frame: Samples, info: StreamInfo) -> tuple[NDArray[np.int32], NDArray[np.float64] | None]:
     """Values, shape (n, channels); device time since the first in s, shape (n,), where samples are irregular."""
-    channels = len(info.channels)
-    if isinstance(frame, Samples):
-        if info.rate_hz is None or len(frame.values) % channels:
-            raise CodecError(f"{info.name}: {len(frame.values)} values fit neither its channels nor its rate")
+    channels, regular = len(info.channels), frame.times_us is None
+    if regular is (info.rate_hz is None) or len(frame.values) % channels or not (regular or channels == 1):
+        raise CodecError(f"{info.name}: {len(frame.values)} values fit neither its channels nor its rate")
+    if frame.times_us is None:
         return frame.values.reshape(-1, channels), None
     offsets_us = (frame.times_us - np.uint32(frame.t_us)).view(np.int32)
-    if info.rate_hz is not None or channels != 1 or offsets_us[0] < 0 or np.any(np.diff(offsets_us) < 0):
-        raise CodecError(f"{info.name}: times of its own do not fit its rate, its channels or their order")
+    if offsets_us[0] < 0 or np.any(np.diff(offsets_us) < 0):
+        raise CodecError(f"{info.name}: times of its own are not in their order")
     return frame.values.reshape(-1, 1), np.asarray(offsets_us * 1e-6, dtype=np.float64)

@@ -20,7 +20,6 @@ from drivers.sensor_board.codec import (
     HelloStream,
     ReplyStatus,
     Samples,
-    Times,
     decode,
     encode,
 )
@@ -198,11 +197,11 @@ class EmulatedSensorBoard:
         for start in range(0, len(counts), self._settings.block_samples):
             part = slice(start, start + self._settings.block_samples)
             seq = channel.number_block(len(counts[part]))
-            self._send(Times(channel.number, seq, int(shown_us[start]), shown_us[part], counts[part]))
+            self._send(Samples(channel.number, seq, int(shown_us[start]), counts[part], shown_us[part]))
 
     # the line
 
-    def _send(self, message: Samples | Times) -> None:
+    def _send(self, message: Samples) -> None:
         """Put a sample frame on the line, spoilt where a fault waits for one."""
         frame = encode(message)
         fault = self._spoil.pop(0) if self._spoil else None

@@ -18,7 +18,7 @@ from drivers.core.messages import (
     SetTendon,
     Tare,
 )
-from drivers.sensor_board.commands import BoardLimits, valid
+from drivers.sensor_board.commands import BoardLimits
 from drivers.sensor_board.streams import stream_info
 from simulator.mocks.base import MockSensor
 
@@ -75,7 +75,7 @@ class MockSensorBoard(MockSensor):
             CommandError: not for this board, or not finite.
         """
         known = [info.name for info in self._infos.values()]
-        command, now_s = valid(self.name, self._settings, known, command), self._clock.now()
+        command, now_s = self._settings.checked(self.name, known, command), self._clock.now()
         if isinstance(command, Listen):
             self._listen(command, now_s)
             return command

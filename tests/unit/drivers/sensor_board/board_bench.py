@@ -1,28 +1,25 @@
-"""A bench in virtual time: what a board may be wired to, and a host whose time the test moves."""
+"""A bench in virtual time: what a board may be wired to, and its driver."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from functools import partial
 from random import Random
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.clock import WallClock
-from drivers.core.messages import SampleBlock, Status
-from drivers.sensor_board.driver import SensorBoard
-from simulator.devices.sensor_board import EmulatedSensorBoard
+from drivers.core.messages import SampleBlock
+from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
+from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from tests.contracts.crank import Crank
+from tests.unit.drivers.far_end import BEGIN_S, FarClock, FarEnd
 
 Floats = NDArray[np.float64]
 
 PERIOD_S = 1.0 / 28.0
 """Of the events that the source makes."""
-
-
-RESTS_MAX = 5000
-"""Of a driver that waits for the board, 1 ms each: a test waits for less than a second."""
 
 
 class Spec(NamedTuple):
@@ -86,96 +83,25 @@ class Source:
         return bool(self.switched) and self.switched[-1][1]
 
 
-@dataclass
-class Host:
-    """A host's monotonic clock, and the line between it and a board, looked at every 0.2 to 1.2 ms.
+class Bench(Crank):
+    """A driver on an emulated board in virtual time, closed; the line is looked at every 0.2 to 1.2 ms."""
 
-    What the host writes goes through `cut` on its way, and what the board sends through `hush`.
-    """
+    def __init__(self, board: dict[str, Any], driver: dict[str, Any]) -> None:
+        self.source = Source(BEGIN_S)
+        self.board = EmulatedSensorBoard(EmulatedSensorBoardSettings(**board), self.source)
+        self.host = FarEnd(self.board, partial(Random(4).uniform, 0.2e-3, 1.2e-3))
+        settings = SensorBoardSettings(port="/dev/board", **driver)
+        clock = FarClock(self.host)
+        device = SensorBoard("board", settings, clock, self.host.connect)
+        super().__init__(device, clock, opens=False)
 
-    board: EmulatedSensorBoard
-    t_s: float
-    fault: str | None = None
-    cut: Callable[[bytes], bytes] = bytes
-    hush: Callable[[bytes], bytes] = bytes
-    written: list[bytes] = field(default_factory=list)
-    arrived: list[tuple[float, bytes]] = field(default_factory=list)
-    closed: bool = False
-    chance: Random = field(default_factory=lambda: Random(4))
-
-    # as a link
-
-    def connect(self, *_: object) -> Any:
-        self.closed = False
-        return self
-
-    def send(self, data: bytes) -> float | None:
-        if self.fault or self.closed:
-            return None
-        self.written.append(data)
-        self._arrive(self.board.receive(self.cut(data), self.t_s))
-        return self.t_s
-
-    def receive(self) -> list[tuple[float, bytes]]:
-        arrived, self.arrived = self.arrived, []
-        return arrived
-
-    def close(self) -> None:
-        self.closed = True
-
-    # as time
-
-    def until(self, t_s: float) -> None:
-        while self.t_s < t_s - 1e-9:
-            self.t_s = min(self.t_s + self.chance.uniform(0.2e-3, 1.2e-3), t_s)
-            self._arrive(self.board.step(self.t_s))
-
-    def _arrive(self, data: bytes) -> None:
-        data = self.hush(data)
-        if data:
-            self.arrived.append((self.t_s, data))
-
-
-class HostClock(WallClock):
-    """Bench time on such a host."""
-
-    def __init__(self, host: Host) -> None:
-        self._host = host
-        self.rests = 0
-        self.restart()
-
-    def now(self) -> float:
-        return self._host.t_s - self._origin_s
-
-    def monotonic_s(self) -> float:
-        return self._host.t_s
-
-    def rest(self, seconds: float) -> None:
-        self.rests += 1
-        assert self.rests < RESTS_MAX, "it waits for ever"
-        self._host.until(self._host.t_s + seconds)
-
-    def restart(self) -> None:
-        self._origin_s = self._host.t_s
-
-
-@dataclass
-class Bench:
-    """A driver on an emulated board in virtual time."""
-
-    source: Source
-    board: EmulatedSensorBoard
-    host: Host
-    clock: HostClock
-    driver: SensorBoard
-
-    def run(self, seconds: float, turn_s: float = 0.002) -> tuple[list[SampleBlock], list[Status]]:
+    def run(self, seconds: float, turn_s: float = 0.002) -> tuple[list[SampleBlock], list[Any]]:
         """Let the loop turn for a while; the driver's blocks and statuses."""
         blocks: list[SampleBlock] = []
-        statuses: list[Status] = []
+        statuses: list[Any] = []
         until_s = self.host.t_s + seconds
         while self.host.t_s < until_s - 1e-9:
             self.host.until(min(self.host.t_s + turn_s, until_s))
-            blocks += self.driver.read()
-            statuses += self.driver.poll()
+            blocks += self.device.read()
+            statuses += self.device.poll()
         return blocks, statuses

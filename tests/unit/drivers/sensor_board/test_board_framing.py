@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -52,13 +51,10 @@ def test_the_reference_crc_gives_the_check_value_of_the_catalogue() -> None:
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["what"])
-def test_a_golden_body_gives_its_golden_frame(golden: dict[str, Any]) -> None:
-    assert frame(bytes.fromhex(golden["body"])).hex(" ") == golden["frame"]
-
-
-@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["what"])
-def test_a_golden_frame_gives_its_golden_body(golden: dict[str, Any]) -> None:
-    assert bodies_in(bytes.fromhex(golden["frame"])) == [bytes.fromhex(golden["body"])]
+def test_a_golden_body_gives_its_golden_frame_and_back(golden: dict[str, Any]) -> None:
+    body = bytes.fromhex(golden["body"])
+    assert frame(body).hex(" ") == golden["frame"]
+    assert bodies_in(bytes.fromhex(golden["frame"])) == [body]
 
 
 @given(st.binary(max_size=600))
@@ -79,7 +75,7 @@ def test_bodies_come_back_however_the_bytes_are_cut(bodies: list[bytes], data: s
         found += decoder.feed(line[at : at + size])
         at += size
     assert found == bodies
-    assert decoder.counts.good == len(bodies)
+    assert decoder.good == len(bodies)
 
 
 @given(st.binary(max_size=300))
@@ -91,13 +87,13 @@ def test_what_precedes_the_first_delimiter_is_passed_over_and_counted_as_nothing
     decoder = BoardFrameDecoder()
     assert decoder.feed(frame(b"half a frame")[3:]) == []
     assert decoder.feed(frame(b"whole")) == [b"whole"]
-    assert (decoder.counts.good, decoder.counts.bad_crc, decoder.counts.bad_cobs) == (1, 0, 0)
+    assert (decoder.good, decoder.bad_crc, decoder.bad_cobs) == (1, 0, 0)
 
 
 def test_delimiters_in_a_row_are_no_frames() -> None:
     decoder = BoardFrameDecoder()
     assert decoder.feed(b"\0\0\0" + frame(b"x") + b"\0\0") == [b"x"]
-    assert decoder.counts.bad_cobs == decoder.counts.bad_crc == 0
+    assert decoder.bad_cobs == decoder.bad_crc == 0
 
 
 def test_every_flipped_bit_is_noticed() -> None:
@@ -107,16 +103,14 @@ def test_every_flipped_bit_is_noticed() -> None:
         spoilt[place // 8] ^= 1 << place % 8
         decoder = BoardFrameDecoder()
         assert decoder.feed(b"\0" + bytes(spoilt) + frame(b"next")) == [b"next"], place
-        assert decoder.counts.bad_crc + decoder.counts.bad_cobs in (1, 2), (
-            "two where a delimiter came into being"
-        )
+        assert decoder.bad_crc + decoder.bad_cobs in (1, 2), "two where a delimiter came into being"
 
 
 def test_a_lost_delimiter_takes_its_neighbour_along() -> None:
     decoder = BoardFrameDecoder()
     line = b"\0" + frame(b"first")[:-3] + frame(b"second") + frame(b"third")
     assert decoder.feed(line) == [b"third"]
-    assert decoder.counts.bad_crc + decoder.counts.bad_cobs == 1
+    assert decoder.bad_crc + decoder.bad_cobs == 1
 
 
 def test_a_frame_that_never_ends_is_given_up_once_and_its_memory_with_it() -> None:
@@ -125,13 +119,8 @@ def test_a_frame_that_never_ends_is_given_up_once_and_its_memory_with_it() -> No
     for _ in range(100):
         assert decoder.feed(b"\x01" * 1000) == []
         assert len(decoder._partial) <= MAX_ENCODED_BYTES
-    assert decoder.counts.overlong == 1
+    assert decoder.overlong == 1
     assert decoder.feed(b"\x01\0" + frame(b"after")) == [b"after"]
-
-
-def test_a_frame_longer_than_any_that_is_read_is_not_written() -> None:
-    with pytest.raises(ValueError, match="longer than 8192"):
-        frame(b"\x01" * 8200)
 
 
 def test_the_longest_frame_is_written_and_read() -> None:
@@ -154,5 +143,5 @@ def test_the_longest_frame_is_written_and_read() -> None:
 def test_each_spoilt_frame_is_counted_once(spoilt: bytes, counted: str) -> None:
     decoder = BoardFrameDecoder()
     assert decoder.feed(b"\0" + (spoilt + b"\0") * 3) == []
-    counts = dataclasses.asdict(decoder.counts)
+    counts = {name: getattr(decoder, name) for name in ("good", "bad_crc", "bad_cobs", "overlong")}
     assert counts == {**dict.fromkeys(counts, 0), counted: 3}
