@@ -16,7 +16,7 @@ from config.trials import TrialsSettings
 from config.validation import shown, validated
 from controller.own_modules import KindError, found, is_own
 from controller.registry import FAMILIES, KINDS, PARTS, Meaning, find, row
-from drivers.core.settings import Refers, Settings
+from drivers.core.settings import Mark, Settings
 
 NO_PLANT = "none"
 """The kind of plant of a real bench."""
@@ -288,10 +288,10 @@ def references(settings: Settings) -> Iterator[tuple[KeyPath, str, str]]:
 
 def referred(field: FieldInfo) -> set[str]:
     """Kinds of things that a setting names, wherever in its type that stands."""
-    found = {mark.to for mark in field.metadata if isinstance(mark, Refers)}
+    found: set[str] = {mark.what for mark in field.metadata if isinstance(mark, Mark)}
     waiting: list[Any] = [field.annotation]
     while waiting:
         annotation = waiting.pop()
-        found |= {mark.to for mark in getattr(annotation, "__metadata__", ()) if isinstance(mark, Refers)}
+        found |= {mark.what for mark in getattr(annotation, "__metadata__", ()) if isinstance(mark, Mark)}
         waiting += get_args(annotation)
-    return set(found)
+    return found & {"device", "stream", "detector"}

@@ -17,7 +17,7 @@ import mmap
 import os
 import threading
 
-from drivers.core.clock import monotonic_s, rest
+from drivers.core.clock import Clock, monotonic_s, rest
 
 SLACK_S = 0.004
 """How far bench time may go beyond the instant for which a thread waits, or at which it came back. Assumption: less
@@ -141,35 +141,25 @@ class ClockPage:
         return ClockPage, (self.path,)
 
 
-class BenchClock:
-    """Bench time of an emulated bench; implements `drivers.core.clock.Clock`.
+class BenchClock(Clock):
+    """Bench time of an emulated bench.
 
     Args:
         page: The bench's.
     """
 
-    virtual = False
-
     def __init__(self, page: ClockPage) -> None:
         self._page = page
         self._mine = threading.local()
         self._taking = threading.Lock()
-        self._origin_s = self.monotonic_s()
+        super().__init__()
 
     def __reduce__(self) -> tuple[type[BenchClock], tuple[ClockPage]]:
         return BenchClock, (self._page,)
 
-    def now(self) -> float:
-        """See `Clock.now`."""
-        return self.monotonic_s() - self._origin_s
-
     def monotonic_s(self) -> float:
         """See `Clock.monotonic_s`."""
         return self._page.time_s(monotonic_s())
-
-    def from_monotonic(self, monotonic_s: float) -> float:
-        """See `Clock.from_monotonic`."""
-        return monotonic_s - self._origin_s
 
     def wait_until(self, t_s: float) -> None:
         """See `Clock.wait_until`."""

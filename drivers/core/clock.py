@@ -5,38 +5,48 @@ from __future__ import annotations
 import math
 import time
 from datetime import UTC, datetime
-from typing import Protocol
 
 
-class Clock(Protocol):
+class Clock:
     """Time on a bench. Everything that waits, times out or time-stamps an arrival is given the bench's clock.
 
     Pickled for another process of this machine, it has the same monotonic time there.
 
     It counts twice: bench time restarts with every trial, monotonic time never does. Drivers and their threads keep
     monotonic times, which outlive a trial, and turn them into bench time where they hand samples and statuses out.
+
+    Attributes:
+        virtual: True where time advances only when the loop waits, and waiting costs nothing.
     """
 
-    virtual: bool
-    """True where time advances only when the loop waits, and waiting costs nothing."""
+    virtual = False
 
-    def now(self) -> float:
-        """Bench time: seconds since the present trial began."""
+    def __init__(self) -> None:
+        self._origin_s = self.monotonic_s()
 
     def monotonic_s(self) -> float:
         """Seconds since some instant before the first trial."""
-
-    def from_monotonic(self, monotonic_s: float) -> float:
-        """Bench time of a monotonic time."""
-
-    def wait_until(self, t_s: float) -> None:
-        """Come back at bench time `t_s`, at once where that has passed."""
+        raise NotImplementedError
 
     def rest(self, seconds: float) -> None:
         """Come back after so many seconds of the bench."""
+        raise NotImplementedError
+
+    def now(self) -> float:
+        """Bench time: seconds since the present trial began."""
+        return self.monotonic_s() - self._origin_s
+
+    def from_monotonic(self, monotonic_s: float) -> float:
+        """Bench time of a monotonic time."""
+        return monotonic_s - self._origin_s
+
+    def wait_until(self, t_s: float) -> None:
+        """Come back at bench time `t_s`, at once where that has passed."""
+        self.rest(t_s - self.now())
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
+        self._origin_s = self.monotonic_s()
 
     def hold(self, t_s: float) -> None:
         """This thread makes its next call by monotonic `t_s`; a clock that can wait goes no further before it.
@@ -49,54 +59,26 @@ class Clock(Protocol):
         """Time may go on without this thread, until it waits or holds again."""
 
 
-class WallClock:
-    """The host's monotonic clock."""
-
-    virtual = False
-
-    def __init__(self) -> None:
-        self._origin_s = time.monotonic()
-
-    def now(self) -> float:
-        """See `Clock.now`."""
-        return time.monotonic() - self._origin_s
+class WallClock(Clock):
+    """The host's monotonic clock (`CLOCK_MONOTONIC`); nothing holds it."""
 
     def monotonic_s(self) -> float:
-        """See `Clock.monotonic_s`: that of `time.monotonic` (`CLOCK_MONOTONIC`)."""
+        """See `Clock.monotonic_s`."""
         return time.monotonic()
-
-    def from_monotonic(self, monotonic_s: float) -> float:
-        """See `Clock.from_monotonic`."""
-        return monotonic_s - self._origin_s
-
-    def wait_until(self, t_s: float) -> None:
-        """See `Clock.wait_until`."""
-        self.rest(t_s - self.now())
 
     def rest(self, seconds: float) -> None:
         """See `Clock.rest`."""
         if seconds > 0.0:
             time.sleep(seconds)
 
-    def restart(self) -> None:
-        """See `Clock.restart`."""
-        self._origin_s = time.monotonic()
 
-    def hold(self, t_s: float) -> None:
-        """See `Clock.hold`: nothing holds this time."""
-
-    def leave(self) -> None:
-        """See `Clock.leave`."""
-
-
-class VirtualClock:
-    """Time that jumps: waiting sets the clock."""
+class VirtualClock(Clock):
+    """Time that jumps: waiting sets the clock. Bench time is what is counted, exactly."""
 
     virtual = True
 
     def __init__(self) -> None:
-        self._now_s = 0.0
-        self._origin_s = 0.0
+        self._now_s = self._origin_s = 0.0
 
     def now(self) -> float:
         """See `Clock.now`."""
@@ -105,10 +87,6 @@ class VirtualClock:
     def monotonic_s(self) -> float:
         """See `Clock.monotonic_s`."""
         return self._origin_s + self._now_s
-
-    def from_monotonic(self, monotonic_s: float) -> float:
-        """See `Clock.from_monotonic`."""
-        return monotonic_s - self._origin_s
 
     def wait_until(self, t_s: float) -> None:
         """See `Clock.wait_until`: time jumps there."""
@@ -122,12 +100,6 @@ class VirtualClock:
         """See `Clock.restart`."""
         self._origin_s += self._now_s
         self._now_s = 0.0
-
-    def hold(self, t_s: float) -> None:
-        """See `Clock.hold`: nothing holds this time."""
-
-    def leave(self) -> None:
-        """See `Clock.leave`."""
 
 
 def utc_now() -> datetime:

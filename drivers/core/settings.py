@@ -10,35 +10,29 @@ from pydantic import BaseModel, ConfigDict
 
 
 @dataclass(frozen=True, slots=True)
-class Refers:
-    """Marks a setting that names something else in the profile, which must be there."""
+class Mark:
+    """What a setting is, whatever its key: the name of something else in the profile, which must be there, or what
+    others know it by."""
 
-    to: Literal["device", "stream", "detector"]
-
-
-@dataclass(frozen=True, slots=True)
-class Means:
-    """Marks a setting that others know by what it means, whatever its key."""
-
-    what: Literal["address", "drive", "home_speed"]
+    what: Literal["device", "stream", "detector", "address", "drive", "home_speed"]
 
 
-DeviceName = Annotated[str, Refers("device")]
+DeviceName = Annotated[str, Mark("device")]
 """A device, by its name in the profile."""
 
-StreamName = Annotated[str, Refers("stream")]
+StreamName = Annotated[str, Mark("stream")]
 """A stream, as `device.stream` or `signals.name`."""
 
-DetectorName = Annotated[str, Refers("detector")]
+DetectorName = Annotated[str, Mark("detector")]
 """A detector, by its name in the profile."""
 
-Address = Annotated[str, Means("address")]
+Address = Annotated[str, Mark("address")]
 """Where a device is reached over a network: a profile writes it as the device's `port`."""
 
-DriveHz = Annotated[float, Means("drive")]
+DriveHz = Annotated[float, Mark("drive")]
 """Frequency with which transducers are driven: who drives and who listens have the same one."""
 
-HomeSpeed = Annotated[float, Means("home_speed")]
+HomeSpeed = Annotated[float, Mark("home_speed")]
 """Speed of a device's `Home`, m/s: no command carries it, so no guard can see it."""
 
 
@@ -78,5 +72,5 @@ class Settings(BaseModel):
 
     @classmethod
     def keys_of(cls, what: str) -> list[str]:
-        """The settings that mean something: see `Means`."""
-        return [key for key, field in cls.model_fields.items() if Means(what) in field.metadata]  # type: ignore[arg-type]
+        """The settings that mean something: see `Mark`."""
+        return [key for key, field in cls.model_fields.items() if Mark(what) in field.metadata]  # type: ignore[arg-type]
