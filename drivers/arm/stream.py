@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.arm.axis import Axis
 from drivers.arm.link import ArmRow
 from drivers.arm.settings import ArmSettings
 from drivers.core.clock import Clock
 from drivers.core.messages import Lost, SampleBlock, StreamInfo
-from drivers.core.numbering import DeviceClock, Runs, StreamTrack
+from drivers.core.numbering import DeviceClock, Samples, StreamTrack
 
 MAX_DRIFT_PPM = 200.0
 """Bound on the drift between the controller's clock and the host's: two crystals of 100 ppm (assumption)."""
@@ -68,7 +67,7 @@ class Streams:
         self._axis = Axis(settings)
         self._bench = bench
         self._track = StreamTrack(DeviceClock(MAX_DRIFT_PPM), settings.rate_hz)
-        self._runs = Runs[ArmRow]()
+        self._samples = {stream: Samples(info, np.float64) for stream, info in self.info.items()}
 
     def take(self, rows: Sequence[ArmRow]) -> list[Lost]:
         """Take rows in order; what was lost between them, for each subscribed stream.
@@ -78,32 +77,28 @@ class Streams:
         """
         lost = []
         for row in rows:
-            placed = self._track.place(row.device_s, row.arrival_s, joins=bool(self._runs))
+            placed = self._track.place(row.device_s, row.arrival_s, joins=any(self._samples.values()))
             self.rows += 1
             if placed.lost is not None:
                 self.missed += placed.lost
                 t_s = self._bench.from_monotonic(placed.t0_s)
                 lost += [Lost(t_s, self._name, stream, placed.lost) for stream in sorted(self.listening)]
-            if self.listening:
-                self._runs.push(placed.seq, placed.t0_s, row.arrival_s, row, row.device_s)
+            for stream in self.listening:
+                values = self._values(stream.rpartition(".")[2], row)
+                self._samples[stream].push(placed.seq, placed.t0_s, row.arrival_s, values, row.device_s)
         return lost
 
     def blocks(self) -> list[SampleBlock]:
         """The rows since the last call, in blocks without gaps."""
-        runs, bench_s = self._runs.take(), self._bench.from_monotonic(0.0)
+        bench_s = self._bench.from_monotonic(0.0)
         return [
-            self.info[stream].block(
-                run.seq,
-                run.t0_s + bench_s,
-                self._values(stream.rpartition(".")[2], run.samples),
-                device_t0_s=run.device_s,
-                arrival_s=run.arrival_s + bench_s,
-            )
-            for run in runs
-            for stream in sorted(self.listening)
+            block
+            for stream, samples in sorted(self._samples.items())
+            for block in samples.take(bench_s)
+            if stream in self.listening
         ]
 
-    def _values(self, short: str, rows: Sequence[ArmRow]) -> NDArray[np.float64]:
+    def _values(self, short: str, row: ArmRow) -> Sequence[float]:
         if short == "position":
-            return np.array([[self._axis.position_m(row.pose)] for row in rows])
-        return np.array([row.pose if short == "pose" else row.force for row in rows])
+            return (self._axis.position_m(row.pose),)
+        return row.pose if short == "pose" else row.force

@@ -13,7 +13,7 @@ from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.core.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can, strange_frames
 from drivers.core.errors import CodecError, check_streams, wrong
 from drivers.core.messages import Command, DeviceInfo, Listen, Tare
-from drivers.core.numbering import ENDLESS, Runs, StreamTrack, host_clock
+from drivers.core.numbering import ENDLESS, Samples, StreamTrack, host_clock
 from drivers.core.wire import Inquiry, WireDriver
 
 OPEN_ATTEMPTS = 10
@@ -158,14 +158,15 @@ class BarrettHand(WireDriver[CanLink]):
 
     def _take(self, finger: int, answers: Sequence[_Answer]) -> None:
         """Make blocks of what a finger answered."""
-        strain, runs, lost = self._strains[finger], Runs[int](), 0
-        for cycle, due_s, arrival_s, counts in answers:
-            placed = self._tracks[finger].place(due_s, arrival_s, counter=cycle, joins=bool(runs))
+        strain, lost = self._strains[finger], 0
+        samples = Samples(strain.info, np.int64)
+        for cycle, due_s, arrival_s, count in answers:
+            placed = self._tracks[finger].place(due_s, arrival_s, counter=cycle, joins=bool(samples))
             lost += placed.lost or 0
-            runs.push(placed.seq, placed.t0_s, arrival_s, counts)
-        for run in runs.take():
-            t0_s, arrival_s = (self._clock.from_monotonic(s) for s in (run.t0_s, run.arrival_s))
-            block = strain.block(run.seq, t0_s, np.array(run.samples, dtype=np.int64), arrival_s)
+            samples.push(placed.seq, placed.t0_s, arrival_s, (count,))
+        for raw in samples.take(self._clock.from_monotonic(0.0)):
+            counts = raw.values[:, 0].astype(np.int64)
+            block = strain.block(raw.seq, raw.t0_s, counts, raw.arrival_s)
             self._blocks.append(block)
             self._statuses += strain.saturation(block)
         if lost:

@@ -61,7 +61,7 @@ class FingerStrain:
         self.zero = round(sum(self._recent) / len(self._recent))
         return True
 
-    def block(self, seq: int, t0_s: float, raw: NDArray[np.int64], arrival_s: float) -> SampleBlock:
+    def block(self, seq: int, t0_s: float, raw: NDArray[np.int64], arrival_s: float | None) -> SampleBlock:
         """Consecutive readings, shape (n,), the first of them number `seq` at bench time `t0_s`."""
         self._recent.extend(raw[-TARE_SAMPLES:].tolist())
         return self.info.block(seq, t0_s, (raw - self.zero)[:, None], arrival_s=arrival_s)

@@ -37,7 +37,7 @@ from drivers.core.messages import (
     Stop,
     StreamInfo,
 )
-from drivers.core.numbering import Runs, SampleRun
+from drivers.core.numbering import Samples
 from drivers.core.wire import Inquiry, WireDriver
 
 OPEN_ATTEMPTS = 4
@@ -115,7 +115,7 @@ class CanGripper(WireDriver[CanLink]):
             StreamInfo(f"{self.name}.width", ("width",), "m", longest_s=units.LONGEST_S),
             StreamInfo(f"{self.name}.force", ("force",), "N", s.force_n_per_ma, longest_s=units.LONGEST_S),
         )
-        self._runs = Runs[GripperState]()
+        self._samples = [Samples(info, np.float64) for info in self._infos]
         self._seq = 0
         self._unanswered = 0
         self._forget()
@@ -233,13 +233,8 @@ class CanGripper(WireDriver[CanLink]):
     def read(self) -> Sequence[SampleBlock]:
         """Widths and forces that have arrived since the last call."""
         self._turn()
-        runs = self._runs.take()
-        return [
-            self._block(info, run)
-            for info in reversed(self._infos)
-            if info.name in self._subscribed
-            for run in runs
-        ]
+        blocks = [block for samples in reversed(self._samples) for block in samples.take()]
+        return [block for block in blocks if block.stream in self._subscribed]
 
     def account(self) -> Mapping[str, object]:
         """States received and lost, malformed frames and faults, for the manifest."""
@@ -334,7 +329,11 @@ class CanGripper(WireDriver[CanLink]):
             self._statuses += self._outcome.push(self._clock.from_monotonic(earliest_s), answer, fault)
         if self._subscribed:
             t_s = self._clock.from_monotonic(0.5 * (asked_s + received.arrival_s))
-            self._runs.push(self._seq, t_s, self._clock.from_monotonic(received.arrival_s), answer)
+            arrival_s = self._clock.from_monotonic(received.arrival_s)
+            for samples, value in zip(
+                self._samples, (self._units.width_m(answer.position), -answer.current_ma), strict=True
+            ):
+                samples.push(self._seq, t_s, arrival_s, (value,))
         self._seq += 1
 
     def _earliest_asked_s(self, asked_s: float) -> float:
@@ -361,16 +360,6 @@ class CanGripper(WireDriver[CanLink]):
             self._missing += 1
             for stream in sorted(self._subscribed):
                 self._lost(t_s, stream, 1)
-
-    def _block(self, info: StreamInfo, run: SampleRun[GripperState]) -> SampleBlock:
-        if info is self._infos[0]:
-            values = [self._units.width_m(state.position) for state in run.samples]
-        else:
-            values = [-state.current_ma for state in run.samples]
-        times_s = np.array(run.times_s)
-        return info.block(
-            run.seq, run.t0_s, np.array(values)[:, None], times_s=times_s, arrival_s=run.arrival_s
-        )
 
 
 def _drives(order: Order) -> bool:

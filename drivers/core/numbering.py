@@ -1,21 +1,19 @@
 """For every stream: numbers that never wrap, loss detection, times, and blocks without a gap. Pure.
 
 A device with its own clock time-stamps its samples, and some also count them; `StreamTrack` turns both into numbers
-and host times. Where the host polls each sample it knows these already, and needs `Runs` alone.
+and host times. Where the host polls each sample it knows these already, and needs `Samples` alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final, Generic, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from drivers.core.clock import Clock
 from drivers.core.clock_model import ClockModel, Timeline
 from drivers.core.messages import SampleBlock, StreamInfo
-
-T = TypeVar("T")
 
 ENDLESS: Final = 1 << 64
 """Modulus of a counter that never wraps."""
@@ -205,56 +203,58 @@ class StreamTrack:
         return self._seq + max(1, round((host_s - self._host_s) * (self._rate_hz or 0.0)))
 
 
-@dataclass(slots=True)
-class SampleRun(Generic[T]):
-    """Samples that came one by one, without a gap.
+class Samples:
+    """Samples of one stream that come one by one, made into blocks without a gap.
 
-    Attributes:
-        seq: Number of the first.
-        times_s: Of each, in seconds.
-        samples: As they came.
-        arrival_s: When the last was in hand, in seconds.
-        device_s: The device's own time of the first, in seconds.
+    Args:
+        info: Of the stream.
+        dtype: Of the values.
     """
 
-    seq: int
-    times_s: list[float]
-    samples: list[T]
-    arrival_s: float
-    device_s: float | None = None
-
-    @property
-    def t0_s(self) -> float:
-        """Time of the first, in seconds."""
-        return self.times_s[0]
-
-
-class Runs(Generic[T]):
-    """Makes runs of samples that come one by one."""
-
-    def __init__(self) -> None:
-        self._runs: list[SampleRun[T]] = []
+    def __init__(self, info: StreamInfo, dtype: type[np.generic]) -> None:
+        self.info = info
+        self._dtype = dtype
+        self._runs: list[tuple[int, list[float], list[ArrayLike], list[float], float | None]] = []
 
     def __bool__(self) -> bool:
         return bool(self._runs)
 
-    def push(self, seq: int, t_s: float, arrival_s: float, sample: T, device_s: float | None = None) -> None:
-        """Take the sample number `seq`; one that does not follow on the last begins a run."""
-        last = self._runs[-1] if self._runs else None
-        if last is not None and seq == last.seq + len(last.samples):
-            last.times_s.append(t_s)
-            last.samples.append(sample)
-            last.arrival_s = arrival_s
-        else:
-            self._runs.append(SampleRun(seq, [t_s], [sample], arrival_s, device_s))
+    def push(
+        self, seq: int, t_s: float, arrival_s: float, values: ArrayLike, device_s: float | None = None
+    ) -> None:
+        """Take the sample number `seq`, of shape (channels,); one that does not follow on the last begins a block.
 
-    def take(self) -> list[SampleRun[T]]:
-        """Runs since the last call."""
-        taken, self._runs = self._runs, []
-        return taken
+        Args:
+            seq: Its number.
+            t_s: Its time, in seconds.
+            arrival_s: When it was in hand, in seconds.
+            values: Of its channels.
+            device_s: The device's own time, in seconds.
+        """
+        if not self._runs or seq != self._runs[-1][0] + len(self._runs[-1][1]):
+            self._runs.append((seq, [], [], [], device_s))
+        _, times_s, samples, arrivals_s, _ = self._runs[-1]
+        times_s.append(t_s)
+        samples.append(values)
+        arrivals_s.append(arrival_s)
+
+    def take(self, origin_s: float = 0.0) -> list[SampleBlock]:
+        """Blocks since the last call; the times pushed count from `origin_s` of bench time."""
+        runs, self._runs = self._runs, []
+        return [
+            self.info.block(
+                seq,
+                times_s[0] + origin_s,
+                np.array(samples, dtype=self._dtype),
+                times_s=None if self.info.rate_hz else np.array(times_s) + origin_s,
+                device_t0_s=device_s,
+                arrival_s=arrivals_s[-1] + origin_s,
+            )
+            for seq, times_s, samples, arrivals_s, device_s in runs
+        ]
 
 
-class SampleStream(Generic[T]):
+class SampleStream:
     """One stream of samples that come one by one, from a device with a clock of its own, made into blocks.
 
     Args:
@@ -275,39 +275,28 @@ class SampleStream(Generic[T]):
     ) -> None:
         self.info = info
         self._bench = bench
-        self._dtype = dtype
         self._track = StreamTrack(clock, info.rate_hz, counter_modulus)
-        self._runs = Runs[T]()
+        self._samples = Samples(info, dtype)
 
     def begin(self) -> None:
         """See `StreamTrack.begin`."""
         self._track.begin()
 
     def push(
-        self, sample: T, shown_s: float, arrival_s: float, counter: int | None = None
+        self, values: ArrayLike, shown_s: float, arrival_s: float, counter: int | None = None
     ) -> tuple[float, int | None]:
-        """Take a sample, of shape (channels,); returns its bench time and what was lost before it, as `Placed` has it.
+        """Take a sample; returns its bench time and what was lost before it, as `Placed` has it.
 
         Args:
-            sample: Its values.
+            values: Of its channels.
             shown_s: What the device's clock showed.
             arrival_s: Monotonic time at which it was in hand.
             counter: Its number by the device, where it has one.
         """
-        placed = self._track.place(shown_s, arrival_s, counter=counter, joins=bool(self._runs))
-        self._runs.push(placed.seq, placed.t0_s, arrival_s, sample, placed.device_s)
+        placed = self._track.place(shown_s, arrival_s, counter=counter, joins=bool(self._samples))
+        self._samples.push(placed.seq, placed.t0_s, arrival_s, values, placed.device_s)
         return self._bench.from_monotonic(placed.t0_s), placed.lost
 
     def take(self) -> list[SampleBlock]:
         """Blocks since the last call."""
-        bench_s = self._bench.from_monotonic(0.0)
-        return [
-            self.info.block(
-                run.seq,
-                run.t0_s + bench_s,
-                np.array(run.samples, dtype=self._dtype),
-                device_t0_s=run.device_s,
-                arrival_s=run.arrival_s + bench_s,
-            )
-            for run in self._runs.take()
-        ]
+        return self._samples.take(self._bench.from_monotonic(0.0))

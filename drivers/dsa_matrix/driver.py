@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.core.errors import CodecError, ProtocolError, RefusedError, check_streams, wrong
@@ -62,7 +61,7 @@ class DsaMatrix(WireDriver[SerialLink]):
     _opens = staticmethod(open_serial)
 
     def _prepare(self) -> None:
-        self._stream: SampleStream[NDArray[np.uint16]] | None = None
+        self._stream: SampleStream | None = None
         self._forget()
 
     def _forget(self) -> None:
@@ -247,7 +246,7 @@ class DsaMatrix(WireDriver[SerialLink]):
         self._blocks += stream.take()
         return self._refusal or link.fault or self._overdue(link) or self._silent()
 
-    def _take(self, stream: SampleStream[NDArray[np.uint16]], frame: codec.Frame, arrival_s: float) -> None:
+    def _take(self, stream: SampleStream, frame: codec.Frame, arrival_s: float) -> None:
         info = stream.info
         if len(frame.texels) != len(info.channels):
             self._wrong += 1

@@ -21,7 +21,7 @@ from drivers.core.messages import (
     Stop,
     StreamInfo,
 )
-from drivers.core.numbering import Runs
+from drivers.core.numbering import Samples
 from drivers.core.wire import WireDriver
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.commands import doing, valid
@@ -59,7 +59,7 @@ class ZaberStage(WireDriver[SerialLink]):
         self._info = StreamInfo(
             f"{self.name}.position", ("position",), "m", self._settings.microstep_m, longest_s=codec.LONGEST_S
         )
-        self._runs = Runs[int]()
+        self._samples = Samples(self._info, np.int64)
         self._seq = 0
         self._renewals = self._halts = 0
         self._forget()
@@ -128,16 +128,7 @@ class ZaberStage(WireDriver[SerialLink]):
     def read(self) -> Sequence[SampleBlock]:
         """Positions that have arrived since the last call."""
         self._turn()
-        return [
-            self._info.block(
-                run.seq,
-                run.t0_s,
-                np.array(run.samples, dtype=np.int64)[:, None],
-                times_s=np.array(run.times_s),
-                arrival_s=run.arrival_s,
-            )
-            for run in self._runs.take()
-        ]
+        return self._samples.take()
 
     def account(self) -> Mapping[str, object]:
         """Position samples published, how often it was sent on, and how often it had halted before that."""
@@ -266,7 +257,7 @@ class ZaberStage(WireDriver[SerialLink]):
         if lost:
             self._lost(t_s, self._info.name, lost)
         self._seq += lost
-        self._runs.push(self._seq, t_s, arrival_s, counts)
+        self._samples.push(self._seq, t_s, arrival_s, (counts,))
         self._seq += 1
 
     def _stand_still(self, t_s: float, counts: int) -> None:

@@ -68,7 +68,7 @@ class ForceSensor(WireDriver[SerialLink]):
         found: codec.Identity = inquiry.ask(lambda: link.send(codec.encode("id")), self._identity, 3)
         info = StreamInfo(self._name, ("force",), "N", found.newton_per_count, found.rate_hz, noisy=True)
         clock = DeviceClock(max_drift_ppm=200.0, wrap_s=codec.TIME_MODULUS * 1e-3)
-        self._stream = SampleStream[tuple[int]](info, clock, self._clock, np.int32, codec.COUNTER_MODULUS)
+        self._stream = SampleStream(info, clock, self._clock, np.int32, codec.COUNTER_MODULUS)
         streams, ticks = {info.name: info}, f"{self.name} milliseconds"
         return DeviceInfo(self.name, "FS1", found.serial, streams=streams, clock=ticks)
 

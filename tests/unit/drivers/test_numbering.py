@@ -10,7 +10,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from drivers.core.numbering import ENDLESS, DeviceClock, Placed, Runs, StreamTrack, host_clock
+from drivers.core.messages import StreamInfo
+from drivers.core.numbering import ENDLESS, DeviceClock, Placed, Samples, StreamTrack, host_clock
 
 RATE_HZ = 1000.0
 COUNTER_MODULUS = 1 << 16
@@ -252,11 +253,14 @@ def test_on_the_hosts_own_clock_times_are_as_they_are() -> None:
     assert again.t0_s == 5000.0105
 
 
-def test_runs_hold_no_gap() -> None:
-    runs = Runs[str]()
-    for seq, sample in ((4, "a"), (5, "b"), (7, "c")):
-        runs.push(seq, seq * 0.1, seq * 0.1 + 0.05, sample)
-    first, second = runs.take()
-    assert (first.seq, first.samples, first.arrival_s) == (4, ["a", "b"], pytest.approx(0.55))
-    assert (second.seq, second.samples, second.t0_s) == (7, ["c"], pytest.approx(0.7))
-    assert runs.take() == []
+@pytest.mark.parametrize("rate_hz", [10.0, None])
+def test_samples_become_blocks_without_a_gap(rate_hz: float | None) -> None:
+    samples = Samples(StreamInfo("a.b", ("x",), "m", rate_hz=rate_hz), np.int32)
+    for seq in (4, 5, 7):
+        samples.push(seq, seq * 0.1, seq * 0.1 + 0.05, (seq * 10,), seq * 1.0)
+    first, second = samples.take(origin_s=2.0)
+    assert (first.seq, first.device_t0_s, first.arrival_s) == (4, 4.0, pytest.approx(2.55))
+    assert first.times == pytest.approx([2.4, 2.5])
+    assert (first.values.tolist(), first.values.dtype) == ([[40], [50]], np.int32)
+    assert (second.seq, second.values.tolist(), second.t0_s) == (7, [[70]], pytest.approx(2.7))
+    assert samples.take() == []
