@@ -21,9 +21,9 @@ from benchmarks.slip import ARMED_S, SETTLE_S
 from controller.detectors.calibration import Statistic, poisson_interval, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.reports.slip_verdicts import VERDICTS
+from simulator.physics.fingertip_part import slip_bench
 from simulator.physics.fingertip_settings import CONVERTER_V, FINGER, Sensor, SlipBenchSettings
 from simulator.physics.noise import gaussian_at
-from simulator.wiring import benches
 
 Floats = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ def recording(sensor: Sensor, number: int, bumps_hz: float) -> Floats:
         RuntimeError: it slipped.
     """
     settings = SlipBenchSettings(bumps_hz=bumps_hz)
-    bench = benches.slip(settings)
+    bench = slip_bench(settings)
     bench.mount(Rolling(settings.radius_m))
     bench.begin(0.0, SEED, number, {"sensor": sensor}, settings.model_dump())
     rate_hz = RATES_HZ[sensor]

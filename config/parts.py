@@ -5,17 +5,20 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from pydantic import Field
 
-from config.jobs import Crew
 from config.source import ProfileError, read_source
 from config.validation import validated
-from controller.recording.run_folder import RunFolder
 from drivers.core.clock import utc_now
 from drivers.core.errors import PROGRAM
 from drivers.core.settings import Settings
+
+if TYPE_CHECKING:
+    from config.jobs import Crew
+    from controller.recording.run_folder import RunFolder
 
 
 class Shown(Settings):
@@ -129,6 +132,8 @@ def begin(name: str, parts: ProfileParts, common: Sequence[str], out: Path) -> R
     Raises:
         RecordingError: it cannot be written.
     """
+    from controller.recording.run_folder import RunFolder
+
     started = utc_now()
     folder = RunFolder.create(out, name, started)
     folder.write_manifest(

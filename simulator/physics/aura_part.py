@@ -136,3 +136,10 @@ class AuraPart(BenchPart):
     def account(self) -> Mapping[str, Any]:
         """What was computed: samples of a finger, at each level."""
         return {"level": self._settings.level, "computed": dict(self._computed)}
+
+
+def aura_bench(settings: AuraBenchSettings) -> Bench:
+    """A gripper with two sonic fingers, an object between them or before one of them."""
+    bench = Bench(settings, "gripper", one_axis="this mover moves along one axis alone")
+    AuraPart(bench, GripperPart(bench, settings), settings)
+    return bench

@@ -1,7 +1,7 @@
 """A bench: parts around one tool that a mover carries, in one time, and what devices are wired to.
 
 A part lets its own time pass, knows where things are and how it acts on the tool; what devices need, each part
-offers by name. Which parts there are: `simulator.wiring.benches`.
+offers by name. A bench that profiles name is a function beside its part, as `finger_part.finger_bench`.
 """
 
 from __future__ import annotations

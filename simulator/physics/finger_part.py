@@ -166,3 +166,10 @@ class FingerPart(BenchPart):
             own["seconds"] = {tier: s + before["seconds"][tier] for tier, s in own["seconds"].items()}
             own["error_bound_rad"] = max(own["error_bound_rad"], before["error_bound_rad"])
         return own
+
+
+def finger_bench(settings: FingerBenchSettings) -> Bench:
+    """A probe and the resonant finger that it meets."""
+    bench = Bench(settings, "probe")
+    FingerPart(bench, settings)
+    return bench

@@ -271,3 +271,10 @@ class Taxels:
     def texels_v(self, times_s: Floats) -> Floats:
         """What the texels read, shape (n, cells)."""
         return self._tip.texels_v(times_s)
+
+
+def slip_bench(settings: SlipBenchSettings) -> Bench:
+    """A tip with one of five force sensors, on a table."""
+    bench = Bench(settings, "tip", one_axis="this mover cannot slide and roll")
+    FingertipPart(bench, settings)
+    return bench

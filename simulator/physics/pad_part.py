@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+from simulator.physics.aura_part import AuraPart
 from simulator.physics.aura_scene import FORCE, OBJECT, TOOL, Weight
 from simulator.physics.bench import Bench, BenchPart, Floats, StreamSpec
 from simulator.physics.fingertip_settings import CONVERTER_V
@@ -131,3 +132,12 @@ class PadPart(BenchPart):
     def account(self) -> Mapping[str, Any]:
         """How many samples were computed."""
         return {"pad_samples": self._computed}
+
+
+def grasp_bench(settings: GraspBenchSettings) -> Bench:
+    """A gripper with two sonic fingers, one of which has a force sensor in its pad, and an object on a table."""
+    bench = Bench(settings, "gripper", one_axis="this mover moves along one axis alone")
+    gripper = GripperPart(bench, settings)
+    AuraPart(bench, gripper, settings)
+    PadPart(bench, gripper, settings)
+    return bench

@@ -1,1 +1,1 @@
-"""What connects physics and devices: benches, the emulator's process and its lines."""
+"""What connects physics and devices: the emulator's process and its lines."""

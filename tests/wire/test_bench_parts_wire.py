@@ -18,9 +18,15 @@ from simulator.wiring.emulator_process import EmulatorProcess
 
 DEVICES = "simulator.devices"
 BENCHES = {
-    "finger": ("simulator.wiring.benches:finger", "simulator.physics.finger_part:FingerBenchSettings"),
-    "slip": ("simulator.wiring.benches:slip", "simulator.physics.fingertip_settings:SlipBenchSettings"),
-    "aura": ("simulator.wiring.benches:aura", "simulator.physics.gripper_part:AuraBenchSettings"),
+    "finger": (
+        "simulator.physics.finger_part:finger_bench",
+        "simulator.physics.finger_part:FingerBenchSettings",
+    ),
+    "slip": (
+        "simulator.physics.fingertip_part:slip_bench",
+        "simulator.physics.fingertip_settings:SlipBenchSettings",
+    ),
+    "aura": ("simulator.physics.aura_part:aura_bench", "simulator.physics.gripper_part:AuraBenchSettings"),
 }
 
 

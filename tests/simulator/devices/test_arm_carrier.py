@@ -8,10 +8,9 @@ import pytest
 from drivers.arm.axis import Axis
 from drivers.ur_arm.settings import UrArmSettings
 from simulator.devices.arm_carrier import JOGGED_M, ArmCarrier, emulated
-from simulator.physics.finger_part import FingerBenchSettings
+from simulator.physics.finger_part import FingerBenchSettings, finger_bench
 from simulator.physics.rigid import displaced, matrix, pose
 from simulator.physics.stage_axis import AxisMotion, MotionPiece
-from simulator.wiring import benches
 
 START = (0.4, -0.1, 0.25, 0.0, 3.1416, 0.0)
 CYCLE_S = 0.002
@@ -23,7 +22,7 @@ class Scene:
     """An arm in front of an unexcited finger, and a clock for both."""
 
     def __init__(self) -> None:
-        self.bench = benches.finger(FingerBenchSettings())
+        self.bench = finger_bench(FingerBenchSettings())
         self.carrier = ArmCarrier(AXIS, self.bench)
         self.bench.mount(self.carrier)
         self.cycle(0, 0.0, 0.0)
@@ -71,7 +70,7 @@ def test_the_finger_s_force_on_the_tool_is_that_of_a_probe_on_an_axis():
     scene = Scene()
     force = scene.approach(400)
     # The same motion in one piece, on another bench: 8 mm, of which 5 are in the finger.
-    bench = benches.finger(FingerBenchSettings())
+    bench = finger_bench(FingerBenchSettings())
     axis = AxisMotion()
     bench.mount(axis)
     axis.replace(CYCLE_S, [MotionPiece(CYCLE_S, 0.0, SPEED_M_S, 0.0)])
@@ -128,7 +127,7 @@ def test_a_turn_alone_is_followed_too():
 def test_an_emulated_arm_has_the_tool_of_the_profile_with_its_point_at_the_start() -> None:
     tool = {"tcp_offset": (0.0, 0.02, 0.1, 0.0, 0.0, 0.5), "payload_kg": 1.25}
     settings = {"host": "emulated", "start_pose": START, **tool}
-    controller = emulated(settings, benches.finger(FingerBenchSettings())).controller
+    controller = emulated(settings, finger_bench(FingerBenchSettings())).controller
     jogged = AXIS.pose(JOGGED_M)
     assert controller.arm.pose[:3] == pytest.approx(jogged[:3], abs=1e-9)
     assert controller.arm.tool == pytest.approx(matrix(tool["tcp_offset"]))

@@ -26,9 +26,8 @@ from drivers.core.messages import (
 )
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.mocks.ur_arm import MockUrArm, MockUrArmSettings
-from simulator.physics.finger_part import FingerBenchSettings
+from simulator.physics.finger_part import FingerBenchSettings, finger_bench
 from simulator.physics.stage_axis import AxisMotion
-from simulator.wiring import benches
 
 FORCE, POSITION, POSE = "arm.force", "arm.position", "arm.pose"
 START = (0.4, -0.1333, 0.25, 0.0, 3.1416, 0.0)
@@ -39,7 +38,7 @@ class Hand:
     """Turns the crank, as the loop does."""
 
     def __init__(self, *faults: Fault, **settings: Any) -> None:
-        self.bench = benches.finger(FingerBenchSettings())
+        self.bench = finger_bench(FingerBenchSettings())
         self.clock = VirtualClock()
         given = {"host": "mock", "start_pose": START, "travel_max_m": 0.02, **settings}
         self.arm = MockUrArm(

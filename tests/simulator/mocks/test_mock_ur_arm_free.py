@@ -31,10 +31,9 @@ from simulator.mocks.barrett_hand import MockBarrettHand, MockBarrettHandSetting
 from simulator.mocks.can_gripper import MockCanGripper, MockCanGripperSettings
 from simulator.mocks.dsa_matrix import MockDsaMatrix, MockDsaMatrixSettings
 from simulator.mocks.ur_arm import MockUrArm, MockUrArmSettings
-from simulator.physics.finger_part import FingerBenchSettings
+from simulator.physics.finger_part import FingerBenchSettings, finger_bench
 from simulator.physics.rigid import rotation
 from simulator.physics.tool_motion import ToolTrack
-from simulator.wiring import benches
 
 START = (0.4, -0.1, 0.25, 0.0, 3.0, 0.5)
 POSE, FORCE = "arm.pose", "arm.force"
@@ -264,7 +263,7 @@ MOCKS = [
 
 @pytest.mark.parametrize(("driver", "settings", "message"), MOCKS)
 def test_a_device_whose_part_the_bench_does_not_have_is_refused_in_one_line(driver, settings, message):
-    bench = benches.finger(FingerBenchSettings())
+    bench = finger_bench(FingerBenchSettings())
     with pytest.raises(RefusedError, match=f"does not have .*{message}") as caught:
         driver("device", settings(), VirtualClock(), bench)
     assert "\n" not in str(caught.value)
@@ -273,4 +272,4 @@ def test_a_device_whose_part_the_bench_does_not_have_is_refused_in_one_line(driv
 @pytest.mark.parametrize("wire", [can_gripper.emulated, barrett_hand.emulated, dsa_matrix.emulated])
 def test_so_does_its_far_end(wire):
     with pytest.raises(RefusedError, match="does not have"):
-        wire({}, benches.finger(FingerBenchSettings()))
+        wire({}, finger_bench(FingerBenchSettings()))

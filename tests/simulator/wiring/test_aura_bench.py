@@ -12,10 +12,10 @@ from scipy.signal import firwin
 
 from drivers.core.errors import RefusedError
 from simulator.physics.aura import COUNTS, LEFT, RIGHT
+from simulator.physics.aura_part import aura_bench
 from simulator.physics.bench import Bench
 from simulator.physics.gripper_part import AuraBenchSettings
 from simulator.physics.stage_axis import AxisMotion
-from simulator.wiring import benches
 
 Floats = NDArray[np.float64]
 PIPE_M = 0.01905
@@ -43,7 +43,7 @@ class Tool:
 def begun(tool: Any, trial: int = 1, factors: dict[str, Any] | None = None, **about: Any) -> Bench:
     """A bench at the beginning of a trial, its drive on."""
     settings = AuraBenchSettings(**about)
-    bench = benches.aura(settings)
+    bench = aura_bench(settings)
     bench.mount(tool)
     bench.restart()
     bench.begin(0.0, 7, trial, factors or {}, settings.model_dump(mode="json"))
@@ -268,7 +268,7 @@ def test_silence_and_sweeps_begin_at_the_benchs_present_time() -> None:
 
 
 def test_a_mover_of_one_axis_is_refused() -> None:
-    bench = benches.aura(AuraBenchSettings())
+    bench = aura_bench(AuraBenchSettings())
     with pytest.raises(RefusedError, match="moves along one axis alone"):
         bench.mount(AxisMotion())
 

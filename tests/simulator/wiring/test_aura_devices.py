@@ -25,8 +25,8 @@ from drivers.core.messages import (
 from simulator.mocks.audio import MockAudio, MockAudioSettings
 from simulator.mocks.can_gripper import MockCanGripper, MockCanGripperSettings
 from simulator.mocks.ur_arm import MockUrArm, MockUrArmSettings
+from simulator.physics.aura_part import aura_bench
 from simulator.physics.gripper_part import AuraBenchSettings
-from simulator.wiring import benches
 
 ARM = {
     "host": "mock",
@@ -49,7 +49,7 @@ class Bench:
     def __init__(self, turn_s: float, **about: Any) -> None:
         settings = AuraBenchSettings(**about)
         self.clock = VirtualClock()
-        self.bench = benches.aura(settings)
+        self.bench = aura_bench(settings)
         self.devices: dict[str, Any] = {
             "arm": MockUrArm("arm", MockUrArmSettings(**ARM), self.clock, self.bench),
             "gripper": MockCanGripper("gripper", MockCanGripperSettings(), self.clock, self.bench),

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from simulator.physics.finger_part import FingerBenchSettings
+from simulator.physics.finger_part import FingerBenchSettings, finger_bench
 from simulator.physics.stage_axis import StageAxis
-from simulator.wiring import benches
 
 PLANT = FingerBenchSettings(noise_scale=0.0)
 CELL = frozenset({"load_cell"})
@@ -13,7 +12,7 @@ PLACES_M = (0.0035, 0.008, 0.0155)
 
 
 def begun(position_m):
-    bench = benches.finger(PLANT)
+    bench = finger_bench(PLANT)
     axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026, position_m=position_m)
     bench.mount(axis)
     bench.begin(0.0, 1, 1, {"location": "f"}, PLANT.model_dump(mode="json"))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from simulator.physics.pad_part import GraspBenchSettings
-from simulator.wiring import benches
+from simulator.physics.pad_part import GraspBenchSettings, grasp_bench
 
 ABOVE_M = 0.07
 SUBSCRIBED = frozenset({"pad"})
@@ -26,7 +25,7 @@ class Path:
 
 def begun(**about):
     settings = GraspBenchSettings(lean_rad=0.0, **about)
-    bench = benches.grasp(settings)
+    bench = grasp_bench(settings)
     bench.mount(Path())
     bench.restart()
     bench.begin(0.0, 5, 1, {}, settings.model_dump(mode="json"))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drivers.core.errors import RefusedError
+from simulator.physics.fingertip_part import slip_bench
 from simulator.physics.fingertip_settings import CONVERTER_V, FINGER, MATRIX, PLANTS, SlipBenchSettings
 from simulator.physics.slip_track import PAUSE_S, SlipTruth, Track
-from simulator.wiring import benches
 
 RADIUS_M = 0.012
 
@@ -30,7 +30,7 @@ class Path:
 
 
 def bench_of(sensor="fingertip", path=None, origin_s=0.0, **plant):
-    bench = benches.slip(SlipBenchSettings())
+    bench = slip_bench(SlipBenchSettings())
     path = path or Path()
     path.offset_s = origin_s
     bench.mount(path)
@@ -160,7 +160,7 @@ def test_a_weight_on_a_bridge_reads_as_its_force_and_goes_away_but_for_the_hyste
 def test_a_weight_needs_the_fingertip_and_an_arm_is_needed_to_slide():
     with pytest.raises(RefusedError, match="the tip carries wrist"):
         bench_of("wrist").load("x", 1.0)
-    bench = benches.slip(SlipBenchSettings())
+    bench = slip_bench(SlipBenchSettings())
     with pytest.raises(RefusedError, match="cannot slide and roll"):
         bench.mount(object())
     with pytest.raises(RefusedError, match="no such sensor"):
