@@ -19,7 +19,7 @@ from behaviors.events import (
     SlipEnded,
     SlipStarted,
 )
-from behaviors.slip_settings import RollSlipSettings, SensorRunSettings
+from behaviors.slip import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
 from controller.measures.trial import TrialEvidence
 from controller.measures.truth import delay_s, not_before

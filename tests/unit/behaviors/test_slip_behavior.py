@@ -7,8 +7,7 @@ from pydantic import ValidationError
 
 from behaviors.events import BaselineRefused, Contact, Resumed, SlipStarted, Tick
 from behaviors.machine import UNDECIDED
-from behaviors.slip import RollSlip
-from behaviors.slip_settings import RollSlipFactors, RollSlipSettings
+from behaviors.slip import RollSlip, RollSlipFactors, RollSlipSettings
 from drivers.core.messages import Home, MoveAt, Sent, Stop, Tare, Twist
 from tests.unit.behaviors.driving import arm, still, tell
 

@@ -12,7 +12,7 @@ from behaviors.events import (
     SlipEnded,
     SlipStarted,
 )
-from behaviors.slip_settings import RollSlipSettings
+from behaviors.slip import RollSlipSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.measures.slip import COLUMNS, measure, paper_blocks
 from controller.measures.trial import TrialEvidence
