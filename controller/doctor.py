@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,21 +31,12 @@ TURN_S = 0.01
 """How often what has come is taken; at 1 kHz that is ten samples."""
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """One line about the bench, whether it is good, and whether the profile is what to mend."""
 
     sound: bool
     line: str
     of_profile: bool = False
-
-
-@dataclass
-class _Received:
-    """What the bench sent while it was read."""
-
-    blocks: dict[str, list[SampleBlock]] = field(default_factory=dict)
-    statuses: list[Status] = field(default_factory=list)
 
 
 def compare(
@@ -90,12 +81,12 @@ def examine(
                 infos[name] = device.open()
             except DeviceError as error:
                 yield Finding(False, str(error))
-        received = _listen(rig, scene, infos)
+        blocks, statuses = _listen(rig, scene, infos)
         for name, info in infos.items():
             yield _identity(name, info)
             for stream in info.streams.values():
-                yield _reading(stream, received.blocks.get(stream.name, []))
-            for status in received.statuses:
+                yield _reading(stream, blocks.get(stream.name, []))
+            for status in statuses:
                 if status.device == name and isinstance(status, Failed | Lost | Refused | Stalled):
                     yield _trouble(status)
         if infos.keys() == rig.devices.keys():
@@ -122,8 +113,12 @@ def _unknown_streams(
     yield from (Finding(False, line, of_profile=True) for line in dict.fromkeys(lines))
 
 
-def _listen(rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]) -> _Received:
-    received = _Received()
+def _listen(
+    rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]
+) -> tuple[dict[str, list[SampleBlock]], list[Status]]:
+    """What the bench sends in a second: blocks by stream, and statuses."""
+    blocks: dict[str, list[SampleBlock]] = {}
+    statuses: list[Status] = []
     rig.clock.restart()
     rig.begin_trial(scene)
     for name, info in infos.items():
@@ -132,11 +127,11 @@ def _listen(rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]) -> _Recei
         rig.clock.wait_until(rig.clock.now() + TURN_S)
         for name in infos:
             for block in rig.devices[name].read():
-                received.blocks.setdefault(block.stream, []).append(block)
-            received.statuses += rig.devices[name].poll()
+                blocks.setdefault(block.stream, []).append(block)
+            statuses += rig.devices[name].poll()
     for name in infos:
         rig.devices[name].apply(Listen(name, frozenset()))
-    return received
+    return blocks, statuses
 
 
 def _identity(name: str, info: DeviceInfo) -> Finding:
