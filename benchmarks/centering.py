@@ -20,10 +20,10 @@ from scipy.stats import t
 from behaviors.events import Contact, PreTouch
 from benchmarks.results import in_parallel, progress, save, workers
 from config.profile import load_profile
+from controller.detectors.envelope import as_complex
 from controller.detectors.level import LevelDetector, LevelSettings
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
-from controller.signals.along import as_complex
 from drivers.can_gripper.units import STROKE_M
 from drivers.core.messages import SampleBlock
 from drivers.ur_arm.settings import CYCLES_HZ as ENCODER_HZ

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected
-from controller.detectors.protocol import NOTHING, Quantity, decisions
-from controller.signals.along import Along, EnvelopeSamples, as_complex, silence
-from drivers.core.messages import SampleBlock
+from controller.detectors.envelope import EnvelopeSamples, OnEnvelope, as_complex, recorded
+from controller.detectors.protocol import Quantity, decisions
+from controller.signals.iq import IqSettings
+from controller.signals.level import StepSearch, Window, find_steps, step_search, window, z_scores
 from drivers.core.settings import DriveHz, Mismatch, Settings, StreamName
-
-if TYPE_CHECKING:
-    from controller.signals.level import LevelSearch, Steps, Window
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-AHEAD = (1.0, 0.0, 0.0)
-"""These detectors use no encoder, so the direction is irrelevant."""
+DOING = "waiting for contact"
 
 
 class LevelPaperSettings(Settings):
@@ -44,7 +41,7 @@ class LevelPaperSettings(Settings):
     0.2 s at gamma 3, and sooner at more."""
 
 
-class LevelPaperDetector:
+class LevelPaperDetector(OnEnvelope):
     """Contact while a sample is farther from its own window's mean than some of the window's standard deviations.
 
     |z| of the newest of n samples is at most (n - 1) / sqrt(n), and that of a level which fills the share p of the
@@ -69,88 +66,46 @@ class LevelPaperDetector:
     quantity = Quantity("distance from the mean of its window", "σ")
 
     def __init__(self, name: str, settings: LevelPaperSettings) -> None:
-        self.name = name
         self.settings = settings
-        self.inputs = (settings.input,)
-        self.envelope = settings.input
-        self._along = Along(settings.input, None, AHEAD, "waiting for contact")
-        self.reset()
+        super().__init__(name, settings.input, DOING)
 
     def reset(self) -> None:
         """Clear window and contact."""
-        self.readings = NOTHING
-        self._along.reset()
+        super().reset()
         self._window: Window | None = None
         self._touching = False
         self._lasted = 0
 
-    def warm_up(self) -> None:
-        """Load the compiled code, compiling it on first use; leaves the state unchanged."""
-        LevelPaperDetector(self.name, self.settings)._process(silence(), 1000.0)
-
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples.
-
-        Raises:
-            ValueError: samples at irregular times.
-        """
-        samples, self.readings = self._along.push(block), NOTHING
-        rate_hz = self._along.rate_hz
-        if not len(samples.times_s) or rate_hz is None:
-            return []
-        scores = np.abs(self._process(samples, rate_hz))
-        self.readings = decisions(samples.times_s, scores, self.settings.threshold)
-        hold = max(1, round(self.settings.hold_s * rate_hz))
+    def _decide(self, samples: EnvelopeSamples) -> Sequence[Detected]:
+        scores, threshold = self._scores(samples), self.settings.threshold
+        self.readings = decisions(samples.times_s, scores, threshold)
+        if not self._touching and not (scores > threshold).any():  # NaN is not
+            return ()
+        hold = max(1, round(self.settings.hold_s * samples.rate_hz))
         events: list[Detected] = []
-        above = scores > self.settings.threshold  # NaN is not
-        known = ~np.isnan(scores)
-        first = 0 if self._touching else int(np.argmax(above))
-        if self._touching or above.any():
-            events = self._from(first, samples, scores, above, known, hold)
-        return events
-
-    def _from(
-        self,
-        first: int,
-        samples: EnvelopeSamples,
-        scores: Floats,
-        above: NDArray[np.bool_],
-        known: NDArray[np.bool_],
-        hold: int,
-    ) -> list[Detected]:
-        """Events from sample `first` on, the first that can change the state."""
-        events: list[Detected] = []
-        for i in range(first, len(scores)):
-            if not known[i]:
-                continue
+        for t_s, score, _ in self.readings.tolist():
+            above = score > threshold
             kind: type[Detected] | None = None
-            if above[i] != self._touching:
-                self._touching, self._lasted = bool(above[i]), 0
-                kind = Contact if self._touching else ContactLost
-            elif self._touching:
+            if above != self._touching:
+                self._touching, self._lasted = above, 0
+                kind = Contact if above else ContactLost
+            elif above:
                 self._lasted += 1
                 kind = ContactHeld if self._lasted == hold else None
             if kind is not None:
-                t_s, threshold = float(samples.times_s[i]), self.settings.threshold
-                events.append(kind(t_s, self.name, float(scores[i]), threshold))
+                events.append(kind(t_s, self.name, score, threshold))
         return events
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """|z| after each sample, NaN until the window is full, shape (n,); the first column is used."""
-        twin = LevelPaperDetector(self.name, self.settings)
-        z = values[:, 0].astype(np.complex128)
-        samples = EnvelopeSamples(np.empty(0), z, np.empty(0), np.zeros(len(z), np.int64))
-        found: Floats = np.abs(twin._process(samples, rate_hz))
-        return found
+        return self._fresh()._scores(recorded(values[:, 0].astype(np.complex128), rate_hz))
 
-    def _process(self, samples: EnvelopeSamples, rate_hz: float) -> Floats:
-        from controller.signals.level import window, z_scores
-
+    def _scores(self, samples: EnvelopeSamples) -> Floats:
         if self._window is None:
-            self._window = window(max(2, round(self.settings.window_s * rate_hz)))
+            self._window = window(max(2, round(self.settings.window_s * samples.rate_hz)))
         scores = np.empty(len(samples.z))
         z_scores(self._window, np.ascontiguousarray(samples.z.real), samples.missing, scores)
-        return scores
+        return np.abs(scores)
 
 
 class LevelSettings(Settings):
@@ -228,7 +183,6 @@ class LevelSettings(Settings):
     ) -> Iterator[Mismatch]:
         """The rest at a trial's begin must be long enough to learn in, also of a signal that begins late."""
         from behaviors.sonic import SonicSettings
-        from controller.signals.iq import IqSettings
 
         behavior, chain = profile.get(("behavior",)), profile.get(tuple(self.input.split(".")))
         if not (isinstance(behavior, SonicSettings) and isinstance(chain, IqSettings) and chain.silent_s):
@@ -243,7 +197,7 @@ class LevelSettings(Settings):
             yield Mismatch(("behavior",), "baseline_s", mistake)
 
 
-class LevelDetector:
+class LevelDetector(OnEnvelope):
     """Contact when I and Q leave the circle on which an undulation turns, and stay where they are.
 
     About the level at rest an undulation turns steadily. At each length of `spans_s` its turning is measured over the
@@ -274,39 +228,21 @@ class LevelDetector:
     quantity = Quantity("jump of the level over the rms of the other jumps", "")
 
     def __init__(self, name: str, settings: LevelSettings) -> None:
-        self.name = name
         self.settings = settings
-        self.inputs = (settings.input,)
-        self.envelope = settings.input
-        self._along = Along(settings.input, None, AHEAD, "waiting for contact")
-        self.reset()
+        super().__init__(name, settings.input, DOING)
 
     def reset(self) -> None:
         """Clear levels, scales and contact."""
-        self.readings = NOTHING
-        self._along.reset()
-        self._steps: Steps | None = None
-        self._search: LevelSearch | None = None
+        super().reset()
+        self._search: StepSearch | None = None
 
-    def warm_up(self) -> None:
-        """Load the compiled code, compiling it on first use; leaves the state unchanged."""
-        LevelDetector(self.name, self.settings)._process(silence(), 1000.0, self.settings.threshold)
-
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples.
-
-        Raises:
-            ValueError: samples at irregular times.
-        """
-        samples, self.readings = self._along.push(block), NOTHING
-        if not len(samples.times_s) or self._along.rate_hz is None:
-            return []
+    def _decide(self, samples: EnvelopeSamples) -> Sequence[Detected]:
         threshold = self.settings.threshold
-        scores, changes = self._process(samples, self._along.rate_hz, threshold)
+        scores, found = self._scores(samples, threshold)
         self.readings = decisions(samples.times_s, scores, threshold)
         events: list[Detected] = []
-        for i in np.flatnonzero(changes).tolist():
-            kind = (Contact, ContactHeld, ContactLost)[changes[i] - 1]
+        for i in np.flatnonzero(found).tolist():
+            kind = (Contact, ContactHeld, ContactLost)[found[i] - 1]
             events.append(kind(float(samples.times_s[i]), self.name, float(scores[i]), threshold))
         return events
 
@@ -317,27 +253,19 @@ class LevelDetector:
             values: I and Q, or I alone, shape (n, channels). Without contact.
             rate_hz: Of both.
         """
-        twin = LevelDetector(self.name, self.settings)
-        z = as_complex(values)
-        samples = EnvelopeSamples(np.empty(0), z, np.empty(0), np.zeros(len(z), np.int64))
-        found = twin._process(samples, rate_hz, math.inf)[0]
+        found = self._fresh()._scores(recorded(as_complex(values), rate_hz), math.inf)[0]
         learnt = found[round(self.settings.learn_s * rate_hz) :]
         learnt[np.isnan(learnt)] = 0.0
         return found
 
-    def _process(self, samples: EnvelopeSamples, rate_hz: float, threshold: float) -> tuple[Floats, Ints]:
-        from controller.signals.level import find_steps, search
+    def _scores(self, samples: EnvelopeSamples, threshold: float) -> tuple[Floats, Ints]:
+        if self._search is None:
+            self._search = self._begun(samples.rate_hz)
+        scores, found = np.empty(len(samples.z)), np.empty(len(samples.z), np.int64)
+        find_steps(self._search, threshold, samples.z, samples.missing, scores, found)
+        return scores, found
 
-        if self._steps is None or self._search is None:
-            self._steps = self._constants(rate_hz)
-            self._search = search(self._steps)
-        scores, changes = np.empty(len(samples.z)), np.empty(len(samples.z), np.int64)
-        find_steps(self._steps, self._search, threshold, samples.z, samples.missing, scores, changes)
-        return scores, changes
-
-    def _constants(self, rate_hz: float) -> Steps:
-        from controller.signals.level import Steps
-
+    def _begun(self, rate_hz: float) -> StepSearch:
         settings = self.settings
 
         def samples(length_s: float) -> int:
@@ -347,7 +275,7 @@ class LevelDetector:
         hops = np.maximum(1, spans // 2)
         kappa_rad_m = 4.0 * math.pi * settings.drive_hz / settings.sound_m_s
         memories = np.array([settings.scale_s, settings.fast_scale_s]) * rate_hz
-        return Steps(
+        return step_search(
             spans=spans,
             hops=hops,
             # in two spans a braking mover falls behind by a t^2 / 2, and the wave by 2 k times that

@@ -4,26 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
-from controller.detectors.protocol import NOTHING, Quantity, decisions
-from controller.signals.along import Along, EnvelopeSamples, as_complex, silence
+from controller.detectors.envelope import EncoderSync, EnvelopeSamples, OnEnvelope, as_complex, recorded
+from controller.detectors.protocol import Quantity, decisions
+from controller.signals.undulation import WaveFit, fit_wave, wave_fit
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import DriveHz, Settings, StreamName
-
-if TYPE_CHECKING:
-    from controller.signals.undulation import Fit, Way
 
 Floats = NDArray[np.float64]
 Direction = Annotated[tuple[float, float, float], Strict(False)]
 
 CELLS_PER_TURN = 16
 """Cells in each half wavelength: a mean over one takes 0.6 % of the wave away."""
+
+LONGEST_CELL_S = 0.5
+"""Longest time over which a cell averages, s: limits the effect of drift on a creeping mover. Assumption."""
+
+DOING = "detecting pre-touch"
 
 
 class PreTouchSettings(Settings):
@@ -106,7 +109,7 @@ class PreTouchSettings(Settings):
         return 0.5 * self.sound_m_s / self.drive_hz
 
 
-class PreTouchDetector:
+class PreTouchDetector(OnEnvelope):
     """Pre-touch while a wave of the reflected sound's wavelength is in the envelope along the way.
 
     Amplitude, phase, decay, offset and slow drift are fitted; from the residual it learns the
@@ -127,35 +130,17 @@ class PreTouchDetector:
     quantity = Quantity("explained over residual variance", "")
 
     def __init__(self, name: str, settings: PreTouchSettings) -> None:
-        self.name = name
         self.settings = settings
-        self.inputs = (settings.input, settings.position_input)
-        self.envelope = settings.input
-        self._along = self._beside()
-        self.reset()
+        super().__init__(name, settings.input, DOING, settings.position_input, settings.direction)
 
     def reset(self) -> None:
         """Clear the object and the path."""
-        self.readings = NOTHING
-        self._along.reset()
-        self._way: Way | None = None
-        self._fit: Fit | None = None
+        super().reset()
+        self._fit: WaveFit | None = None
         self._near = False
 
-    def warm_up(self) -> None:
-        """Load the compiled code, compiling it on first use; leaves the state unchanged."""
-        PreTouchDetector(self.name, self.settings)._process(silence(), 1000.0)
-
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples of either stream.
-
-        Raises:
-            ValueError: an envelope at irregular times.
-        """
-        samples, self.readings = self._along.push(block), NOTHING
-        if not len(samples.times_s) or self._along.rate_hz is None:
-            return []
-        ratios, amplitudes_fs = self._process(samples, self._along.rate_hz)
+    def _decide(self, samples: EnvelopeSamples) -> Sequence[Detected]:
+        ratios, amplitudes_fs = self._fitted(samples)
         self.readings = decisions(samples.times_s, ratios, self.settings.threshold)
         events: list[Detected] = []
         settings = self.settings
@@ -195,17 +180,18 @@ class PreTouchDetector:
             times_s: Their times, NaN likewise, shape (n,).
             blocks: The recording, with the encoder's blocks.
         """
-        settings, along = self.settings, self._beside()
+        settings = self.settings
+        sync = EncoderSync(settings.input, settings.position_input, settings.direction, DOING)
         encoder = [block for block in blocks if len(block) and block.stream == settings.position_input]
         known = np.flatnonzero(np.isfinite(times_s))
         position_m = np.full(len(times_s), np.nan)
         if encoder and len(known):
             readings_s = np.concatenate([block.times for block in encoder])
             readings = np.concatenate([block.physical for block in encoder])
-            along.push(SampleBlock(settings.position_input, 0, readings_s[0], readings, times_s=readings_s))
+            sync.push(SampleBlock(settings.position_input, 0, readings_s[0], readings, times_s=readings_s))
             wanted_s = times_s[known]
             wanted = SampleBlock(settings.input, 0, wanted_s[0], values[known], rate_hz=1.0, times_s=wanted_s)
-            found_m = along.push(wanted).position_m
+            found_m = sync.push(wanted).position_m
             position_m[known[: len(found_m)]] = found_m
         z = as_complex(values)
         return np.column_stack((z.real, z.imag, position_m))
@@ -213,32 +199,20 @@ class PreTouchDetector:
     def traced(self, z: NDArray[np.complex128], position_m: Floats, rate_hz: float) -> tuple[Floats, Floats]:
         """F ratio and amplitude (full scales) of a whole recording from its first sample, shape (n,) each; the
         detector's own state is unchanged."""
-        twin = PreTouchDetector(self.name, self.settings)
-        samples = EnvelopeSamples(np.empty(0), z, position_m, np.zeros(len(z), np.int64))
-        return twin._process(samples, rate_hz)
+        return self._fresh()._fitted(recorded(z, rate_hz, position_m))
 
-    def _beside(self) -> Along:
-        settings = self.settings
-        return Along(settings.input, settings.position_input, settings.direction, "detecting pre-touch")
-
-    def _process(self, samples: EnvelopeSamples, rate_hz: float) -> tuple[Floats, Floats]:
-        from controller.signals.undulation import empty_fit, undulate
-
-        if self._way is None or self._fit is None:
-            self._way = self._constants(rate_hz)
-            self._fit = empty_fit(self._way)
+    def _fitted(self, samples: EnvelopeSamples) -> tuple[Floats, Floats]:
+        if self._fit is None:
+            self._fit = self._begun(samples.rate_hz)
         ratios, amplitudes_fs = np.empty(len(samples.z)), np.empty(len(samples.z))
-        undulate(self._way, self._fit, samples.z, samples.position_m, samples.missing, ratios, amplitudes_fs)
+        fit_wave(self._fit, samples.z, samples.position_m, samples.missing, ratios, amplitudes_fs)
         return ratios, amplitudes_fs
 
-    def _constants(self, rate_hz: float) -> Way:
-        from controller.signals.undulation import Way
-
+    def _begun(self, rate_hz: float) -> WaveFit:
         settings = self.settings
-        kappa_rad_m = 2.0 * math.pi / settings.undulation_m
         shares = np.array(settings.obliquity, dtype=np.float64)
-        return Way(
-            kappa_rad_m=kappa_rad_m * np.concatenate((shares, -shares)),
+        return wave_fit(
+            kappa_rad_m=2.0 * math.pi / settings.undulation_m * np.concatenate((shares, -shares)),
             cell_m=settings.undulation_m / CELLS_PER_TURN,
             memory_m=settings.memory_m,
             least_m=settings.least_m,
@@ -248,7 +222,3 @@ class PreTouchDetector:
             pause=max(1, round(settings.pause_s * rate_hz)),
             patience=max(1, round(settings.max_gap_s * rate_hz)),
         )
-
-
-LONGEST_CELL_S = 0.5
-"""Longest time over which a cell averages, s: limits the effect of drift on a creeping mover. Assumption."""

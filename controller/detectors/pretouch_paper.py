@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -11,9 +12,9 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
-from controller.detectors.protocol import NOTHING, Quantity
-from controller.signals.along import Along, EnvelopeSamples
-from drivers.core.messages import SampleBlock
+from controller.detectors.envelope import EnvelopeSamples, OnEnvelope
+from controller.detectors.protocol import Quantity, changes, decisions
+from controller.signals.spectrum import BlockCutter
 from drivers.core.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
@@ -45,7 +46,7 @@ class PreTouchPaperSettings(Settings):
     """gamma, full scales squared. Not printed ("heuristic"); here the power of a wave of 0.00014 full scales."""
 
 
-class PreTouchPaperDetector:
+class PreTouchPaperDetector(OnEnvelope):
     """Pre-touch while the power of a window between 0 and 100 Hz exceeds a threshold.
 
     Windows follow each other without overlap. Power is |DFT / N|^2 over both signs of frequency, so the sum over all
@@ -66,97 +67,59 @@ class PreTouchPaperDetector:
     quantity = Quantity("power of the window", "FS²")
 
     def __init__(self, name: str, settings: PreTouchPaperSettings) -> None:
-        self.name = name
         self.settings = settings
-        encoder = settings.position_input
-        self.inputs = (settings.input,) if encoder is None else (settings.input, encoder)
-        self.envelope = settings.input
-        self._along = Along(settings.input, encoder, settings.direction, "detecting pre-touch")
-        self.reset()
+        super().__init__(
+            name, settings.input, "detecting pre-touch", settings.position_input, settings.direction
+        )
 
     def reset(self) -> None:
         """Clear the window begun and the object."""
-        self.readings = NOTHING
-        self._along.reset()
-        self._begun = np.empty(0)
+        super().reset()
+        self._windows: BlockCutter | None = None
         self._near = False
 
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples.
-
-        Raises:
-            ValueError: an envelope at irregular times, or so slow that a window has no two samples.
-        """
-        samples, self.readings = self._along.push(block), NOTHING
-        if not len(samples.times_s) or self._along.rate_hz is None:
-            return []
+    def _decide(self, samples: EnvelopeSamples) -> Sequence[Detected]:
+        if self._windows is None:
+            self._windows = self._cutter(samples.rate_hz)
+        powers = np.full(len(samples.z), np.nan)
+        starts = [0, *np.flatnonzero(samples.missing).tolist()]
+        for start, end in pairwise([*starts, len(samples.z)]):
+            if samples.missing[start]:
+                self._windows.reset()
+            ends, windows = self._windows.push(samples.z.real[start:end, None])
+            powers[start + ends] = self._powers(windows, samples.rate_hz)
+        self.readings = decisions(samples.times_s, powers, self.settings.threshold)
         events: list[Detected] = []
-        read: list[tuple[float, float, float]] = []
-        for i, power in self._windows(samples, self._along.rate_hz):
-            near = power > self.settings.threshold
-            if math.isnan(power):
-                continue
-            t_s, position_m = float(samples.times_s[i]), float(samples.position_m[i])
-            read.append((t_s, power, self.settings.threshold))
-            if near == self._near:
-                continue
+        for i, near in changes(powers, self.settings.threshold, self._near):
             self._near = near
-            kind = PreTouch if near else PreTouchLost
+            t_s, position_m = float(samples.times_s[i]), float(samples.position_m[i])
             # one and the same NaN, so that equal events are equal
             known_m = position_m if math.isfinite(position_m) else math.nan
-            events.append(kind(t_s, self.name, power, self.settings.threshold, known_m))
-        self.readings = np.array(read).reshape(-1, 3)
+            kind = PreTouch if near else PreTouchLost
+            events.append(kind(t_s, self.name, float(powers[i]), self.settings.threshold, known_m))
         return events
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """Power at the last sample of each window, NaN elsewhere, shape (n,); the first column is used."""
-        size = self._size(rate_hz)
         found = np.full(len(values), np.nan)
-        count = len(values) // size
-        windows = values[: count * size, 0].reshape(count, size)
-        found[size - 1 :: size] = self._powers(windows, rate_hz)
+        ends, windows = self._cutter(rate_hz).push(values[:, :1])
+        found[ends] = self._powers(windows, rate_hz)
         return found
 
-    def _size(self, rate_hz: float) -> int:
-        size = round(self.settings.window_s * rate_hz)
-        if size < 2:
-            raise ValueError(
-                f"{self.settings.input}: {size} samples in a window of {self.settings.window_s:g} s; make it longer"
-            )
-        return size
-
-    def _windows(self, samples: EnvelopeSamples, rate_hz: float) -> list[tuple[int, float]]:
-        """Which samples completed a window, and its power."""
-        size = self._size(rate_hz)
-        found: list[tuple[int, float]] = []
-        starts = [0, *np.flatnonzero(samples.missing).tolist()]
-        for start, end in zip(starts, [*starts[1:], len(samples.z)], strict=True):
-            if start or (end and samples.missing[0]):
-                self._begun = np.empty(0)
-            waiting = len(self._begun)
-            joined = np.concatenate((self._begun, samples.z.real[start:end]))
-            count = len(joined) // size
-            self._begun = joined[count * size :]
-            powers = self._powers(joined[: count * size].reshape(count, size), rate_hz).tolist()
-            found += [
-                (start + (number + 1) * size - 1 - waiting, power) for number, power in enumerate(powers)
-            ]
-        return found
+    def _cutter(self, rate_hz: float) -> BlockCutter:
+        return BlockCutter(round(self.settings.window_s * rate_hz))
 
     def _powers(self, windows: Floats, rate_hz: float) -> Floats:
         """Summed power of each window, shape (m,); NaN for one with a value that is not finite."""
         size = windows.shape[1]
-        if not len(windows):
-            return np.empty(0)
-        good = np.isfinite(windows).all(axis=1)
-        # each window by itself: a transform of many at once may differ in the last bit
         powers = np.full(len(windows), np.nan)
-        for row in np.flatnonzero(good):
-            window = windows[row]
+        last = math.floor(self.settings.band_hz * size / rate_hz + 1e-9)
+        # each window by itself: a transform of many at once may differ in the last bit
+        for row in np.flatnonzero(np.isfinite(windows).all(axis=(1, 2))):
+            window = windows[row, :, 0]
             if self.settings.remove_dc:
                 window = window - window.mean()
             spectrum = np.abs(np.fft.rfft(window) / size) ** 2
             spectrum[1 : (size + 1) // 2] *= 2.0  # the negative frequencies'
-            last = math.floor(self.settings.band_hz * size / rate_hz + 1e-9)
             powers[row] = float(spectrum[: last + 1].sum())
         return powers

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -98,6 +98,55 @@ def decisions(times_s: Floats, statistic: Floats, threshold: float) -> Floats:
     readings = np.empty((int(known.sum()), 3))
     readings[:, 0], readings[:, 1], readings[:, 2] = times_s[known], statistic[known], threshold
     return readings
+
+
+def changes(
+    statistic: Floats, threshold: float, on: bool, release_ratio: float = 1.0
+) -> Iterator[tuple[int, bool]]:
+    """Samples at which a comparator changes its state, and the new state; NaN changes nothing.
+
+    Args:
+        statistic: After each sample, shape (n,).
+        threshold: It is on above.
+        on: Its state before.
+        release_ratio: It is off at this share of the threshold, or below.
+    """
+    above = statistic > threshold
+    if not on and not above.any():
+        return
+    deciding = np.flatnonzero(above | (statistic <= release_ratio * threshold))
+    for i in deciding[np.diff(above[deciding], prepend=on)].tolist():
+        yield i, bool(above[i])
+
+
+def rate_of(block: SampleBlock, doing: str) -> float:
+    """The block's sample rate, Hz.
+
+    Raises:
+        ValueError: its samples are at irregular times.
+    """
+    if block.rate_hz is None:
+        raise ValueError(
+            f"{block.stream}: samples at irregular times while {doing}; give it a stream with a rate"
+        )
+    return block.rate_hz
+
+
+def channels_of(values: Floats, channels: Sequence[int] | None, stream: str, doing: str) -> Floats:
+    """Some channels of samples of shape (n, channels), shape (n, len(channels)); None is all of them.
+
+    Raises:
+        ValueError: the stream has fewer channels.
+    """
+    if channels is None:
+        return values
+    missing = [channel for channel in channels if not 0 <= channel < values.shape[1]]
+    if missing:
+        raise ValueError(
+            f"{stream}: no channel {missing[0]} while {doing}: it has {values.shape[1]}; count from 0"
+        )
+    # in this order in memory: a sum's last bit depends on it
+    return np.ascontiguousarray(values[:, list(channels)])
 
 
 @runtime_checkable

@@ -4,23 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, SlipEnded, SlipStarted
-from controller.detectors.protocol import NOTHING, Quantity, decisions
-from controller.signals.spectrum_blocks import SpectrumBlocks
+from controller.detectors.protocol import NOTHING, Quantity, changes, channels_of, decisions, rate_of
+from controller.signals.cusum import (
+    CREDIT,
+    MISSING,
+    MOST_VIBRATION_NAT,
+    QUIET,
+    SUM,
+    USED,
+    Cusum,
+    accumulate,
+)
+from controller.signals.octaves import octaves
+from controller.signals.spectrum import BlockCutter, block_peaks
+from controller.signals.whitening import COUNT, FRESH, predictor
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import Settings, StreamName
 
-if TYPE_CHECKING:
-    from controller.signals.evidence import Odds
-    from controller.signals.whitening import Predictor, Settling
-
 Floats = NDArray[np.float64]
+
+DOING = "detecting slip"
 
 
 class SlipStreamSettings(Settings):
@@ -38,13 +47,8 @@ class SlipStreamSettings(Settings):
         Raises:
             ValueError: the stream has fewer channels.
         """
-        if self.channel is None:
-            return values
-        if self.channel >= values.shape[1]:
-            raise ValueError(
-                f"{self.input}: no channel {self.channel} while detecting slip: it has {values.shape[1]}; count from 0"
-            )
-        return values[:, self.channel : self.channel + 1]
+        channels = None if self.channel is None else (self.channel,)
+        return channels_of(values, channels, self.input, DOING)
 
 
 class SlipPaperSettings(SlipStreamSettings):
@@ -86,49 +90,46 @@ class SlipPaperDetector:
     def reset(self) -> None:
         """Clear the block begun and the slip."""
         self.readings = NOTHING
-        self._blocks: SpectrumBlocks | None = None
+        self._blocks: BlockCutter | None = None
         self._next_seq: int | None = None
         self._slipping = False
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Process the next samples."""
-        rate_hz = _rate_hz(block)
+        rate_hz = rate_of(block, DOING)
         if self._blocks is None:
-            self._blocks = SpectrumBlocks(self._size(rate_hz))
-        if self._next_seq is not None and block.seq != self._next_seq:
+            self._blocks = BlockCutter(self._size(rate_hz))
+        if block.seq != self._next_seq:
             self._blocks.reset()
         self._next_seq = block.seq + len(block)
-        ends, products = self._products(self._blocks, self.settings.chosen(block.physical), rate_hz)
-        self.readings = decisions(block.times[ends], products, self.settings.threshold)
+        self.readings = NOTHING
+        ends, complete = self._blocks.push(self.settings.chosen(block.physical))
+        if not len(ends):
+            return []
+        times_s, threshold = block.times[ends], self.settings.threshold
+        products = self._products(complete, rate_hz)
+        self.readings = decisions(times_s, products, threshold)
         events: list[Detected] = []
-        for t_s, product in zip(block.times[ends].tolist(), products.tolist(), strict=True):
-            if not math.isnan(product) and (product > self.settings.threshold) != self._slipping:
-                self._slipping = not self._slipping
-                kind = SlipStarted if self._slipping else SlipEnded
-                events.append(kind(t_s, self.name, product, self.settings.threshold))
+        for i, slipping in changes(products, threshold, self._slipping):
+            self._slipping = slipping
+            kind = SlipStarted if slipping else SlipEnded
+            events.append(kind(float(times_s[i]), self.name, float(products[i]), threshold))
         return events
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """Peak x frequency at the last sample of each block, NaN elsewhere, shape (n,)."""
         found = np.full(len(values), np.nan)
-        ends, products = self._products(
-            SpectrumBlocks(self._size(rate_hz)), self.settings.chosen(values), rate_hz
-        )
-        found[ends] = products
+        ends, complete = BlockCutter(self._size(rate_hz)).push(self.settings.chosen(values))
+        found[ends] = self._products(complete, rate_hz)
         return found
 
     def _size(self, rate_hz: float) -> int:
         return round(self.settings.block_s * rate_hz)
 
     @staticmethod
-    def _products(blocks: SpectrumBlocks, values: Floats, rate_hz: float) -> tuple[NDArray[np.int64], Floats]:
-        ends, power, frequency_hz = blocks.push(values, rate_hz)
-        if not len(ends):
-            return ends, np.empty(0)
-        # NaN never wins, and of equal frequencies the first channel does
-        deciding = np.argmax(np.where(np.isnan(frequency_hz), -1.0, frequency_hz), axis=1)
-        rows = np.arange(len(ends))
-        return ends, power[rows, deciding] * frequency_hz[rows, deciding]
+    def _products(blocks: Floats, rate_hz: float) -> Floats:
+        power, frequency_hz = block_peaks(blocks, rate_hz)
+        return power * frequency_hz
 
 
 STORED_RATIO = 3.0
@@ -262,20 +263,18 @@ class SlipDetector:
 
     def arming_s(self, rate_hz: float) -> float:
         """Learning time after a reset, s: no events before its end."""
-        return 2 * _settling(self.settings, rate_hz).learn / rate_hz
+        return 2 * _learning(self.settings, rate_hz) / rate_hz
 
     def least_delay_s(self, rate_hz: float) -> float:
-        """Shortest detection delay from a slip's first sample, with no evidence before, s.
+        """Shortest detection delay from a slip's first sample, with nothing before, s.
 
         Vibration is worth `MOST_VIBRATION_NAT` at most; beyond that no sample is worth more than one knock, and after
         the first none more than the credit regained in its time.
         """
-        from controller.signals.evidence import MOST_VIBRATION_NAT
-
-        odds, threshold = _odds(self.settings, rate_hz), self.settings.threshold
-        if threshold < max(odds.cap, MOST_VIBRATION_NAT):
+        cusum, threshold = _cusum(self.settings, rate_hz), self.settings.threshold
+        if threshold < max(cusum.cap, MOST_VIBRATION_NAT):
             return 1.0 / rate_hz
-        return math.ceil((threshold - odds.cap) / min(odds.cap, odds.refill)) / rate_hz
+        return math.ceil((threshold - cusum.cap) / min(cusum.cap, cusum.refill)) / rate_hz
 
     def warm_up(self) -> None:
         """Load the compiled code, compiling it on first use; leaves the state unchanged."""
@@ -283,93 +282,71 @@ class SlipDetector:
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Process the next samples."""
-        begun_anew = self._begin(block)
-        trace = self.evidence(block)
-        events = [] if self._ready_reported else self._baseline(block)
-        threshold = self.settings.threshold
-        self.readings = decisions(block.times, trace, threshold)
-        if begun_anew and self._slipping:
-            self._slipping = False
-            events.append(SlipEnded(float(block.times[0]), self.name, 0.0, threshold))
-        if self._slipping or (len(trace) and trace.max() > threshold):
-            times_s = block.times
-            for i in self._changes(trace, round(self.settings.hold_s * _rate_hz(block))):
-                kind = SlipStarted if trace[i] > threshold else SlipEnded
-                events.append(kind(float(times_s[i]), self.name, float(trace[i]), threshold))
+        rate_hz, threshold = rate_of(block, DOING), self.settings.threshold
+        events: list[Detected] = []
+        if self._restarts(block, rate_hz):
+            slipping = self._slipping
+            self.reset()
+            if slipping:
+                events.append(SlipEnded(float(block.times[0]), self.name, 0.0, threshold))
+        scores = self._scores(block, rate_hz)
+        if not self._ready_reported:
+            events += self._baseline(block, rate_hz)
+        times_s = block.times
+        self.readings = decisions(times_s, scores, threshold)
+        if self._slipping or (len(scores) and scores.max() > threshold):
+            for i in self._changes(scores, max(1, round(self.settings.hold_s * rate_hz))):
+                kind = SlipStarted if scores[i] > threshold else SlipEnded
+                events.append(kind(float(times_s[i]), self.name, float(scores[i]), threshold))
         return sorted(events, key=lambda event: event.t_s)
 
-    def _changes(self, trace: Floats, hold: int) -> list[int]:
+    def _changes(self, scores: Floats, hold: int) -> list[int]:
         """Samples at which slip begins: above the threshold; and ends: one knock's worth below, for so many samples."""
         threshold = self.settings.threshold
-        over = trace > max(0.5 * threshold, threshold - self._channels[0].odds.cap)
-        changes: list[int] = []
-        begin = 0
-        while begin < len(trace):
-            if not self._slipping:
-                above = np.flatnonzero(trace[begin:] > threshold)
-                if not above.size:
-                    break
-                place = begin + int(above[0])
-                self._below = 0
-            else:
-                marks = np.concatenate(
-                    [[-1 - self._below], np.flatnonzero(over[begin:]), [len(trace) - begin]]
-                )
-                long = np.flatnonzero(np.diff(marks) > hold)
-                if not long.size:
-                    self._below = int(len(trace) - begin - 1 - marks[-2])
-                    break
-                place = begin + int(marks[long[0]]) + max(1, hold)
-            self._slipping = not self._slipping
-            changes.append(place)
-            begin = place + 1
-        return changes
+        ending = max(0.5 * threshold, threshold - self._channels[0].cusum.cap)
+        found = []
+        for i, score in enumerate(scores.tolist()):
+            self._below = self._below + 1 if self._slipping and score <= ending else 0
+            if self._below >= hold if self._slipping else score > threshold:
+                self._slipping = not self._slipping
+                found.append(i)
+        return found
 
-    def _begin(self, block: SampleBlock) -> bool:
-        """Reset after a long gap or a restart of the stream; returns whether."""
-        if self._next_seq is None:
-            return False
-        lost = block.seq - self._next_seq
-        if 0 <= lost <= self.settings.max_gap_s * _rate_hz(block):
-            return False
-        slipping = self._slipping
-        self.reset()
-        self._slipping = slipping
-        return True
+    def _restarts(self, block: SampleBlock, rate_hz: float) -> bool:
+        """Whether a long gap, or a stream that begins anew, comes before the block."""
+        lost = 0 if self._next_seq is None else block.seq - self._next_seq
+        return not 0 <= lost <= self.settings.max_gap_s * rate_hz
 
-    def _baseline(self, block: SampleBlock) -> list[Detected]:
+    def _baseline(self, block: SampleBlock, rate_hz: float) -> list[Detected]:
         """Report that the quiet level is learned, or cannot be; once each."""
-        before = self._received
+        arming_s = self.arming_s(rate_hz)
+        late = round(PATIENCE * arming_s * rate_hz) - self._received - 1
         self._received += len(block)
-        events: list[Detected] = []
         armed = [channel for channel in self._channels if channel.armed is not None]
         first = min(armed, key=lambda channel: channel.armed or 0, default=None)
         ready = (first.armed or 0) if first else len(block)
-        late = round(PATIENCE * self.arming_s(_rate_hz(block)) * _rate_hz(block)) - before - 1
-        refused = sorted(found for channel in self._channels for found in channel.refused)
-        if (
-            refused
-            and refused[0][0] < min(ready, late if late >= 0 else ready)
-            and not self._refusal_reported
-        ):
-            place, level = refused[0]
-            stored = self.settings.quiet_rms or math.nan
-            reason = (
-                f"the first {self.arming_s(_rate_hz(block)):g} s vibrate with {level:.3g}, the stored quiet is"
-                f" {stored:.3g}: does it slip already, or is quiet_rms that of another sensor?"
+        stored = self.settings.quiet_rms or math.nan
+        failures = [
+            (
+                place,
+                level,
+                STORED_RATIO * stored,
+                f"the first {arming_s:g} s vibrate with {level:.3g}, the stored quiet is {stored:.3g}: does it slip"
+                " already, or is quiet_rms that of another sensor?",
             )
-            self._refusal_reported = True
-            events.append(
-                BaselineRefused(float(block.times[place]), self.name, level, STORED_RATIO * stored, reason)
-            )
-        if 0 <= late < ready and not self._refusal_reported:
+            for channel in self._channels
+            for place, level in channel.refused
+        ]
+        if late >= 0:
             reason = (
                 "no quiet could be learned: the samples are constant, or not finite; is the sensor alive?"
             )
+            failures.append((late, 0.0, self.settings.threshold, reason))
+        events: list[Detected] = []
+        place, level, limit, reason = min(failures, default=(ready, 0.0, 0.0, ""))
+        if place < ready and not self._refusal_reported:
             self._refusal_reported = True
-            events.append(
-                BaselineRefused(float(block.times[late]), self.name, 0.0, self.settings.threshold, reason)
-            )
+            events.append(BaselineRefused(float(block.times[place]), self.name, level, limit, reason))
         if first:
             self._ready_reported = True
             events.append(
@@ -377,47 +354,38 @@ class SlipDetector:
             )
         return events
 
-    def evidence(self, block: SampleBlock) -> Floats:
-        """Process the next samples.
-
-        Returns:
-            Evidence after each, nats, capped at one knock's worth above the threshold; 0 while it learns, shape (n,).
-        """
-        values, rate_hz = self.settings.chosen(block.physical), _rate_hz(block)
+    def _scores(self, block: SampleBlock, rate_hz: float) -> Floats:
+        """Evidence after each sample, nats, capped at one knock's worth above the threshold; 0 while it learns."""
+        values = self.settings.chosen(block.physical)
         if not self._channels:
             self._channels = [_Channel(self.settings, rate_hz) for _ in range(values.shape[1])]
         if self._next_seq is not None and block.seq != self._next_seq:
             for channel in self._channels:
                 channel.skip(block.seq - self._next_seq)
         self._next_seq = block.seq + len(block)
-        trace = self._largest_evidence(
-            self._channels, values, self.settings.threshold + self._channels[0].odds.cap
-        )
-        trace[np.isnan(trace)] = 0.0
-        return trace
+        ceiling = self.settings.threshold + self._channels[0].cusum.cap
+        scores = self._largest(self._channels, values, ceiling)
+        scores[np.isnan(scores)] = 0.0
+        return scores
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """Evidence after each sample of a whole recording, nats, shape (n,); NaN for the `2 * learn_s` in which it
         learns."""
         chosen = self.settings.chosen(values)
-        channels = [
-            _Channel(self.settings.model_copy(update={"quiet_rms": None}), rate_hz)
-            for _ in range(chosen.shape[1])
-        ]
-        return self._largest_evidence(channels, chosen, math.inf)
+        settings = self.settings.model_copy(update={"quiet_rms": None})
+        return self._largest([_Channel(settings, rate_hz) for _ in range(chosen.shape[1])], chosen, math.inf)
 
     @staticmethod
-    def _largest_evidence(channels: Sequence[_Channel], values: Floats, ceiling: float) -> Floats:
-        traces = [
-            channel.evidence(np.ascontiguousarray(values[:, i]), ceiling)
-            for i, channel in enumerate(channels)
+    def _largest(channels: Sequence[_Channel], values: Floats, ceiling: float) -> Floats:
+        scores = [
+            channel.scores(np.ascontiguousarray(values[:, i]), ceiling) for i, channel in enumerate(channels)
         ]
-        most: Floats = traces[0] if len(traces) == 1 else np.fmax.reduce(traces, axis=0)
+        most: Floats = scores[0] if len(scores) == 1 else np.fmax.reduce(scores, axis=0)
         return most
 
 
 class _Channel:
-    """Predictor, octaves and evidence of one channel.
+    """Predictor, octaves and CUSUM of one channel.
 
     Attributes:
         armed: The sample of the last block at which the quiet level was learned; None in other blocks.
@@ -426,97 +394,73 @@ class _Channel:
     """
 
     def __init__(self, settings: SlipSettings, rate_hz: float) -> None:
-        from controller.signals import evidence, octaves, whitening
-
-        self._accumulate = evidence.accumulate
         self._stored = settings.quiet_rms
-        self._places = evidence
-        self._whitening = whitening
-        self.odds = _odds(settings, rate_hz)
-        self._settling = _settling(settings, rate_hz)
-        self._predictor: Predictor = whitening.predictor(settings.order, self._settling.learn)
-        self._octaves = octaves.octaves(rate_hz)
-        self._state = np.zeros(9)
-        self._state[evidence.CREDIT] = self.odds.cap
-        self._totals = np.zeros(max(2, round(settings.vibration_s * rate_hz) + 1))
+        self.cusum = _cusum(settings, rate_hz)
+        self._octaves = octaves(rate_hz)
+        self._predictor = predictor(
+            settings.order,
+            _learning(settings, rate_hz),
+            keep=math.exp(-1.0 / (settings.memory_s * rate_hz)),
+            keep_energy=math.exp(-1.0 / (settings.energy_s * rate_hz)),
+            scale=settings.scale_s * rate_hz,
+            model_error=settings.model_error,
+        )
         self.quiet = 0.0
         self.armed: int | None = None
         self.refused: list[tuple[int, float]] = []
 
-    def evidence(self, x: Floats, ceiling: float) -> Floats:
+    def scores(self, x: Floats, ceiling: float) -> Floats:
         """Evidence after each sample, shape (n,); NaN while it learns."""
-        out = np.empty(x.size)
+        out, state = np.empty(x.size), self.cusum.state
         self.armed, self.refused = None, []
         begin = 0
         while begin < x.size:
-            knew = self._state[self._places.USED] > 0.0
-            begin += self._accumulate(
-                self.odds,
-                self._settling,
-                self._predictor,
-                self._octaves,
-                self._state,
-                self._totals,
-                x[begin:],
-                ceiling,
-                out[begin:],
-            )
-            if not knew and self._state[self._places.USED] > 0.0:
+            knew = state[USED] > 0.0
+            begin += accumulate(self.cusum, self._predictor, self._octaves, x[begin:], ceiling, out[begin:])
+            if not knew and state[USED] > 0.0:
                 self._judge(begin - 1, out)
         return out
 
     def _judge(self, place: int, out: Floats) -> None:
         """Accept the learned quiet level, or learn again."""
-        self.quiet = float(self._state[self._places.QUIET])
+        state = self.cusum.state
+        self.quiet = float(state[QUIET])
         if self._stored is None or self.quiet <= STORED_RATIO * self._stored:
             self.armed = place
             return
         self.refused.append((place, self.quiet))
-        self._predictor.counts[self._whitening.COUNT] = 0
-        self._state[self._places.USED] = 0.0
-        self._state[self._places.SUM] = 0.0
+        self._predictor.counts[COUNT] = 0
+        state[USED] = state[SUM] = 0.0
         out[place] = math.nan
 
     def skip(self, samples: int) -> None:
         """Skip lost samples."""
-        self._predictor.counts[self._whitening.FRESH] = 0
-        self._state[self._places.MISSING] += samples
+        self._predictor.counts[FRESH] = 0
+        self.cusum.state[MISSING] += samples
 
 
-def _odds(s: SlipSettings, rate_hz: float) -> Odds:
-    from controller.signals.evidence import Odds
+def _learning(s: SlipSettings, rate_hz: float) -> int:
+    """Samples of the first noise estimate."""
+    return max(2 * s.order, round(s.learn_s * rate_hz))
 
+
+def _cusum(s: SlipSettings, rate_hz: float) -> Cusum:
     # at low rates knocks come with every sample: probabilities stay below 1, and a jump the rarer
     knock = min(0.3, s.knocks_hz / rate_hz)
     jump = min(0.2 * knock, s.jumps_hz / rate_hz)
     cap = math.log(knock / jump)
-    return Odds(
+    state = np.zeros(9)
+    state[CREDIT] = cap
+    rare = max(0.0, 1.0 - knock / DENSE)
+    return Cusum(
         knock,
         jump,
         s.knock_ratio,
         cap,
-        cap / (s.jump_s * rate_hz),
-        round(s.max_gap_s * rate_hz) + s.order + 2,
-        1.0 / min(s.follow_s * rate_hz, FOLLOW_SAMPLES),
-        FOLLOWED_DENSE_NAT + (FOLLOWED_RARE_NAT - FOLLOWED_DENSE_NAT) * max(0.0, 1.0 - knock / DENSE),
+        refill=cap / (s.jump_s * rate_hz),
+        patience=round(s.max_gap_s * rate_hz) + s.order + 2,
+        follow=1.0 / min(s.follow_s * rate_hz, FOLLOW_SAMPLES),
+        most_followed=FOLLOWED_DENSE_NAT + (FOLLOWED_RARE_NAT - FOLLOWED_DENSE_NAT) * rare,
+        state=state,
+        totals=np.zeros(max(2, round(s.vibration_s * rate_hz) + 1)),
     )
-
-
-def _settling(s: SlipSettings, rate_hz: float) -> Settling:
-    from controller.signals.whitening import Settling
-
-    return Settling(
-        learn=max(2 * s.order, round(s.learn_s * rate_hz)),
-        keep=math.exp(-1.0 / (s.memory_s * rate_hz)),
-        keep_energy=math.exp(-1.0 / (s.energy_s * rate_hz)),
-        scale=s.scale_s * rate_hz,
-        model_error=s.model_error,
-    )
-
-
-def _rate_hz(block: SampleBlock) -> float:
-    if block.rate_hz is None:
-        raise ValueError(
-            f"{block.stream}: samples at irregular times while detecting slip; give it a stream with a rate"
-        )
-    return block.rate_hz

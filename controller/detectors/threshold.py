@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
-from controller.detectors.protocol import NOTHING, Quantity, decisions
+from controller.detectors.protocol import NOTHING, Quantity, changes, channels_of, decisions, rate_of
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
+
+DOING = "waiting for contact"
 
 NOISE_SIGMA = 8.0
 """Default threshold, in standard deviations of the running mean at rest. Assumption: half a second gives the noise to
@@ -28,7 +30,7 @@ class ForceThresholdSettings(Settings):
     input: StreamName = "board.fingertip"
     """Stream of the force sensor; it needs a rate."""
 
-    channels: Annotated[tuple[int, ...], Strict(False)] | None = None
+    channels: Annotated[tuple[int, ...], Strict(False), Field(min_length=1)] | None = None
     """Which of its channels; None uses all of them."""
 
     baseline_s: float = Field(default=0.5, gt=0.0, le=60.0)
@@ -76,12 +78,11 @@ class ForceThresholdDetector:
     def reset(self) -> None:
         """Clear level and contact."""
         self.readings = NOTHING
-        self._waiting: Floats | None = None
+        self._past: Floats | None = None  # the baseline so far, then the last values of the running mean
         self._level: Floats | None = None
         self._threshold = math.nan if self.settings.threshold is None else self.settings.threshold
         self._refused = False
         self._next_seq: int | None = None
-        self._tail: Floats | None = None
         self._touching = False
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
@@ -90,63 +91,47 @@ class ForceThresholdDetector:
         Raises:
             ValueError: samples at irregular times, or channels that are not there.
         """
-        rate_hz, values = self._chosen(block)
-        if block.seq != self._next_seq:
-            self._tail = None
+        rate_hz, times_s = rate_of(block, DOING), block.times
+        values = channels_of(block.physical, self.settings.channels, block.stream, DOING)
+        if block.seq != self._next_seq and self._level is not None:
+            self._past = None
         self._next_seq = block.seq + len(block)
         self.readings = NOTHING
-        if self._refused:
-            return []
         events: list[Detected] = []
-        first = 0
-        if self._level is None:
-            first, learnt = self._learn(values, block.times, rate_hz)
-            events += learnt
-        if self._level is not None and first < len(values):
-            events += self._follow(self._level, values[first:], block.times[first:], rate_hz)
+        if self._level is None and not self._refused:
+            wanted = max(1, round(self.settings.baseline_s * rate_hz))
+            taken = wanted - (0 if self._past is None else len(self._past))
+            self._past = self._joined(values[:taken])
+            if len(self._past) == wanted:
+                events.append(self._learn(float(times_s[taken - 1]), self._past, rate_hz))
+                self._past = None
+            values, times_s = values[taken:], times_s[taken:]
+        if self._level is not None and len(values):
+            events += self._follow(self._level, values, times_s, rate_hz)
         return events
 
-    def _chosen(self, block: SampleBlock) -> tuple[float, Floats]:
-        if block.rate_hz is None:
-            raise ValueError(
-                f"{block.stream}: samples at irregular times while waiting for contact; give it a stream with a rate"
-            )
-        values, wanted = block.physical, self.settings.channels
-        if wanted is None:
-            return block.rate_hz, values
-        if not wanted or max(wanted) >= values.shape[1] or min(wanted) < 0:
-            raise ValueError(
-                f"{block.stream}: channels {list(wanted)} while waiting for contact: it has {values.shape[1]};"
-                " count from 0"
-            )
-        return block.rate_hz, values[:, list(wanted)]
+    def _joined(self, values: Floats) -> Floats:
+        return values if self._past is None else np.concatenate([self._past, values])
 
-    def _learn(self, values: Floats, times_s: Floats, rate_hz: float) -> tuple[int, list[Detected]]:
-        """Collect the baseline; returns how many samples it took, and the events."""
-        wanted = max(1, round(self.settings.baseline_s * rate_hz))
-        had = self._waiting if self._waiting is not None else np.empty((0, values.shape[1]))
-        taken = min(wanted - len(had), len(values))
-        self._waiting = np.concatenate([had, values[:taken]])
-        if len(self._waiting) < wanted:
-            return taken, []
-        t_s, samples = float(times_s[taken - 1]), self._waiting
-        self._waiting = None
+    def _learn(self, t_s: float, samples: Floats, rate_hz: float) -> Detected:
         level, worst = samples[0], math.nan
         if np.isfinite(samples).all():
             level = samples.mean(axis=0)
-            distances = np.linalg.norm(_running(samples, min(self._size(rate_hz), wanted)) - level, axis=1)
+            distances = np.linalg.norm(
+                _running(samples, min(self._size(rate_hz), len(samples))) - level, axis=1
+            )
             worst = float(distances.max())
             if self.settings.threshold is None:
                 self._threshold = NOISE_SIGMA * math.sqrt(float(np.mean(distances**2)))
-        reason = self._unfit(worst) or self._touched(level)
+        reason = self._unfit(worst, float(np.linalg.norm(level)))
         if reason:
             self._refused = True
-            return taken, [BaselineRefused(t_s, self.name, worst, self._threshold, reason)]
+            return BaselineRefused(t_s, self.name, worst, self._threshold, reason)
         self._level = level
-        return taken, [BaselineReady(t_s, self.name, worst, self._threshold)]
+        return BaselineReady(t_s, self.name, worst, self._threshold)
 
-    def _unfit(self, worst: float) -> str:
-        """Why there is no level at rest; "" where there is one."""
+    def _unfit(self, worst: float, away: float) -> str:
+        """Why the baseline gives no level at rest, or one in contact; "" where it gives one."""
         if not math.isfinite(worst):
             return "a value of the baseline is not finite"
         if self._threshold == 0.0:
@@ -156,21 +141,16 @@ class ForceThresholdDetector:
                 f"the baseline is not at rest: a mean of {self.settings.average_s:g} s is {worst:.4g} from its level,"
                 f" the threshold is {self._threshold:.4g}; is something touching, or the threshold below the noise?"
             )
+        if self.settings.tared and away > self._threshold:
+            return (
+                f"the baseline is in contact: a tared sensor reads {away:.4g}, the threshold is {self._threshold:.4g};"
+                " lift it, or tare it"
+            )
         return ""
-
-    def _touched(self, level: Floats) -> str:
-        """Why a level at rest is a contact; "" where it is none."""
-        away = float(np.linalg.norm(level))
-        if not self.settings.tared or away <= self._threshold:
-            return ""
-        return (
-            f"the baseline is in contact: a tared sensor reads {away:.4g}, the threshold is {self._threshold:.4g};"
-            " lift it, or tare it"
-        )
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """Distance of the running mean from the level of the first `baseline_s`, shape (n,); NaN until it is known."""
-        chosen = values if self.settings.channels is None else values[:, list(self.settings.channels)]
+        chosen = channels_of(values, self.settings.channels, self.settings.input, DOING)
         begin, size = max(1, round(self.settings.baseline_s * rate_hz)), self._size(rate_hz)
         found = np.full(len(values), math.nan)
         if len(values) > begin + size:
@@ -181,23 +161,19 @@ class ForceThresholdDetector:
 
     def _follow(self, level: Floats, values: Floats, times_s: Floats, rate_hz: float) -> list[Detected]:
         size, settings = self._size(rate_hz), self.settings
-        tail = self._tail if self._tail is not None else np.empty((0, values.shape[1]))
         finite = np.isfinite(values).all(axis=1)
         values, times_s = values[finite], times_s[finite]
-        joined = np.concatenate([tail, values])
-        self._tail = joined[max(0, len(joined) - size + 1) :] if size > 1 else joined[:0]
+        joined = self._joined(values)
+        self._past = joined[max(0, len(joined) - size + 1) :] if size > 1 else joined[:0]
         if len(joined) < size:
             return []
         distances = np.linalg.norm(_running(joined, size) - level, axis=1)
         times_s = times_s[len(times_s) - len(distances) :]
         self.readings = decisions(times_s, distances, self._threshold)
         events: list[Detected] = []
-        above = distances > self._threshold
-        deciding = np.flatnonzero(above | (distances <= settings.release_ratio * self._threshold))
-        changes = deciding[np.diff(above[deciding], prepend=self._touching)]
-        for i in changes.tolist():
-            self._touching = not self._touching
-            kind = Contact if self._touching else ContactLost
+        for i, touching in changes(distances, self._threshold, self._touching, settings.release_ratio):
+            self._touching = touching
+            kind = Contact if touching else ContactLost
             events.append(kind(float(times_s[i]), self.name, float(distances[i]), self._threshold))
         return events
 

@@ -23,7 +23,7 @@ from behaviors.slip import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
 from controller.measures.trial import TrialEvidence
 from controller.measures.truth import delay_s, not_before
-from controller.signals.spectrum_blocks import SpectrumBlocks
+from controller.signals.spectrum import BlockCutter, block_peaks
 from drivers.core.messages import SampleBlock
 
 Floats = NDArray[np.float64]
@@ -356,29 +356,22 @@ def paper_blocks(recorded: Sequence[SampleBlock], channel: int | None, listen_s:
         listen_s: When the detector was subscribed; None where it never was.
     """
     found: list[PaperBlocks] = []
-    spectra: SpectrumBlocks | None = None
+    blocks: BlockCutter | None = None
     next_seq, listening = 0, False
     for block in recorded:
         rate_hz = block.rate_hz
         if rate_hz is None or not len(block):
             continue
-        if spectra is None:
-            spectra = SpectrumBlocks(round((SLOW_BLOCK_S if rate_hz < SLOW_HZ else BLOCK_S) * rate_hz))
+        if blocks is None:
+            blocks = BlockCutter(round((SLOW_BLOCK_S if rate_hz < SLOW_HZ else BLOCK_S) * rate_hz))
         begins = not listening and listen_s is not None and block.times[0] >= listen_s
         if begins or block.seq != next_seq:
-            spectra.reset()
+            blocks.reset()
         listening, next_seq = listening or begins, block.seq + len(block)
         values = block.physical if channel is None else block.physical[:, channel : channel + 1]
-        ends, power, frequency_hz = spectra.push(values, rate_hz)
-        # NaN never wins, and of equal frequencies the first channel does
-        deciding = np.argmax(np.where(np.isnan(frequency_hz), -1.0, frequency_hz), axis=1)
-        rows = np.arange(len(ends))
+        ends, complete = blocks.push(values)
         end_s = block.times[ends]
-        found.append(
-            PaperBlocks(
-                end_s - spectra.size / rate_hz, end_s, power[rows, deciding], frequency_hz[rows, deciding]
-            )
-        )
+        found.append(PaperBlocks(end_s - blocks.size / rate_hz, end_s, *block_peaks(complete, rate_hz)))
     if not found:
         return PaperBlocks(*(np.empty(0) for _ in PaperBlocks._fields))
     return PaperBlocks(*(np.concatenate(columns) for columns in zip(*found, strict=True)))

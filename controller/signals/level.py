@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.signals.undulation import BEYOND_FS
+from controller.signals.undulation import BEYOND_FS, FLOOR_FS, median
 from drivers.core.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -92,43 +92,6 @@ def z_scores(w: Window, y: Floats, missing: Ints, out: Floats) -> None:
 # --- ours: jumps, and whether the level stays ----------------------------------------------------
 
 
-class Steps(NamedTuple):
-    """Constants of the search for steps.
-
-    Attributes:
-        spans: Lengths at which a jump is looked for, samples, growing, shape (k,).
-        hops: Interval between looks at each, samples, shape (k,).
-        bends: For each by how much a mover's acceleration bends the envelope, as a share of its distance from the
-            level at rest, shape (k,).
-        keeps: Decay of the slow and the fast scale of each per look, shape (k, 2).
-        delays: Looks after which a jump enters the scales, so that it is not compared with itself, shape (k,).
-        settle: Samples for which a jump is remembered.
-        third: A third of the time for which the level must stay, samples.
-        flat: Largest distance of each third from their mean, as a share of the step.
-        learn: Samples averaged for the level at rest; no events before their end.
-        drift_fs: Largest change of the level at rest per sample.
-        end: Samples in a row that must be back for contact to be over.
-        hold: Samples after which contact persists.
-        keep_level: Decay of the contact's own level per sample.
-        patience: Bad samples in a row that are bridged.
-    """
-
-    spans: Ints
-    hops: Ints
-    bends: Floats
-    keeps: Floats
-    delays: Ints
-    settle: int
-    third: int
-    flat: float
-    learn: int
-    drift_fs: float
-    end: int
-    hold: int
-    keep_level: float
-    patience: int
-
-
 CLIP = 9.0
 """A deviation enters its scale with no more than this many times the scale: outliers do not desensitize it."""
 
@@ -161,9 +124,6 @@ WANDER = 0.3
 """The contact's own level follows slow changes by no more than this share of the step, so that a slow release is still
 detected."""
 
-FLOOR_FS = 1e-7
-"""A scale is never below this: the step of a 24-bit converter, 2^-23."""
-
 NOTHING, BEGAN, HELD, ENDED = range(4)
 """Changes at a sample."""
 
@@ -177,10 +137,25 @@ AT, STEP, FIRST, LAST, BEFORE, LEFT, REST = range(7)
 sample, and the one before it; the level before the jump that is remembered; the level at rest."""
 
 
-class LevelSearch(NamedTuple):
-    """State of the search; arrays are advanced in place.
+class StepSearch(NamedTuple):
+    """Constants and state of the search for steps; the arrays of the state, from `ring` on, are advanced in place.
 
     Attributes:
+        spans: Lengths at which a jump is looked for, samples, growing, shape (k,).
+        hops: Interval between looks at each, samples, shape (k,).
+        bends: For each by how much a mover's acceleration bends the envelope, as a share of its distance from the
+            level at rest, shape (k,).
+        keeps: Decay of the slow and the fast scale of each per look, shape (k, 2).
+        delays: Looks after which a jump enters the scales, so that it is not compared with itself, shape (k,).
+        settle: Samples for which a jump is remembered.
+        third: A third of the time for which the level must stay, samples.
+        flat: Largest distance of each third from their mean, as a share of the step.
+        learn: Samples averaged for the level at rest; no events before their end.
+        drift_fs: Largest change of the level at rest per sample.
+        end: Samples in a row that must be back for contact to be over.
+        hold: Samples after which contact persists.
+        keep_level: Decay of the contact's own level per sample.
+        patience: Bad samples in a row that are bridged.
         ring: The last samples, twice, so that any run of them is in one piece, shape (2 * size,).
         scales: For each span the mean square of its deviation, slow and fast, 0 while unknown, shape (k, 2).
         late: Squared deviations still to enter the scales, shape (k, looks).
@@ -190,6 +165,20 @@ class LevelSearch(NamedTuple):
         jump: The jump that is remembered, in scales; its square; one over its span; shape (3,).
     """
 
+    spans: Ints
+    hops: Ints
+    bends: Floats
+    keeps: Floats
+    delays: Ints
+    settle: int
+    third: int
+    flat: float
+    learn: int
+    drift_fs: float
+    end: int
+    hold: int
+    keep_level: float
+    patience: int
     ring: Complexes
     scales: Floats
     late: Floats
@@ -199,19 +188,23 @@ class LevelSearch(NamedTuple):
     jump: Floats
 
 
-def search(s: Steps) -> LevelSearch:
-    """The initial state of a search."""
+def step_search(spans: Ints, delays: Ints, third: int, **constants: Any) -> StepSearch:
+    """A search in its initial state; arguments are the constants of `StepSearch`."""
     counts = np.zeros(7, np.int64)
     counts[LASTED] = -1
-    size = max((PAST + 3) * int(s.spans[-1]), 3 * s.third)
-    return LevelSearch(
-        np.zeros(2 * size, np.complex128),
-        np.zeros((len(s.spans), 2)),
-        np.zeros((len(s.spans), int(s.delays.max()))),
-        counts,
-        np.zeros(len(s.spans), np.int64),
-        np.zeros(7, np.complex128),
-        np.zeros(3),
+    size = max((PAST + 3) * int(spans[-1]), 3 * third)
+    return StepSearch(
+        spans,
+        delays=delays,
+        third=third,
+        **constants,
+        ring=np.zeros(2 * size, np.complex128),
+        scales=np.zeros((len(spans), 2)),
+        late=np.zeros((len(spans), int(delays.max()))),
+        counts=counts,
+        looks=np.zeros(len(spans), np.int64),
+        levels=np.zeros(7, np.complex128),
+        jump=np.zeros(3),
     )
 
 
@@ -230,13 +223,13 @@ def _squared(z: complex) -> float:
 
 
 @compiled()
-def _look(s: Steps, f: LevelSearch, end: int) -> None:
+def _look(f: StepSearch, end: int) -> None:
     """Check all spans that are due, and keep the largest jump."""
     counts, scales = f.counts, f.scales
     rest = f.levels[REST]
-    for k in range(s.spans.size):
-        m = s.spans[k]
-        if counts[FILLED] < (PAST + 3) * m or counts[FILLED] % s.hops[k] != 0:
+    for k in range(f.spans.size):
+        m = f.spans[k]
+        if counts[FILLED] < (PAST + 3) * m or counts[FILLED] % f.hops[k] != 0:
             continue
         # a steady turn continues, two spans from the last of them to the newest
         near = _mean(f.ring, end - 2 * m, m) - rest
@@ -251,23 +244,23 @@ def _look(s: Steps, f: LevelSearch, end: int) -> None:
             turn *= GROWTH / abs(turn)
         jump = _mean(f.ring, end, m) - rest - near * turn * turn
         squared = _squared(jump)
-        place = f.looks[k] % s.delays[k]
-        if f.looks[k] >= s.delays[k]:
+        place = f.looks[k] % f.delays[k]
+        if f.looks[k] >= f.delays[k]:
             old_squared = f.late[k, place]
             for speed in range(2):
                 if scales[k, speed] == 0.0:
                     scales[k, speed] = old_squared
                 else:
-                    share = 1.0 - s.keeps[k, speed]
+                    share = 1.0 - f.keeps[k, speed]
                     kept = min(old_squared, CLIP * scales[k, speed])
                     scales[k, speed] += share * (kept - scales[k, speed])
             # a braking mover turns the wave less than predicted, and hardly changes its size
             size = _squared(near)
             along = (near.real * jump.real + near.imag * jump.imag) ** 2 / (size + FLOOR_FS * FLOOR_FS)
-            bend = s.bends[k] * s.bends[k] * size
+            bend = f.bends[k] * f.bends[k] * size
             noise = max(scales[k, 0], scales[k, 1]) + FLOOR_FS * FLOOR_FS
             score = math.sqrt(along / (noise + RADIAL * RADIAL * bend) + (squared - along) / (noise + bend))
-            if counts[SINCE] >= s.learn and (score > f.jump[0] or counts[AGE] > s.settle):
+            if counts[SINCE] >= f.learn and (score > f.jump[0] or counts[AGE] > f.settle):
                 f.jump[0], f.jump[1], f.jump[2] = score, squared, 1.0 / m
                 f.levels[LEFT], counts[AGE] = near + rest, 0
         f.late[k, place] = squared
@@ -275,17 +268,17 @@ def _look(s: Steps, f: LevelSearch, end: int) -> None:
 
 
 @compiled()
-def _stays(s: Steps, f: LevelSearch, end: int) -> tuple[float, complex]:
+def _stays(f: StepSearch, end: int) -> tuple[float, complex]:
     """The remembered jump, in scales, if the level has stayed away since, else 0; and the change of level."""
-    third = s.third
-    if f.counts[AGE] > s.settle or f.counts[AGE] < 2 * third or f.counts[FILLED] < 3 * third:
+    third = f.third
+    if f.counts[AGE] > f.settle or f.counts[AGE] < 2 * third or f.counts[FILLED] < 3 * third:
         return 0.0, 0j
     old = _mean(f.ring, end - 2 * third, third)
     mid = _mean(f.ring, end - third, third)
     new = _mean(f.ring, end, third)
     level = (old + mid + new) / 3.0
     change = level - f.levels[LEFT]
-    allowed = s.flat * s.flat * _squared(change)
+    allowed = f.flat * f.flat * _squared(change)
     for part in (old, mid, new):
         if not _squared(part - level) < allowed:
             return 0.0, 0j
@@ -298,26 +291,26 @@ def _stays(s: Steps, f: LevelSearch, end: int) -> tuple[float, complex]:
     for i in range(end - 3 * third, end):
         noise += _squared(f.ring[i] - level)
     noise = noise / (3.0 * third) + FLOOR_FS * FLOOR_FS
-    if not _squared(change) > SURE * SURE * noise / s.spans[0]:
+    if not _squared(change) > SURE * SURE * noise / f.spans[0]:
         return 0.0, 0j
     return min(f.jump[0], math.sqrt(f.jump[1] / (NOISY * noise * f.jump[2]))), change
 
 
 @compiled()
-def _rest(s: Steps, f: LevelSearch, z: complex) -> None:
+def _rest(f: StepSearch, z: complex) -> None:
     """One sample without contact: the mean of the first ones is the level at rest, which then follows drift alone."""
     counts, levels = f.counts, f.levels
-    if counts[SINCE] < s.learn:
+    if counts[SINCE] < f.learn:
         counts[SINCE] += 1
         levels[REST] += (z - levels[REST]) / counts[SINCE]
         return
     off = z - levels[REST]
     away = abs(off)
-    levels[REST] += off if away <= s.drift_fs else off * (s.drift_fs / away)
+    levels[REST] += off if away <= f.drift_fs else off * (f.drift_fs / away)
 
 
 @compiled()
-def _restart(f: LevelSearch) -> None:
+def _restart(f: StepSearch) -> None:
     """Drop the samples so far; scales are kept."""
     f.counts[FILLED] = 0
     f.looks[:] = 0
@@ -325,7 +318,7 @@ def _restart(f: LevelSearch) -> None:
 
 
 @compiled()
-def _turn(f: LevelSearch, z: complex) -> None:
+def _turn(f: StepSearch, z: complex) -> None:
     """First sample after a gap, over which the drive's phase may have stepped: the levels turn with it, sizes stay."""
     turn = z * f.levels[LAST].conjugate()
     size = abs(turn)
@@ -334,7 +327,7 @@ def _turn(f: LevelSearch, z: complex) -> None:
 
 
 @compiled()
-def _touch(s: Steps, f: LevelSearch, z: complex) -> tuple[float, int]:
+def _touch(f: StepSearch, z: complex) -> tuple[float, int]:
     """One sample of a contact; returns the share of the step left, and the change."""
     counts, levels = f.counts, f.levels
     counts[LASTED] += 1
@@ -344,34 +337,28 @@ def _touch(s: Steps, f: LevelSearch, z: complex) -> tuple[float, int]:
     left = 1.0 + (step.real * off.real + step.imag * off.imag) / size
     if left < BACK:
         counts[RETURNING] += 1
-        if counts[RETURNING] >= s.end:
+        if counts[RETURNING] >= f.end:
             counts[LASTED] = -1
             counts[RETURNING] = 0
             _restart(f)
             return left, ENDED
     else:
         counts[RETURNING] = 0
-        levels[AT] += (1.0 - s.keep_level) * off
+        levels[AT] += (1.0 - f.keep_level) * off
         away = levels[AT] - levels[FIRST]
         if _squared(away) > WANDER * WANDER * size:
             levels[AT] = levels[FIRST] + away * (WANDER * math.sqrt(size / _squared(away)))
-    return left, HELD if counts[LASTED] == s.hold else NOTHING
-
-
-@compiled()
-def _middle(a: float, b: float, c: float) -> float:
-    return max(min(a, b), min(max(a, b), c))
+    return left, HELD if counts[LASTED] == f.hold else NOTHING
 
 
 @compiled()
 def find_steps(
-    s: Steps, f: LevelSearch, threshold: float, z: Complexes, missing: Ints, scores: Floats, changes: Ints
+    f: StepSearch, threshold: float, z: Complexes, missing: Ints, scores: Floats, changes: Ints
 ) -> None:
     """Process n samples.
 
     Args:
-        s: Constants.
-        f: State, advanced.
+        f: The search, advanced.
         threshold: Scales that a jump must have.
         z: Envelope, full scales, shape (n,).
         missing: Samples lost just before each, shape (n,).
@@ -385,12 +372,12 @@ def find_steps(
         scores[i], changes[i] = math.nan, NOTHING
         if missing[i] != 0:
             counts[FRESH] = 0
-            counts[SEEN_BAD] = s.patience + 1
+            counts[SEEN_BAD] = f.patience + 1
             _turn(f, z[i])
         if not (abs(z[i].real) < BEYOND_FS and abs(z[i].imag) < BEYOND_FS):
             counts[SEEN_BAD] += 1
             continue
-        if counts[SEEN_BAD] > s.patience:
+        if counts[SEEN_BAD] > f.patience:
             _restart(f)
             counts[RETURNING] = 0
         counts[SEEN_BAD] = 0
@@ -400,23 +387,20 @@ def find_steps(
         if counts[FRESH] < 3:
             continue
         counts[FRESH] = 3
-        # one bad sample never gets through the median of three, whatever its size
-        sample = complex(
-            _middle(before.real, last.real, z[i].real), _middle(before.imag, last.imag, z[i].imag)
-        )
+        sample = median(before, last, z[i])
         if counts[LASTED] >= 0:
-            scores[i], changes[i] = _touch(s, f, sample)
+            scores[i], changes[i] = _touch(f, sample)
             continue
         place = counts[FILLED] % size
         ring[place] = ring[place + size] = sample
         end = place + size + 1
         counts[FILLED] += 1
         counts[AGE] += 1
-        _rest(s, f, sample)
-        _look(s, f, end)
+        _rest(f, sample)
+        _look(f, end)
         if f.jump[0] <= 0.0:
             continue
-        jump, change = _stays(s, f, end)
+        jump, change = _stays(f, end)
         if jump > 0.0:
             scores[i] = jump
             if jump > threshold:

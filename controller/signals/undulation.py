@@ -14,7 +14,7 @@ docs/explanation/pretouch.md derives it.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,32 +46,6 @@ STILL = 0.125
 be a little larger than the background's. Chosen on simulated rooms (benchmarks/pretouch_rooms.py)."""
 
 
-class Way(NamedTuple):
-    """Constants of the fit.
-
-    Attributes:
-        kappa_rad_m: Spatial frequencies looked for, with their sign, shape (k,).
-        cell_m: Length of a cell.
-        memory_m: Distance at which a cell's weight has fallen to 1/e.
-        least_m: Way to go before the fit is believed.
-        longest: Samples that a cell averages at most: the last ones, when the mover creeps.
-        background_fs: Largest amplitude that a still background may have.
-        lag: Cells after which a wave's size counts as background.
-        pause: Samples after which a cell begun is forgotten and the fit begins anew: the offset has drifted.
-        patience: Lost or bad samples in a row after which the fit begins anew.
-    """
-
-    kappa_rad_m: Floats
-    cell_m: float
-    memory_m: float
-    least_m: float
-    longest: int
-    background_fs: float
-    lag: int
-    pause: int
-    patience: int
-
-
 WEIGHT, SLOPE, SQUARE, ENERGY, WEIGHT_2, LAST_M, GONE_M, CELL_FROM_M, CELL_X_M, REFERENCE_M = range(10)
 """Places among the scalars: sums of w, w s, w s^2, w |z|^2 and w^2; place of the last cell and way gone since the fit
 began; where the present cell began, mean position in it; zero of the wave's phase."""
@@ -86,10 +60,19 @@ REFERENCE, CELL, LEVEL, RAMP, BEFORE, MIDDLE = range(6)
 w s z; the last two samples, for the median of three."""
 
 
-class Fit(NamedTuple):
-    """State of the fit; all arrays are advanced in place.
+class WaveFit(NamedTuple):
+    """Constants and state of the fit; all arrays but the first are advanced in place.
 
     Attributes:
+        kappa_rad_m: Spatial frequencies looked for, with their sign, shape (k,).
+        cell_m: Length of a cell.
+        memory_m: Distance at which a cell's weight has fallen to 1/e.
+        least_m: Way to go before the fit is believed.
+        longest: Samples that a cell averages at most: the last ones, when the mover creeps.
+        background_fs: Largest amplitude that a still background may have.
+        lag: Cells after which a wave's size counts as background.
+        pause: Samples after which a cell begun is forgotten and the fit begins anew: the offset has drifted.
+        patience: Lost or bad samples in a row after which the fit begins anew.
         scalars: Shape (10,).
         counts: Shape (8,).
         levels: Complex scalars, shape (6,).
@@ -98,6 +81,15 @@ class Fit(NamedTuple):
         largest_fs: Largest amplitude up to each of the last cells, in turn, shape (lag,).
     """
 
+    kappa_rad_m: Floats
+    cell_m: float
+    memory_m: float
+    least_m: float
+    longest: int
+    background_fs: float
+    lag: int
+    pause: int
+    patience: int
     scalars: Floats
     counts: Ints
     levels: Complexes
@@ -106,18 +98,21 @@ class Fit(NamedTuple):
     largest_fs: Floats
 
 
-def empty_fit(way: Way) -> Fit:
-    """An empty fit."""
-    scalars = np.zeros(10)
-    scalars[CELL_FROM_M] = np.nan
-    return Fit(
-        scalars,
-        np.zeros(8, np.int64),
-        np.zeros(6, np.complex128),
-        np.zeros((len(way.kappa_rad_m), 3), np.complex128),
-        np.full(1, np.nan),
-        np.zeros(way.lag),
+def wave_fit(kappa_rad_m: Floats, lag: int, **constants: Any) -> WaveFit:
+    """A fit in its initial state; arguments are the constants of `WaveFit`."""
+    fit = WaveFit(
+        kappa_rad_m,
+        lag=lag,
+        **constants,
+        scalars=np.zeros(10),
+        counts=np.zeros(8, np.int64),
+        levels=np.zeros(6, np.complex128),
+        waves=np.zeros((len(kappa_rad_m), 3), np.complex128),
+        middle_m=np.full(1, np.nan),
+        largest_fs=np.zeros(lag),
     )
+    fit.scalars[CELL_FROM_M] = np.nan
+    return fit
 
 
 @compiled()
@@ -126,7 +121,13 @@ def _middle(a: float, b: float, c: float) -> float:
 
 
 @compiled()
-def _forget(f: Fit) -> None:
+def median(a: complex, b: complex, c: complex) -> complex:
+    """Of three samples: one bad sample never gets through, whatever its size."""
+    return complex(_middle(a.real, b.real, c.real), _middle(a.imag, b.imag, c.imag))
+
+
+@compiled()
+def _forget(f: WaveFit) -> None:
     """The fit begins anew; the sample that comes next is the first of a cell."""
     f.scalars[:] = 0.0
     f.scalars[CELL_FROM_M] = np.nan
@@ -136,10 +137,10 @@ def _forget(f: Fit) -> None:
 
 
 @compiled()
-def _travel(w: Way, f: Fit, step_m: float) -> None:
+def _travel(f: WaveFit, step_m: float) -> None:
     """Let all sums forget a step, and count the way from here."""
     v, levels, waves = f.scalars, f.levels, f.waves
-    keep = math.exp(-step_m / w.memory_m)
+    keep = math.exp(-step_m / f.memory_m)
     # the order matters: each line uses the sums of lower order as they were
     v[SQUARE] = keep * (v[SQUARE] - 2.0 * step_m * v[SLOPE] + step_m * step_m * v[WEIGHT])
     v[SLOPE] = keep * (v[SLOPE] - step_m * v[WEIGHT])
@@ -155,20 +156,20 @@ def _travel(w: Way, f: Fit, step_m: float) -> None:
 
 
 @compiled()
-def _judge(f: Fit) -> tuple[float, complex, complex, complex, float]:
-    """The best spatial frequency's F ratio, its amplitude at the reference, offset and slope of the fit that goes
-    with it, and the residual's variance of a cell."""
+def _judge(f: WaveFit) -> tuple[float, complex, complex, float]:
+    """The best spatial frequency's F ratio, its amplitude at the reference, the offset that goes with it, and the
+    residual's variance of a cell."""
     v, waves = f.scalars, f.waves
     s0, s1, s2 = v[WEIGHT], v[SLOPE], v[SQUARE]
     t0, t1 = f.levels[LEVEL], f.levels[RAMP]
     freedom = s0 * s0 / v[WEIGHT_2] - NUISANCES if v[WEIGHT_2] > 0.0 else 0.0
     determinant = s0 * s2 - s1 * s1
     if freedom < 2.0 or not determinant > 1e-12 * s0 * s2:
-        return math.nan, 0j, 0j, 0j, math.nan
+        return math.nan, 0j, 0j, math.nan
     # G^-1 [t0, t1]
     level, ramp = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
     left = v[ENERGY] - (level.conjugate() * t0 + ramp.conjugate() * t1).real
-    best, amplitude, at_level, at_ramp, kept = -1.0, 0j, level, ramp, max(left, 0.0)
+    best, amplitude, at_level, kept = -1.0, 0j, level, max(left, 0.0)
     for k in range(waves.shape[0]):
         c0, c1 = waves[k, 0], waves[k, 1]
         e_level, e_ramp = (s2 * c0 - s1 * c1) / determinant, (s0 * c1 - s1 * c0) / determinant
@@ -180,31 +181,31 @@ def _judge(f: Fit) -> tuple[float, complex, complex, complex, float]:
         if explained > best:
             best = explained
             amplitude = across / size
-            at_level, at_ramp = level - amplitude * e_level, ramp - amplitude * e_ramp
+            at_level = level - amplitude * e_level
             kept = max(left - explained, 0.0)
             f.counts[CANDIDATE] = k
     if best < 0.0:
-        return math.nan, 0j, 0j, 0j, math.nan
+        return math.nan, 0j, 0j, math.nan
     # a weighted mean of squares, brought to an unbiased one
     variance = kept / s0 * (freedom + NUISANCES) / freedom + FLOOR_FS * FLOOR_FS
-    return best / s0 * (freedom + NUISANCES) / variance, amplitude, at_level, at_ramp, variance
+    return best / s0 * (freedom + NUISANCES) / variance, amplitude, at_level, variance
 
 
 @compiled()
-def _background(w: Way, f: Fit, size_fs: float) -> float:
+def _background(f: WaveFit, size_fs: float) -> float:
     """Amplitude that is granted to a still background: the largest that was there a lag ago, or the largest that one
     may have while the way is short. Takes note of the present one."""
     at = f.counts[SIZED]
-    place = at % w.lag
-    still_fs = min(f.largest_fs[place], w.background_fs) if at >= w.lag else w.background_fs
-    before_fs = f.largest_fs[(at - 1) % w.lag] if at > 0 else 0.0
+    place = at % f.lag
+    still_fs = min(f.largest_fs[place], f.background_fs) if at >= f.lag else f.background_fs
+    before_fs = f.largest_fs[(at - 1) % f.lag] if at > 0 else 0.0
     f.largest_fs[place] = max(before_fs, size_fs)
     f.counts[SIZED] += 1
     return still_fs
 
 
 @compiled()
-def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
+def _add(f: WaveFit, z: complex, x_m: float) -> tuple[float, float]:
     """Take a cell into the fit; returns F and the amplitude in full scales, NaN while it is not believed."""
     v, counts, levels, waves = f.scalars, f.counts, f.levels, f.waves
     if counts[CELLS] == 0:
@@ -212,12 +213,12 @@ def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
     step_m = abs(x_m - v[LAST_M])
     v[GONE_M] += step_m
     v[LAST_M] = x_m
-    _travel(w, f, step_m)
+    _travel(f, step_m)
     z = z - levels[REFERENCE]
-    if v[GONE_M] >= w.least_m:
-        _, amplitude, level, _, variance = _judge(f)
+    if v[GONE_M] >= f.least_m:
+        _, amplitude, level, variance = _judge(f)
         if math.isfinite(variance):
-            phase = w.kappa_rad_m[counts[CANDIDATE]] * (x_m - v[REFERENCE_M])
+            phase = f.kappa_rad_m[counts[CANDIDATE]] * (x_m - v[REFERENCE_M])
             predicted = level + amplitude * complex(math.cos(phase), math.sin(phase))
             # the prediction may be as wrong as the residual
             if abs(z - predicted) ** 2 > OUTLIER * OUTLIER * variance:
@@ -232,29 +233,28 @@ def _add(w: Way, f: Fit, z: complex, x_m: float) -> tuple[float, float]:
     v[ENERGY] += z.real * z.real + z.imag * z.imag
     levels[LEVEL] += z
     for k in range(waves.shape[0]):
-        phase = w.kappa_rad_m[k] * (x_m - v[REFERENCE_M])
+        phase = f.kappa_rad_m[k] * (x_m - v[REFERENCE_M])
         wave = complex(math.cos(phase), math.sin(phase))
         waves[k, 0] += wave
         waves[k, 2] += wave.conjugate() * z
-    if v[GONE_M] < w.least_m:
+    if v[GONE_M] < f.least_m:
         return math.nan, math.nan
-    ratio, amplitude, _, _, _ = _judge(f)
+    ratio, amplitude, _, _ = _judge(f)
     size_fs = abs(amplitude)
     if not math.isfinite(ratio) or size_fs == 0.0:
         return ratio, size_fs
-    still_fs = _background(w, f, size_fs)
+    still_fs = _background(f, size_fs)
     return ratio / (1.0 + STILL * ratio * (still_fs / size_fs) ** 2), size_fs
 
 
 @compiled()
-def undulate(
-    w: Way, f: Fit, z: Complexes, x_m: Floats, missing: Ints, ratios: Floats, amplitudes_fs: Floats
+def fit_wave(
+    f: WaveFit, z: Complexes, x_m: Floats, missing: Ints, ratios: Floats, amplitudes_fs: Floats
 ) -> None:
     """Process n samples.
 
     Args:
-        w: Constants.
-        f: State, advanced.
+        f: The fit, advanced.
         z: Envelope, full scales, shape (n,); a value that is not finite is left out.
         x_m: Position of the mover, shape (n,); NaN where unknown.
         missing: Samples lost just before each, negative where unknown, shape (n,).
@@ -269,11 +269,11 @@ def undulate(
         if missing[i] != 0:
             counts[FRESH] = 0
             counts[INSIDE] = 0  # a cell with a hole in it has no middle
-            counts[BAD] += missing[i] if missing[i] > 0 else w.patience
+            counts[BAD] += missing[i] if missing[i] > 0 else f.patience
         if not (abs(z[i].real) < BEYOND_FS and abs(z[i].imag) < BEYOND_FS and math.isfinite(x_m[i])):
             counts[BAD] += 1
             continue
-        if counts[BAD] >= w.patience:
+        if counts[BAD] >= f.patience:
             _forget(f)
             counts[FRESH] = 0
         counts[BAD] = 0
@@ -283,24 +283,21 @@ def undulate(
         if counts[FRESH] < 3:
             continue
         counts[FRESH] = 3
-        # one bad sample never gets through the median of three, whatever its size
-        sample = complex(
-            _middle(before.real, middle.real, z[i].real), _middle(before.imag, middle.imag, z[i].imag)
-        )
+        sample = median(before, middle, z[i])
         if not math.isfinite(v[CELL_FROM_M]):
             v[CELL_FROM_M] = at_m
         counts[DWELL] += 1
-        counts[INSIDE] = min(counts[INSIDE] + 1, w.longest)
+        counts[INSIDE] = min(counts[INSIDE] + 1, f.longest)
         share = 1.0 / counts[INSIDE]
         if counts[INSIDE] == 1:
             levels[CELL], v[CELL_X_M] = sample, at_m
         else:
             levels[CELL] += share * (sample - levels[CELL])
             v[CELL_X_M] += share * (at_m - v[CELL_X_M])
-        if counts[DWELL] == w.pause:
+        if counts[DWELL] == f.pause:
             _forget(f)
-        elif abs(at_m - v[CELL_FROM_M]) >= w.cell_m:
+        elif abs(at_m - v[CELL_FROM_M]) >= f.cell_m:
             cell, cell_m = levels[CELL], v[CELL_X_M]
             v[CELL_FROM_M] = at_m
             counts[INSIDE] = counts[DWELL] = 0
-            ratios[i], amplitudes_fs[i] = _add(w, f, cell, cell_m)
+            ratios[i], amplitudes_fs[i] = _add(f, cell, cell_m)

@@ -60,38 +60,28 @@ BEYOND = 1e100
 """A larger magnitude counts as a missing sample: its square would overflow."""
 
 
-class Settling(NamedTuple):
-    """Constants of the predictor, in samples where they are times.
+class Predictor(NamedTuple):
+    """Constants and state of one channel; times are in samples, and the arrays are advanced in place.
 
     Attributes:
-        learn: Second differences that set the first guess of the noise.
         keep: Share of the normal equations that a sample leaves of the past.
         keep_energy: The same of the energy.
         scale: Samples in which the noise level follows by a factor e at most a third.
         model_error: Part of a ring's amplitude that the prediction may miss.
-    """
-
-    learn: int
-    keep: float
-    keep_energy: float
-    scale: float
-    model_error: float
-
-
-class Predictor(NamedTuple):
-    """State of one channel; all arrays are advanced in place.
-
-    Attributes:
         gram: Normal equations, lower triangle, shape (order, order).
         cross: Their right side, shape (order,).
         past: Last second differences, the newest first, shape (order,).
         weights: Of the prediction, shape (order,).
         factor: Cholesky factor, scratch, shape (order, order).
-        first: Magnitudes received while learning, shape (learn,).
+        first: Magnitudes of the second differences that set the first guess of the noise, shape (learn,).
         scalars: Shape (6,).
         counts: Shape (2,).
     """
 
+    keep: float
+    keep_energy: float
+    scale: float
+    model_error: float
     gram: Floats
     cross: Floats
     past: Floats
@@ -102,11 +92,17 @@ class Predictor(NamedTuple):
     counts: Ints
 
 
-def predictor(order: int, learn: int) -> Predictor:
-    """A predictor in its initial state."""
+def predictor(
+    order: int, learn: int, *, keep: float, keep_energy: float, scale: float, model_error: float
+) -> Predictor:
+    """A predictor in its initial state, from `order` values, that learns from `learn`; the rest as in `Predictor`."""
     scalars = np.zeros(6)
     scalars[GAIN] = SECOND_DIFFERENCE_GAIN
     return Predictor(
+        keep,
+        keep_energy,
+        scale,
+        model_error,
         gram=np.zeros((order, order)),
         cross=np.zeros(order),
         past=np.zeros(order),
@@ -178,12 +174,11 @@ def _solve(p: Predictor) -> None:
 
 
 @compiled()
-def innovate(s: Settling, p: Predictor, x: float) -> float:
+def innovate(p: Predictor, x: float) -> float:
     """Process one sample.
 
     Args:
-        s: Constants.
-        p: State, advanced.
+        p: The predictor, advanced.
         x: The sample; NaN or infinity is a gap.
 
     Returns:
@@ -201,7 +196,7 @@ def innovate(s: Settling, p: Predictor, x: float) -> float:
     v[SLOPE] = slope
     if counts[FRESH] < 3:
         return math.nan
-    learn = s.learn
+    learn = p.first.size
     if counts[COUNT] < learn:
         p.first[counts[COUNT]] = abs(d)
         counts[COUNT] += 1
@@ -222,29 +217,29 @@ def innovate(s: Settling, p: Predictor, x: float) -> float:
             e -= weights[i] * past[i]
         floor = v[GAIN] * v[NOISE]
         squared = e * e
-        allowed = floor + s.model_error * s.model_error * v[ENERGY]
+        allowed = floor + p.model_error * p.model_error * v[ENERGY]
         ratio = squared / allowed
         v[BARE] = squared / floor
         # a constant signal shows nothing of its noise
         if squared > 0.0:
-            v[NOISE] *= 1.0 + (min(v[BARE], CUT) - CUT_MEAN) / s.scale
-            _learn(s, p, d, min(1.0, 1.0 / ratio))
+            v[NOISE] *= 1.0 + (min(v[BARE], CUT) - CUT_MEAN) / p.scale
+            _learn(p, d, min(1.0, 1.0 / ratio))
     counts[COUNT] += 1
     if counts[COUNT] % SOLVE_EVERY == 0:
         _solve(p)
     for i in range(order - 1, 0, -1):
         past[i] = past[i - 1]
     past[0] = d
-    v[ENERGY] = s.keep_energy * v[ENERGY] + (1.0 - s.keep_energy) * d * d
+    v[ENERGY] = p.keep_energy * v[ENERGY] + (1.0 - p.keep_energy) * d * d
     return ratio if counts[COUNT] >= 2 * learn else math.nan
 
 
 @compiled()
-def _learn(s: Settling, p: Predictor, d: float, weight: float) -> None:
+def _learn(p: Predictor, d: float, weight: float) -> None:
     """Add one row to the normal equations; large innovations count less, since a blow shows nothing of ringing."""
     gram, cross, past = p.gram, p.cross, p.past
     for i in range(past.size):
         row = weight * past[i]
-        cross[i] = s.keep * cross[i] + row * d
+        cross[i] = p.keep * cross[i] + row * d
         for j in range(i + 1):
-            gram[i, j] = s.keep * gram[i, j] + row * past[j]
+            gram[i, j] = p.keep * gram[i, j] + row * past[j]

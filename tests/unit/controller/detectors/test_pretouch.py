@@ -10,7 +10,7 @@ from behaviors.events import PreTouch, PreTouchLost
 from controller.detectors.calibration import calibrate, calibrate_pieces
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
-from controller.signals.undulation import undulate
+from controller.signals.undulation import fit_wave
 from drivers.core.messages import SampleBlock
 
 RATE_HZ = 1000.0
@@ -206,7 +206,7 @@ def test_calibrating_compiles_nothing_beside_what_a_bench_needs():
     detector.warm_up()
     detector.statistic(np.random.default_rng(4).standard_normal((100, 3)), RATE_HZ)
     # in a table a column is not in one piece, and numba compiles anew for that
-    layouts = {argument.layout for types in undulate.signatures for argument in types[2:]}  # type: ignore[attr-defined]
+    layouts = {argument.layout for types in fit_wave.signatures for argument in types[1:]}  # type: ignore[attr-defined]
     assert layouts == {"C"}
 
 

@@ -84,7 +84,7 @@ def test_after_a_reset_it_learns_anew():
 
 
 def test_a_channel_that_is_not_there_and_a_stream_without_a_rate_are_one_clear_line():
-    with pytest.raises(ValueError, match=r"channels \[3\] .* it has 1; count from 0"):
+    with pytest.raises(ValueError, match=r"no channel 3 .* it has 1; count from 0"):
         detector(channels=[3]).push(block(step()))
     irregular = SampleBlock("board.period", 0, 0.0, np.zeros((2, 1)), times_s=np.array([0.0, 0.1]))
     with pytest.raises(ValueError, match="irregular times"):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.signals.undulation import NUISANCES, Way, empty_fit, undulate
+from controller.signals.undulation import NUISANCES, fit_wave, wave_fit
 
 KAPPA_RAD_M = 1465.0
 CELL_M = 0.00027
@@ -21,14 +21,14 @@ def way(**changes):
         "pause": 5000,
         "patience": 500,
     }
-    return Way(**{**given, **changes})
+    return given | changes
 
 
 def fitted(z, x_m, constants=None, missing=None):
     constants = constants or way()
     ratios, amplitudes = np.empty(len(z)), np.empty(len(z))
     missing = np.zeros(len(z), np.int64) if missing is None else missing
-    undulate(constants, empty_fit(constants), np.asarray(z, complex), x_m, missing, ratios, amplitudes)
+    fit_wave(wave_fit(**constants), np.asarray(z, complex), x_m, missing, ratios, amplitudes)
     return ratios, amplitudes
 
 

@@ -5,20 +5,15 @@ import pytest
 from scipy.stats import norm, truncnorm
 
 from controller.signals import whitening
-from controller.signals.whitening import GAIN, NOISE, Settling, first_level, innovate, predictor
+from controller.signals.whitening import GAIN, NOISE, first_level, innovate, predictor
 
-SETTLING = Settling(
-    learn=500,
-    keep=math.exp(-1 / 4000),
-    keep_energy=math.exp(-1 / 10),
-    scale=2000.0,
-    model_error=0.1,
-)
+LEARN = 500
 
 
-def ratios(x, order=10, settling=SETTLING):
-    state = predictor(order, settling.learn)
-    return np.array([innovate(settling, state, value) for value in x]), state
+def ratios(x):
+    memory = {"keep": math.exp(-1 / 4000), "keep_energy": math.exp(-1 / 10), "scale": 2000.0}
+    state = predictor(10, LEARN, **memory, model_error=0.1)
+    return np.array([innovate(state, value) for value in x]), state
 
 
 def ring(n, frequency, damping, rate_hz=1000.0):
@@ -50,7 +45,7 @@ def test_of_a_coarse_converter_the_first_level_is_that_of_its_step():
 def test_without_any_motion_there_is_no_level_and_learning_begins_anew():
     found, state = ratios(np.full(3000, 2.5))
     assert np.isnan(found).all()
-    assert state.counts[whitening.COUNT] < SETTLING.learn
+    assert state.counts[whitening.COUNT] < LEARN
 
 
 def test_in_noise_the_ratio_has_mean_one_and_the_level_is_the_noises():

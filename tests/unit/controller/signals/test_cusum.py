@@ -4,49 +4,51 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from controller.signals.evidence import (
+from controller.signals.cusum import (
     CREDIT,
     MISSING,
     MOST_VIBRATION_NAT,
-    Odds,
+    Cusum,
     accumulate,
     log_odds,
     louder,
 )
 from controller.signals.octaves import LEVEL, filter_octaves, judge_octaves, learn_octaves, octaves
-from controller.signals.whitening import Settling, predictor
+from controller.signals.whitening import predictor
 
-ODDS = Odds(
-    knock=0.2,
-    jump=0.001,
-    ratio=30.0,
-    cap=math.log(200.0),
-    refill=0.6,
-    patience=100,
-    follow=0.02,
-    most_followed=math.log(2.25),
-)
-SETTLING = Settling(
-    learn=100,
-    keep=math.exp(-1 / 4000),
-    keep_energy=math.exp(-1 / 10),
-    scale=2000.0,
-    model_error=0.1,
-)
+
+def cusum():
+    state = np.zeros(9)
+    state[CREDIT] = math.log(200.0)
+    return Cusum(
+        knock=0.2,
+        jump=0.001,
+        ratio=30.0,
+        cap=math.log(200.0),
+        refill=0.6,
+        patience=100,
+        follow=0.02,
+        most_followed=math.log(2.25),
+        state=state,
+        totals=np.zeros(33),
+    )
+
+
+ODDS = cusum()
 
 
 class Channel:
     """A channel; below 60 Hz it has no octaves, and detects knocks alone."""
 
     def __init__(self, rate_hz, ceiling=math.inf):
-        self.parts = ODDS, SETTLING, predictor(10, SETTLING.learn), octaves(rate_hz)
-        self.state, self.totals, self.ceiling = np.zeros(9), np.zeros(33), ceiling
-        self.state[CREDIT] = ODDS.cap
+        memory = {"keep": math.exp(-1 / 4000), "keep_energy": math.exp(-1 / 10), "scale": 2000.0}
+        self.cusum, self.ceiling = cusum(), ceiling
+        self.parts = self.cusum, predictor(10, 100, **memory, model_error=0.1), octaves(rate_hz)
 
     def __call__(self, x):
         out, begin = np.empty(len(x)), 0
         while begin < len(x):
-            begin += accumulate(*self.parts, self.state, self.totals, x[begin:], self.ceiling, out[begin:])
+            begin += accumulate(*self.parts, x[begin:], self.ceiling, out[begin:])
         return np.nan_to_num(out)
 
 
@@ -101,9 +103,9 @@ def test_a_short_gap_keeps_the_sum_and_a_long_one_does_not():
 def test_missing_samples_are_counted_until_the_next_good_one():
     channel = Channel(50.0)
     channel(np.random.default_rng(4).standard_normal(500))
-    assert channel.state[MISSING] == 0.0
+    assert channel.cusum.state[MISSING] == 0.0
     channel(np.full(7, np.nan))
-    assert channel.state[MISSING] == 7.0
+    assert channel.cusum.state[MISSING] == 7.0
 
 
 def test_noise_twice_as_strong_gives_some_evidence_and_is_then_quiet():

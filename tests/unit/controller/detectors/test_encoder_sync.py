@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.signals.along import UNKNOWN, Along
+from controller.detectors.envelope import UNKNOWN, EncoderSync
 from drivers.core.messages import SampleBlock
 
 ALONG_X = (1.0, 0.0, 0.0)
@@ -21,7 +21,7 @@ def encoder(first, metres, rate_hz=500.0):
 
 
 def along(encoder="arm.position", direction=ALONG_X):
-    return Along("signals.right", encoder, direction, "testing")
+    return EncoderSync("signals.right", encoder, direction, "testing")
 
 
 def test_a_sample_waits_until_the_encoder_has_reached_its_time():

@@ -1,5 +1,4 @@
-"""Running evidence of slip: knocks that no single blow can fake, and vibration that one blow cannot drive far.
-Compiled."""
+"""Page's CUSUM over knocks, which no single blow can drive far, and the likelihood of vibration beside it. Compiled."""
 
 from __future__ import annotations
 
@@ -17,23 +16,13 @@ from controller.signals.octaves import (
     learn_octaves,
     quiet_level,
 )
-from controller.signals.whitening import (
-    BARE,
-    BEYOND,
-    COUNT,
-    FRESH,
-    LIMIT,
-    NOISE,
-    Predictor,
-    Settling,
-    innovate,
-)
+from controller.signals.whitening import BARE, BEYOND, COUNT, FRESH, LIMIT, NOISE, Predictor, innovate
 from drivers.core.compiled import compiled
 
 Floats = NDArray[np.float64]
 
 SUM, CREDIT, MISSING, MEDIAN, TAIL, TOTAL, USED, VIBRATION, QUIET = range(9)
-"""Places in the evidence: the sum over knocks; what may still be added now; samples missing since the last good one;
+"""Places in the state: the sum over knocks; what may still be added now; samples missing since the last good one;
 logarithms of the innovations' running median and of their 98 % quantile over those of normal noise; sum of the
 innovations, and how many; what vibration was worth last; its root mean square in the quiet that was learned, in the
 input's unit."""
@@ -63,8 +52,8 @@ FLOOR = 1e-3
 """Share of the noise's variance that is added to an octave's energy: a constant converter reading has none."""
 
 
-class Odds(NamedTuple):
-    """Two opinions about the next innovation, both mixtures of noise and knocks.
+class Cusum(NamedTuple):
+    """Two opinions about the next innovation, both mixtures of noise and knocks; and the state, advanced in place.
 
     Attributes:
         knock: Chance of a knock per sample while it slips.
@@ -75,6 +64,8 @@ class Odds(NamedTuple):
         patience: Missing samples after which the sum restarts.
         follow: How far the logarithm of the running median moves in a sample; that of the tail, at most.
         most_followed: Largest value of that of the median.
+        state: Shape (9,).
+        totals: Running sums of squared innovations, a ring, shape (size,).
     """
 
     knock: float
@@ -85,14 +76,16 @@ class Odds(NamedTuple):
     patience: int
     follow: float
     most_followed: float
+    state: Floats
+    totals: Floats
 
 
 @compiled()
-def log_odds(o: Odds, squared: float) -> float:
+def log_odds(c: Cusum, squared: float) -> float:
     """Log-likelihood ratio of an innovation, given its square in variances of noise; bounded by `cap`."""
     # beyond 100 the exponential outweighs all else, and the ratio is at its cap
-    lift = math.exp(0.5 * min(squared, 100.0) * (1.0 - 1.0 / o.ratio)) / math.sqrt(o.ratio)
-    return math.log((1.0 - o.knock + o.knock * lift) / (1.0 - o.jump + o.jump * lift))
+    lift = math.exp(0.5 * min(squared, 100.0) * (1.0 - 1.0 / c.ratio)) / math.sqrt(c.ratio)
+    return math.log((1.0 - c.knock + c.knock * lift) / (1.0 - c.jump + c.jump * lift))
 
 
 @compiled()
@@ -114,67 +107,56 @@ def louder(totals: Floats, count: int) -> float:
 
 
 @compiled()
-def _follow(o: Odds, evidence: Floats, squared: float, pace: float) -> None:
+def _follow(c: Cusum, squared: float, pace: float) -> None:
     """Moves the running median and tail of the innovations."""
-    found = math.log(squared + 1e-12)
-    step = pace if found - MEDIAN_NORMAL > evidence[MEDIAN] else -pace
-    evidence[MEDIAN] = min(max(evidence[MEDIAN] + step, 0.0), o.most_followed)
-    beyond = 1.0 if found - TAIL_NORMAL > evidence[TAIL] else 0.0
-    evidence[TAIL] = min(max(evidence[TAIL] + pace * (beyond - TAIL_SHARE), 0.0), MOST_TAIL_NAT)
+    state, found = c.state, math.log(squared + 1e-12)
+    step = pace if found - MEDIAN_NORMAL > state[MEDIAN] else -pace
+    state[MEDIAN] = min(max(state[MEDIAN] + step, 0.0), c.most_followed)
+    beyond = 1.0 if found - TAIL_NORMAL > state[TAIL] else 0.0
+    state[TAIL] = min(max(state[TAIL] + pace * (beyond - TAIL_SHARE), 0.0), MOST_TAIL_NAT)
 
 
 @compiled()
-def _knocks(o: Odds, evidence: Floats, squared: float, ceiling: float) -> None:
+def _knocks(c: Cusum, squared: float, ceiling: float) -> None:
     """Takes one innovation into Page's sum."""
-    _follow(o, evidence, squared, o.follow)
-    gain = log_odds(o, squared * math.exp(-max(evidence[MEDIAN], evidence[TAIL])))
+    state = c.state
+    _follow(c, squared, c.follow)
+    gain = log_odds(c, squared * math.exp(-max(state[MEDIAN], state[TAIL])))
     if gain > 0.0:
-        gain = min(gain, evidence[CREDIT])
-        evidence[CREDIT] -= gain
-    evidence[CREDIT] = min(o.cap, evidence[CREDIT] + o.refill)
-    evidence[SUM] = min(max(0.0, evidence[SUM] + gain), ceiling)
+        gain = min(gain, state[CREDIT])
+        state[CREDIT] -= gain
+    state[CREDIT] = min(c.cap, state[CREDIT] + c.refill)
+    state[SUM] = min(max(0.0, state[SUM] + gain), ceiling)
 
 
 @compiled()
-def _vibration(bands: Octaves, evidence: Floats, totals: Floats, floor: float) -> float:
-    """Evidence on which octaves and innovations agree, nats."""
-    found = PER_OCTAVE_NAT * judge_octaves(bands, floor, evidence[MEDIAN])
+def _vibration(bands: Octaves, c: Cusum, floor: float) -> float:
+    """Likelihood of vibration on which octaves and innovations agree, nats."""
+    found = PER_OCTAVE_NAT * judge_octaves(bands, floor, c.state[MEDIAN])
     if found > 0.0:
-        found = min(found, MOST_VIBRATION_NAT, PER_INNOVATION_NAT * louder(totals, int(evidence[USED])))
+        most = PER_INNOVATION_NAT * louder(c.totals, int(c.state[USED]))
+        found = min(found, MOST_VIBRATION_NAT, most)
     return found
 
 
 @compiled()
-def accumulate(
-    o: Odds,
-    s: Settling,
-    p: Predictor,
-    bands: Octaves,
-    evidence: Floats,
-    totals: Floats,
-    x: Floats,
-    ceiling: float,
-    out: Floats,
-) -> int:
+def accumulate(c: Cusum, p: Predictor, bands: Octaves, x: Floats, ceiling: float, out: Floats) -> int:
     """Process samples of one channel, up to the one at which the quiet level is learned.
 
     Args:
-        o: The two opinions.
-        s: Constants of the predictor.
-        p: State of the predictor, advanced.
+        c: The sum, advanced.
+        p: The predictor, advanced.
         bands: Its octaves, advanced.
-        evidence: Shape (9,), advanced.
-        totals: Running sums of innovations, a ring, shape (size,), advanced.
         x: Samples, shape (n,); NaN is a gap.
-        ceiling: Upper limit of the sum, so that old evidence does not delay the end.
-        out: Written: the evidence after each sample, NaN while it learns, shape (n,).
+        ceiling: Upper limit of the sum, so that old knocks do not delay the end.
+        out: Written: the larger of knocks and vibration after each sample, nats, NaN while it learns, shape (n,).
 
     Returns:
         How many samples were processed.
     """
-    noise = p.scalars
+    noise, state, totals, learn = p.scalars, c.state, c.totals, p.first.size
     for i in range(x.size):
-        squared = innovate(s, p, x[i])
+        squared = innovate(p, x[i])
         count = p.counts[COUNT]
         known = abs(x[i]) < BEYOND
         if known:
@@ -182,29 +164,29 @@ def accumulate(
                 bands.scalars[TREND_IN] = x[i]
             most = LIMIT * math.sqrt(noise[NOISE]) if noise[NOISE] > 0.0 else math.inf
             filter_octaves(bands, x[i], most)
-        if known and s.learn < count < 2 * s.learn:
+        if known and learn < count < 2 * learn:
             if count % bands.stride == 0:
-                learn_octaves(bands, FLOOR * noise[NOISE], (count - s.learn - 1) // bands.stride + 1)
-            if 2 * count > 3 * s.learn:
+                learn_octaves(bands, FLOOR * noise[NOISE], (count - learn - 1) // bands.stride + 1)
+            if 2 * count > 3 * learn:
                 # weights exist by now, and little time is left
-                _follow(o, evidence, noise[BARE], 4.0 * o.follow)
+                _follow(c, noise[BARE], 4.0 * c.follow)
         if math.isfinite(squared):
-            _knocks(o, evidence, squared, ceiling)
-            evidence[MISSING] = 0.0
-            used = int(evidence[USED]) + 1
-            evidence[USED] = used
-            evidence[TOTAL] += min(noise[BARE], MOST_BARE)
-            totals[used % totals.size] = evidence[TOTAL]
+            _knocks(c, squared, ceiling)
+            state[MISSING] = 0.0
+            used = int(state[USED]) + 1
+            state[USED] = used
+            state[TOTAL] += min(noise[BARE], MOST_BARE)
+            totals[used % totals.size] = state[TOTAL]
             if used == 1:
-                evidence[QUIET] = quiet_level(bands)
+                state[QUIET] = quiet_level(bands)
             if used % bands.stride == 0:
-                evidence[VIBRATION] = _vibration(bands, evidence, totals, FLOOR * noise[NOISE])
+                state[VIBRATION] = _vibration(bands, c, FLOOR * noise[NOISE])
         else:
-            evidence[MISSING] += 1.0
-            if evidence[MISSING] > o.patience:
-                evidence[SUM] = 0.0
-                evidence[VIBRATION] = 0.0
-        out[i] = max(evidence[SUM], evidence[VIBRATION]) if evidence[USED] > 0.0 else math.nan
-        if math.isfinite(squared) and evidence[USED] == 1.0:
+            state[MISSING] += 1.0
+            if state[MISSING] > c.patience:
+                state[SUM] = 0.0
+                state[VIBRATION] = 0.0
+        out[i] = max(state[SUM], state[VIBRATION]) if state[USED] > 0.0 else math.nan
+        if math.isfinite(squared) and state[USED] == 1.0:
             return i + 1
     return x.size
