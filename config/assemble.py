@@ -228,7 +228,7 @@ def plan_campaign(
         left=left,
         trials=_trial_plans(profile, left, seed),
         factors=tuple(names),
-        columns=measures.COLUMNS,
+        columns=tuple(measures.COLUMNS),
         leading=getattr(measures, "HIGHLIGHTS", ()),
         successes=experiment.successes,
         loop=profile.loop,  # type: ignore[arg-type]

@@ -7,8 +7,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from controller.measures import columns_of
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
+from controller.scales import si_unit
 from drivers.core.errors import lacking
 
 if TYPE_CHECKING:
@@ -89,7 +91,8 @@ def export(run: Run, to: str, out: Path) -> list[Path]:
 
 
 def tidy(run: Run) -> Path | None:
-    """Write trials.parquet beside a run's trials.csv: the same rows and columns; None where pyarrow is not installed.
+    """Write trials.parquet beside a run's trials.csv: the same rows and columns, each with its unit and meaning; None
+    where pyarrow is not installed.
 
     Raises:
         RecordingError: it cannot be written.
@@ -113,9 +116,15 @@ def _trials_parquet(run: Run, path: Path) -> Path:
         except (pa.ArrowInvalid, pa.ArrowTypeError):  # numbers and text
             return pa.array([None if value is None else str(value) for value in values])
 
-    names = dict.fromkeys(name for row in run.trials for name in row)
-    table = pa.table({name: column([row.get(name) for row in run.trials]) for name in names})
-    pq.write_table(table, path, compression="zstd")
+    columns = columns_of(str(run.manifest.get("experiment")))
+    fields, arrays = [], []
+    for name in dict.fromkeys(name for row in run.trials for name in row):
+        arrays.append(column([row.get(name) for row in run.trials]))
+        said = {"unit": si_unit(name), "meaning": columns[name].meaning if name in columns else ""}
+        fields.append(
+            pa.field(name, arrays[-1].type, metadata={key: text for key, text in said.items() if text})
+        )
+    pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), path, compression="zstd")
     return path
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from behaviors.aura import AuraSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, PreTouch
+from controller.measures import Column
 from controller.measures.trial import TrialEvidence
 from controller.measures.truth import delay_s, not_before
 
@@ -23,32 +24,40 @@ METHODS = ("paper", "ours")
 LATE_S = 0.5
 """How long after a contact began or ended an event still counts for it. Assumption: half a finger's hold."""
 
-OURS_AND_PAPERS = (
-    "alarms",
-    "seen",
-    "distance_m",
-    "felt",
-    "delay_s",
-    "false",
-    "held",
-    "ended",
-    "reported",
-    "reported_held",
-    "reported_ended",
-    "reports",
-    "reported_of_nothing",
-)
+OURS_AND_PAPERS = {
+    "alarms": Column(
+        "approaches with pre-touch where nothing was near: in the rest before, or without an object"
+    ),
+    "seen": Column("approaches to an object with pre-touch in time"),
+    "distance_m": Column("its median distance", 0),
+    "felt": Column("detected touches (simulated benches)"),
+    "delay_s": Column("their median delay", 3),
+    "false": Column(
+        "approaches with a contact reported before the touch or after its end (simulated benches)"
+    ),
+    "held": Column("touches reported to persist and not revoked before the return (simulated benches)"),
+    "ended": Column("touches whose end was reported after it (simulated benches)"),
+    "reported": Column("approaches with a reported contact"),
+    "reported_held": Column("those whose persistence was then reported"),
+    "reported_ended": Column("those whose end was then reported"),
+    "reports": Column("contacts reported in them"),
+    "reported_of_nothing": Column(
+        "approaches with a contact where nothing can touch: before, in the rest, or no object"
+    ),
+}
+"""Of each method."""
+
 HIGHLIGHTS = ("seen_ours", "distance_m_ours", "felt_ours")
 """Columns shown during a run."""
 
-COLUMNS = (
-    "approaches",
-    "undulations_per_cm",
-    "touches",
-    "truth_contact_s",
-    "truth_release_s",
-    *(f"{name}_{method}" for method in METHODS for name in OURS_AND_PAPERS),
-)
+COLUMNS = {
+    "approaches": Column("approaches completed"),
+    "undulations_per_cm": Column("dominant spatial frequency of the last one's envelope", 2),
+    "touches": Column("touches that really happened (simulated benches)"),
+    "truth_contact_s": Column("when the first began (simulated benches)"),
+    "truth_release_s": Column("when its force was gone (simulated benches)"),
+    **{f"{name}_{method}": column for method in METHODS for name, column in OURS_AND_PAPERS.items()},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,17 +76,7 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
 
     Returns:
         The outcome, which is false contact where the approach was stopped and nothing touched (simulated benches
-        only), and the columns. `approaches` completed; `undulations_per_cm` of the last one (its dominant spatial
-        frequency); `touches` that really happened (simulated benches; else unknown), and when the
-        first began and its force was gone. For each method: `alarms`, approaches with pre-touch where nothing
-        was near (in the rest before, or without an object); `seen`, approaches to an object with pre-touch in
-        time; `distance_m`, its median distance; `felt`, detected touches; `delay_s`, median delay; `false`,
-        approaches with a contact reported before the touch or after its end; `held`, touches reported to
-        persist and not revoked before the return; `ended`, touches whose end was reported after it. These
-        five are unknown where `touches` is.
-        The reports are known on every bench: `reported`, approaches with a reported contact; `reported_held` and
-        `reported_ended`, those whose persistence and end were then reported; `reports`, contacts reported in them;
-        `reported_of_nothing`, approaches with a contact where nothing can touch (before, in the rest, or no object).
+        only), and the columns.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     passages = _passages(evidence)

@@ -8,6 +8,7 @@ from typing import Any
 
 from behaviors.events import Contact, PreTouch
 from behaviors.search import SearchSettings
+from controller.measures import Column
 from controller.measures.trial import TrialEvidence
 from drivers.core.messages import Gripped, Reached, Standstill
 
@@ -17,19 +18,19 @@ HIGHLIGHTS = ("error_m", "search_s", "touched")
 CENTERED_M = 0.008
 """Largest error of a middle that was found: the paper's largest (IV.A.2, Fig. 8c)."""
 
-COLUMNS = (
-    "error_m",
-    "middle_m",
-    "left_m",
-    "right_m",
-    "seen_to_stop_left_s",
-    "seen_to_stop_right_s",
-    "search_s",
-    "touched",
-    "gripped",
-    "contact_left_s",
-    "contact_right_s",
-)
+COLUMNS = {
+    "error_m": Column("the final position less the object's middle, positive if too far forward", 2),
+    "middle_m": Column("the final position"),
+    "left_m": Column("where the left finger detected the object"),
+    "right_m": Column("where the right finger did"),
+    "seen_to_stop_left_s": Column("from its deciding sample to the stop command", 1),
+    "seen_to_stop_right_s": Column("likewise", 1),
+    "search_s": Column("duration of the search", 1),
+    "touched": Column("true touches during it (simulated benches)"),
+    "gripped": Column("1 where the jaws held it"),
+    "contact_left_s": Column("from the grip's beginning to the left finger's contact"),
+    "contact_right_s": Column("to the right finger's"),
+}
 
 
 def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> tuple[str, dict[str, Any]]:
@@ -40,10 +41,7 @@ def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> 
     the way, and `off_center` where the middle is not the object's.
 
     Returns:
-        The outcome, and the columns: the gripper's final position relative to the object's middle, positive if too far
-        forward; that position; where the left and the right finger detected the object; from the deciding sample to
-        the stop command; duration of the search; number of true touches during it (simulated benches only); whether
-        the jaws held it; from the grip's beginning to each finger's contact.
+        The outcome, and the columns.
     """
     row = _measured(evidence, settings)
     touches = None if evidence.truth is None else sum(made for _, made in evidence.truth)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.chirp import ChirpSettings
+from controller.measures import Column
 from controller.measures.trial import TrialEvidence
 from controller.signals.transducer import peak
 
@@ -23,24 +24,22 @@ LATENCY_UNSURE_S = 0.001
 HIGHLIGHTS = ("best_hz", "unsure_hz", "over_noise_db")
 """Columns shown during a run."""
 
-COLUMNS = (
-    "best_hz",
-    "best_right_hz",
-    "best_left_hz",
-    "band_low_hz",
-    "band_high_hz",
-    "unsure_hz",
-    "over_noise_db",
-)
+COLUMNS = {
+    "best_hz": Column("frequency of the largest echo of both fingers, their powers added", 0),
+    "best_right_hz": Column("the right finger's own", 0),
+    "best_left_hz": Column("the left finger's own", 0),
+    "band_low_hz": Column("lower end of the band around it with at least half the power", 0),
+    "band_high_hz": Column("its upper end", 0),
+    "unsure_hz": Column("error of these: half a band, and the latency's", 0),
+    "over_noise_db": Column("the best band's power over that of the silence before", 1),
+}
 
 
 def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> tuple[str, dict[str, Any]]:
     """Measure one sweep.
 
     Returns:
-        The outcome, and the columns: the frequency of the largest echo of both fingers (their powers added); each
-        finger's own; the band around it with at least half the power; the error of these; the best band's power over
-        that of the silence before, dB. All empty if the sweep was not completed.
+        The outcome, and the columns; all empty if the sweep was not completed.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     ended_s, asked_s = evidence.entered_s.get("RINGING"), evidence.entered_s.get("SWEEPING")

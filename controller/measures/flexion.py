@@ -11,7 +11,7 @@ import numpy as np
 
 from behaviors.events import Contact, ContactLost
 from behaviors.flexion import FlexionSettings
-from controller.measures import transient
+from controller.measures import Column, transient
 from controller.measures.trial import TrialEvidence
 from controller.measures.truth import delay_s, not_before
 
@@ -21,25 +21,33 @@ HIGHLIGHTS = ("contact_false", "following_false", "free_rise_hz")
 LISTENERS = ("contact", "following", "ours")
 """Names that the profile gives: the paper's fixed threshold, the one that follows, the waveform's detector."""
 
-COLUMNS = (
-    *transient.COLUMNS,
-    "flexed_s",
-    "free_rise_hz",
-    *(f"{name}_{what}" for name in LISTENERS for what in ("false", "share", "blind", "event_s")),
-)
+_EACH = {
+    "false": Column("contacts reported while the tendon moved and nothing was touched, by {}"),
+    "share": Column("share of that time in contact by {}"),
+    "blind": Column("1 where {} was in contact already when the probe touched"),
+    "event_s": Column("from the touch to the event of {}", 3),
+}
+
+COLUMNS = {
+    **transient.COLUMNS,
+    "flexed_s": Column("how long the tendon moved with nothing touched after the baseline"),
+    "free_rise_hz": Column("how much higher the free finger oscillates fully flexed than extended", 2),
+    **{
+        f"{name}_{what}": Column(column.meaning.format(name), column.digits)
+        for name in LISTENERS
+        for what, column in _EACH.items()
+    },
+}
 
 
 def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) -> tuple[str, dict[str, Any]]:
     """Measure one approach to a finger that is being flexed.
 
     Returns:
-        As `measures.transient`, and: `flexed_s`, how long the tendon moved with nothing touched after the baseline;
-        `free_rise_hz`, how much higher the free finger oscillates fully flexed than extended. For each detector:
-        `…_false`, contacts reported in that time; `…_share` of it in contact by the detector; `…_blind`, 1 where it was
-        in contact already when the probe touched; `…_event_s`, from the touch to its event.
+        As `measures.transient`, with more columns.
     """
     outcome, row = transient.measure(evidence, settings, outcome)
-    row |= dict.fromkeys(COLUMNS[len(transient.COLUMNS) :])
+    row |= dict.fromkeys(name for name in COLUMNS if name not in row)
     begun_s, touch_s = evidence.entered_s.get("FLEXING"), transient.touch_of(row, evidence)
     if begun_s is None:
         return outcome, row

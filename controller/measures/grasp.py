@@ -8,7 +8,7 @@ from typing import Any
 
 from behaviors.events import SlipStarted
 from behaviors.grasp import GraspSettings
-from controller.measures import centering
+from controller.measures import Column, centering
 from controller.measures.trial import TrialEvidence
 from drivers.core.messages import Grip, Sent
 
@@ -18,8 +18,17 @@ OFF_TABLE_M = 0.001
 CARRIED = 0.9
 """An object of whose weight at least this share is carried does not stand on the table. Assumption."""
 
-_OWN = ("rise_m", "carried", "carried_n", "lifted_m", "held_s", "slips", "slipped", "grip_n")
-COLUMNS = (*_OWN, *centering.COLUMNS)  # what decides first
+_OWN = {
+    "rise_m": Column("how far the object was off the table at the end of the hold (simulated benches)"),
+    "carried": Column("what share of its weight was carried there (simulated benches)"),
+    "carried_n": Column("what the arm's sensor says it carried"),
+    "lifted_m": Column("how far the tool was lifted"),
+    "held_s": Column("how long it was held there"),
+    "slips": Column("how often slip was detected meanwhile"),
+    "slipped": Column("how often it really slipped (simulated benches)"),
+    "grip_n": Column("the last commanded grip force"),
+}
+COLUMNS = {**_OWN, **centering.COLUMNS}  # what decides first
 
 
 def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> tuple[str, dict[str, Any]]:
@@ -29,10 +38,7 @@ def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> t
     else, where they still feel it, from the arm's force and the object's weight. Where neither is known it is `felt`.
 
     Returns:
-        The outcome, and the columns of centering with eight more. At the end of the hold: how far the object was off
-        the table and what share of its weight was carried (simulated benches only), what the arm's sensor says it
-        carried, and how far the tool was lifted. How long it was held there, how often slip was detected meanwhile, how
-        often it really slipped (simulated benches only), and the last commanded grip force.
+        The outcome, and the columns.
     """
     outcome, row = centering.measure(evidence, settings, outcome)
     row |= dict.fromkeys(_OWN)

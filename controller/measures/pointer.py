@@ -9,31 +9,30 @@ import numpy as np
 
 from behaviors.events import Resumed
 from behaviors.pointer import PointerSettings
+from controller.measures import Column
 from controller.measures.touches import RECORDED, ZERO, errors_of, spans_of, touches_of
 from controller.measures.trial import TrialEvidence
 
 HIGHLIGHTS = ("theta_rms_rad", "theta_max_rad", "force_n")
 """Columns shown during a run."""
 
-COLUMNS = (
-    "touches",
-    "force_n",
-    "theta_bias_rad",
-    "theta_sd_rad",
-    "theta_rms_rad",
-    "theta_max_rad",
-    "theta_hysteresis_rad",
-    "theta_spread_rad",
-)
+COLUMNS = {
+    "touches": Column("touches recorded"),
+    "force_n": Column("their mean normal force", 2),
+    "theta_bias_rad": Column("mean error of the angle over all of them", 2),
+    "theta_sd_rad": Column("its standard deviation", 2),
+    "theta_rms_rad": Column("its root mean square", 2),
+    "theta_max_rad": Column("the largest of either sign", 2),
+    "theta_hysteresis_rad": Column("largest difference between an angle going up and going down", 2),
+    "theta_spread_rad": Column("mean standard deviation of the angle from sample to sample", 2),
+}
 
 
 def measure(evidence: TrialEvidence, settings: PointerSettings, outcome: str) -> tuple[str, dict[str, Any]]:
     """Compare the fingertip's angle with the arm's, touch by touch.
 
     Returns:
-        The outcome, and the columns: touches recorded; their mean normal force; mean, standard deviation, root mean
-        square and largest of the angle's error over all of them; the largest difference between an angle going up and
-        going down; the mean standard deviation of the angle from sample to sample.
+        The outcome, and the columns.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     for state in (ZERO, RECORDED):

@@ -8,13 +8,19 @@ from typing import Any
 import numpy as np
 
 from behaviors.transient import TransientSettings
-from controller.measures import transient
+from controller.measures import Column, transient
 from controller.measures.trial import TrialEvidence
 
 HIGHLIGHTS = ("identified", "ratio_db", "delay_s")
 """Columns shown during a run."""
 
-COLUMNS = (*transient.COLUMNS, "identified", "ratio_db")
+COLUMNS = {
+    **transient.COLUMNS,
+    "identified": Column("the link that was touched, proximal or distal"),
+    "ratio_db": Column(
+        "growth of the ratio of the distal to the proximal accelerometer's standard deviation", 2
+    ),
+}
 
 LISTENS_S = 0.3
 """Time after the detection over which the two swings are compared, eight periods. Assumption: from 0.07 to 0.3 s after
@@ -29,8 +35,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     fitted.
 
     Returns:
-        As `measures.transient`, and: `identified`, "proximal" or "distal"; `ratio_db`, growth of the ratio of the
-        distal to the proximal accelerometer's standard deviation, dB. Both are empty where no contact was detected.
+        As `measures.transient`, with more columns; they are empty where no contact was detected.
     """
     outcome, row = transient.measure(evidence, settings, outcome)
     row |= {"identified": None, "ratio_db": None}

@@ -21,6 +21,7 @@ from behaviors.events import (
 )
 from behaviors.slip import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
+from controller.measures import Column
 from controller.measures.trial import TrialEvidence
 from controller.measures.truth import delay_s, not_before
 from controller.signals.spectrum import BlockCutter, block_peaks
@@ -30,40 +31,43 @@ Floats = NDArray[np.float64]
 
 DETECTORS = ("paper", "ours")
 
-_EACH = (
-    *("detected", "missed", "early", "delay_s", "first_delay_s", "event_s"),
-    *("false_alarms", "touch_alarms", "quiet_s"),
-)
+_EACH = {
+    "detected": Column("slips reported in time"),
+    "missed": Column("slips that were not; one cut short before it could be detected is none of the three"),
+    "early": Column(
+        "slips reported between the arm's start and the true slip, or that began while slip was reported already: "
+        "neither detected nor missed, but a false alarm"
+    ),
+    "delay_s": Column("median delay of those detected", 3),
+    "first_delay_s": Column("delay of the first one", 3),
+    "event_s": Column("first event after `slide_s`"),
+    "false_alarms": Column("false alarms in `quiet_s`"),
+    "touch_alarms": Column("false alarms during descent and pressing"),
+    "quiet_s": Column("other time without slip in which it could have alarmed"),
+}
 
 HIGHLIGHTS = ("ours_delay_s", "paper_delay_s", "ours_false_alarms")
 """Columns shown during a run."""
 
-COLUMNS = (
-    "clock_s",
-    "touch_truth_s",
-    "touch_s",
-    "press_n",
-    "reference",
-    "slips",
-    "slide_s",
-    "slip_s",
-    "slip_end_s",
-    "listen_s",
-    *(f"{detector}_{what}" for detector in DETECTORS for what in _EACH),
-    "ours_least_delay_s",
-    "peak_product",
-    "peak_product_before",
-    "dominant_hz",
-    "slip_to_stop_s",
-    "stop_travel_m",
-)
-"""`clock_s` is where the paper's time axis begins. `reference` is the origin of the delays: true slip on a simulated
-bench, or the command to slide. `slide_s` is the first such command, `slip_s` the first true slip, `event_s` a
-detector's first event after `slide_s`. `early` counts slips reported between the arm's start and the true slip, or
-that began while the detector reported slip already: neither detected nor missed, but a false alarm. A slip cut short
-before it could be detected is none of the three. `listen_s` is when the slip detectors were subscribed; `touch_alarms`
-are the false alarms during descent and pressing, `quiet_s` is the other time without slip in which a detector could
-have alarmed. `ours_least_delay_s` is our detector's shortest delay, whatever the slip."""
+COLUMNS = {
+    "clock_s": Column("where the paper's time axis begins"),
+    "touch_truth_s": Column("when the tip touched, in truth (simulated benches)"),
+    "touch_s": Column("when contact was detected"),
+    "press_n": Column("mean force from the end of pressing to lifting"),
+    "reference": Column("origin of the delays: true slip on a simulated bench, or the command to slide"),
+    "slips": Column("how many there were"),
+    "slide_s": Column("the first command to slide"),
+    "slip_s": Column("beginning of the first slip"),
+    "slip_end_s": Column("end of the last"),
+    "listen_s": Column("when the slip detectors were subscribed"),
+    **{f"{detector}_{what}": column for detector in DETECTORS for what, column in _EACH.items()},
+    "ours_least_delay_s": Column("our detector's shortest delay, whatever the slip"),
+    "peak_product": Column("the paper's statistic: its largest product of peak and frequency in slip"),
+    "peak_product_before": Column("between pressing and slip"),
+    "dominant_hz": Column("frequency that dominates in slip"),
+    "slip_to_stop_s": Column("from the deciding sample to the stop command", 1),
+    "stop_travel_m": Column("the tool's way from there to standstill", 2),
+}
 
 BLOCK_S = 0.064
 SLOW_BLOCK_S = 0.16

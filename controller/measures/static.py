@@ -3,28 +3,37 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from behaviors.static import StaticSettings
+from controller.measures import Column
 from controller.measures.trial import TrialEvidence
 from controller.signals.spectrum import dominant_frequency
+
+if TYPE_CHECKING:
+    from behaviors.static import StaticSettings
 
 HIGHLIGHTS = ("frequency_hz", "amplitude_m", "force_n")
 """Columns shown during a run."""
 
-COLUMNS = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
+COLUMNS = {
+    "frequency_hz": Column("dominant frequency of the acceleration", 2),
+    "frequency_sd_hz": Column(
+        "standard deviation of the frequency from period to period: large means erratic", 2
+    ),
+    "amplitude_m_s2": Column("root two times the standard deviation of the acceleration", 2),
+    "amplitude_m": Column("the same over the angular frequency squared: the accelerometer's motion", 3),
+    "force_n": Column("mean force", 3),
+    "force_peak_n": Column("peak force", 3),
+}
 
 
 def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> tuple[str, dict[str, Any]]:
     """Measure one static contact over the whole representative sample.
 
     Returns:
-        The outcome, and the columns: dominant frequency of the acceleration; standard deviation of the
-        frequency from period to period (large means erratic); amplitude of the acceleration (root two times its
-        standard deviation) and of the accelerometer's motion (the same over the angular frequency squared);
-        mean and peak force.
+        The outcome, and the columns.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     begun_s = evidence.entered_s.get("RECORDING")

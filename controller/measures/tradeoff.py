@@ -8,15 +8,20 @@ from typing import Any
 from behaviors.transient import TransientSettings
 from controller.detectors.resonance import LOOK, ResonanceDetector
 from controller.detectors.resonance_paper import ResonancePaperDetector
-from controller.measures import transient
+from controller.measures import Column, transient
 from controller.measures.trial import TrialEvidence
 
 METHODS = ("average", *LOOK)
 """The paper's averaged frequency, and what the waveform's detector can be set to sense."""
 
-WHEN = ("before", "soon", "later")
 SOON_S, LATER_S = 0.07, 0.3
 """Spans after the touch: two periods, and the paper's own mean delay (V.B)."""
+
+WHEN = {
+    "before": "from the approach's start to the touch: a threshold below it is a false contact",
+    "soon": "within 0.07 s after the touch: a threshold below it detects the contact in time",
+    "later": "within 0.3 s after the touch: likewise",
+}
 
 RENAMED = {"no_contact": "recorded", "contact": "stopped"}
 """What the behavior concludes, and what that means where no detection is wanted."""
@@ -24,10 +29,14 @@ RENAMED = {"no_contact": "recorded", "contact": "stopped"}
 HIGHLIGHTS = ("average_before", "average_later", "all_soon")
 """Columns shown during a run."""
 
-COLUMNS = (
-    *transient.COLUMNS,
-    *(f"{method}_{when}" for method in METHODS for when in WHEN),
-)
+COLUMNS = {
+    **transient.COLUMNS,
+    **{
+        f"{method}_{when}": Column(f"largest {method} in deviations of the free finger, {span}", 1)
+        for method in METHODS
+        for when, span in WHEN.items()
+    },
+}
 
 
 def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> tuple[str, dict[str, Any]]:
@@ -35,13 +44,10 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
 
     Returns:
         The outcome, `recorded` where the probe touched and went to its depth, `stopped` where a detection ended that;
-        and beside the columns of `measures.transient` for each method
-        the largest statistic, in deviations of the free finger: `…_before` the touch, from the approach's start on, and
-        within 0.07 s (`…_soon`) and 0.3 s (`…_later`) after it. A threshold below the first is a false contact, one
-        below the others detects the contact in time.
+        and the columns.
     """
     outcome, row = transient.measure(evidence, settings, outcome)
-    row |= dict.fromkeys(COLUMNS[len(transient.COLUMNS) :])
+    row |= dict.fromkeys(name for name in COLUMNS if name not in row)
     begun_s, touch_s = evidence.entered_s.get("APPROACH"), transient.touch_of(row, evidence)
     if begun_s is None or touch_s is None:
         return outcome, row

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from behaviors.events import BaselineReady, Contact
 from behaviors.transient import TransientSettings
 from controller.detectors.protocol import quantity_of
+from controller.measures import Column
 from controller.measures.trial import TrialEvidence
 from controller.measures.truth import not_before
 from drivers.core.messages import Standstill
@@ -22,21 +23,23 @@ ONSET_N = 0.005
 HIGHLIGHTS = ("delay_s", "extent_m", "force_n")
 """Columns shown during a run."""
 
-COLUMNS = (
-    "truth_contact_s",
-    "onset_s",
-    "detect_s",
-    "delay_s",
-    "extent_m",
-    "force_n",
-    "force_peak_n",
-    "false_contacts",
-    "baseline_hz",
-    "threshold_hz",
-    "command_s",
-    "standstill_s",
-    "stop_travel_m",
-)
+COLUMNS = {
+    "truth_contact_s": Column("when the probe touched, in truth (simulated benches)"),
+    "onset_s": Column("when the load cell reached 0.005 N"),
+    "detect_s": Column("when contact was detected", 4),
+    "delay_s": Column("from onset to detection; negative where the touch was lighter than 0.005 N", 2),
+    "extent_m": Column("travel of the probe in that time", 2),
+    "force_n": Column("force at detection: mean over the last oscillation", 3),
+    "force_peak_n": Column("largest force of approach, stop and hold", 3),
+    "false_contacts": Column(
+        "detections before contact: the simulated one where it is known, else the load cell's onset"
+    ),
+    "baseline_hz": Column("frequency learned", 2),
+    "threshold_hz": Column("threshold on it", 2),
+    "command_s": Column("when the stop command's last byte left"),
+    "standstill_s": Column("when the probe stood still"),
+    "stop_travel_m": Column("how far it went from detection to standstill", 3),
+}
 
 
 def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> tuple[str, dict[str, Any]]:

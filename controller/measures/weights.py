@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from behaviors.weights import WeightsSettings
+from controller.measures import Column
 from controller.measures.ladder import BridgeCalibration, calibrate, steps_of
 from controller.measures.touches import spans_of
 from controller.measures.trial import TrialEvidence
@@ -13,32 +14,29 @@ from controller.measures.trial import TrialEvidence
 HIGHLIGHTS = ("gain_v_n", "hysteresis", "resolution_n")
 """Columns shown during a run."""
 
-COLUMNS = (
-    "gain_v_n",
-    "gain_low_v_n",
-    "gain_high_v_n",
-    "hysteresis",
-    "hysteresis_low",
-    "hysteresis_high",
-    "resolution_n",
-    "resolution_low_n",
-    "resolution_high_n",
-    "zero_v",
-    "nonlinearity",
-    "remanence",
-    "gain_repeat_v_n",
-    "loads",
-)
+COLUMNS = {
+    "gain_v_n": Column("slope of the line through zero", 4),
+    "gain_low_v_n": Column("lower end of its 95 % interval", 4),
+    "gain_high_v_n": Column("upper end", 4),
+    "hysteresis": Column("largest difference between unloading and loading, as a share of full scale"),
+    "hysteresis_low": Column("lower end of its 95 % interval"),
+    "hysteresis_high": Column("upper end"),
+    "resolution_n": Column("smallest change detected", 4),
+    "resolution_low_n": Column("lower end of its 95 % interval", 4),
+    "resolution_high_n": Column("upper end", 4),
+    "zero_v": Column("the empty bridge before the first load", 5),
+    "nonlinearity": Column("largest departure of the mean from the line, as a share of full scale"),
+    "remanence": Column("what is left after a cycle, as a share of full scale"),
+    "gain_repeat_v_n": Column("standard deviation of the gain from cycle to cycle"),
+    "loads": Column("how many loads this rests on"),
+}
 
 
 def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) -> tuple[str, dict[str, Any]]:
     """Calibrate one bridge.
 
     Returns:
-        The outcome, and the columns: gain (V/N), hysteresis (share of full scale) and resolution (N), each with its
-        95 % interval; the empty bridge (V); the largest departure of the mean from the line, and what is left after a
-        cycle (shares of full scale); the standard deviation of the gain from cycle to cycle (V/N); how many loads this
-        rests on.
+        The outcome, and the columns.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     for begin_s, end_s in spans_of(evidence.visits, "RECORDING"):

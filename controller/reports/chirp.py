@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from behaviors.chirp import ChirpSettings
-from controller.measures.chirp import LATENCY_UNSURE_S, STEP_HZ, beginning, transfer
+from controller.measures.chirp import COLUMNS, LATENCY_UNSURE_S, STEP_HZ, beginning, transfer
 from controller.recording.reader import Run
 from controller.reports.counts import Comparison, number, quantity, under, values
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
@@ -21,6 +22,15 @@ PRINTED = "40 kHz"
 
 NEAR_HZ = 500.0
 """How close to 40 kHz counts as found: two bands of the sweep; ours, since the paper gives only 40 kHz."""
+
+
+HEADS = {
+    "best": "best_hz",
+    "right": "best_right_hz",
+    "left": "best_left_hz",
+    "± (band and latency)": "unsure_hz",
+    "over noise": "over_noise_db",
+}
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -39,22 +49,13 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     if put_in_hz:
         hz = " and ".join(f"{hz:g}" for hz in put_in_hz)
         ours.append(f"The fingers' resonance, {hz} Hz, is set in the plant: the sweep finds it again.")
-    columns = {
-        "best": "best_hz",
-        "right": "best_right_hz",
-        "left": "best_left_hz",
-        "± (band and latency)": "unsure_hz",
-    }
     best = []
     for row in rows:
-        line = {"trial": row["trial"]}
-        for head, name in columns.items():
-            line |= under(name, row.get(name), head, 0)
+        line: dict[str, Any] = {"trial": row["trial"]}
+        for head, name in HEADS.items():
+            line |= under(name, row.get(name), head, COLUMNS[name].digits)
         band = " to ".join(number(row.get(f"band_{side}_hz"), 0) for side in ("low", "high"))
-        line |= under("band_hz", band, "half-power band") | under(
-            "over_noise_db", row.get("over_noise_db"), digits=1
-        )
-        best.append(line)
+        best.append(line | under("band_hz", band, "half-power band"))
     return Section(
         title="Chirp (C1)",
         content={

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
+from controller.measures.proximal import COLUMNS
 from controller.recording.reader import Run
 from controller.reports.counts import Row, mean_of, rate, total, under, values
 from controller.reports.figures import Figures
@@ -55,13 +57,13 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 def _row(link: str, own: Sequence[Row]) -> Row:
     named = [row.get("identified") for row in own]
-    means = {name: mean_of(values(own, name)) for name in ("ratio_db", "delay_s", "force_n")}
+    line: dict[str, Any] = {}
+    for name in ("ratio_db", "delay_s", "force_n"):
+        line |= under(name, mean_of(values(own, name)), digits=COLUMNS[name].digits)
     return {
         "touched": link,
         "n": len(own),
         "named": {each: named.count(each) for each in LINKS},
         "false": total(own, "false_contacts"),
-        **under("ratio_db", means["ratio_db"]),
-        **under("delay_s", means["delay_s"]),
-        **under("force_n", means["force_n"], digits=3),
+        **line,
     }

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
 
+from controller.measures.static import COLUMNS
 from controller.recording.reader import Run
 from controller.recording.series import Series
 from controller.reports.counts import (
@@ -30,8 +30,6 @@ from controller.scales import NOTHING
 WINDOW_S = 0.6
 """Length of waveform drawn: some 17 periods of 28 Hz, as many as the paper's Fig. 4 shows."""
 
-MEASURES = ("frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n")
-
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and waveforms of all static trials of some runs on one kind of bench."""
@@ -45,7 +43,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         ]
         if not own:
             continue
-        found = {name: mean_of(values([row for _, row in own], name)) for name in MEASURES}
+        found = {name: mean_of(values([row for _, row in own], name)) for name in COLUMNS}
         means[paper["condition"]] = found
         beside = Comparison(found["frequency_hz"].mean, paper["frequency_hz"])
         beside = beside._replace(met=abs(beside.ours - beside.paper) <= paper["tolerance_hz"])
@@ -90,24 +88,24 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 
 def _row(paper: Row, n: int, means: Mapping[str, Mean], beside: Comparison, kind: Kind) -> Row:
-    found: dict[str, Any] = {name: mean if n > 1 else mean.mean for name, mean in means.items()}
+    found = {
+        name: printed(name, mean if n > 1 else mean.mean, COLUMNS[name].digits)
+        for name, mean in means.items()
+    }
     difference = signed(beside.ours - beside.paper, 1)
     return {
         "contact": paper["name"] + (f" (n = {n})" if n > 1 else ""),
         "dominant frequency, Hz": {
-            "ours": printed("frequency_hz", found["frequency_hz"], 2),
+            "ours": found["frequency_hz"],
             "paper": f"{beside.paper:g}",
             "Δ": difference,
             "bound": f"± {paper['tolerance_hz']:g}" if difference != NOTHING else NOTHING,
             "kind": beside.met if kind == Kind.MEASURED else str(kind),
         },
-        "wander, Hz": {"σ": printed("frequency_sd_hz", found["frequency_sd_hz"], 2)},
-        "amplitude": under("amplitude_m_s2", found["amplitude_m_s2"], "", 2)
-        | under("amplitude_m", found["amplitude_m"], "", 3),
-        "force, N": {
-            head: printed("force_n", found[name], 3)
-            for head, name in (("mean", "force_n"), ("peak", "force_peak_n"))
-        },
+        "wander, Hz": {"σ": found["frequency_sd_hz"]},
+        "amplitude": under("amplitude_m_s2", found["amplitude_m_s2"], "")
+        | under("amplitude_m", found["amplitude_m"], ""),
+        "force, N": {"mean": found["force_n"], "peak": found["force_peak_n"]},
     }
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.measures import Column, columns_of
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
 from controller.reports.counts import title
@@ -75,12 +76,12 @@ _DATE = re.compile(r"^\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ_")
 """What a run folder's name begins with; the rest distinguishes it."""
 
 
-def trial_table(runs: Sequence[Run]) -> tuple[list[tuple[str, str]], list[tuple[str, list[tuple[str, str]]]]]:
+def trial_table(runs: Sequence[Run]) -> tuple[list[tuple[str, ...]], list[tuple[str, list[tuple[str, str]]]]]:
     """Every trial of some runs, run by run.
 
     Returns:
-        Of each column its name in trials.csv and its heading, the run first where there are several. Of each trial its
-        key, and of each cell what is shown and a number's exact value.
+        Of each column its name in trials.csv, its heading and its meaning, the run first where there are several. Of
+        each trial its key, and of each cell what is shown and a number's exact value.
     """
     names = list(dict.fromkeys(name for run in runs for row in run.trials for name in row)) or ["trial"]
     names.sort(key=lambda name: "." in name)  # varied settings last: what was measured fits a screen
@@ -91,7 +92,11 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[tuple[str, str]], list[tuple[
             cells[1:1] = [(_DATE.sub("", run.folder.path.name), "")] if len(runs) > 1 else []
             rows.append((key_of(runs, run, int(row["trial"] or 0)), cells))
     names[1:1] = ["run"] if len(runs) > 1 else []
-    return [(name, scale_of(name).heading) for name in names], rows
+    declared: dict[str, Column] = {}
+    for run in runs:
+        declared |= columns_of(str(run.manifest.get("experiment")))
+    said = {name: f": {column.meaning}" for name, column in declared.items()}
+    return [(name, scale_of(name).heading, said.get(name, "")) for name in names], rows
 
 
 def _cell(name: str, value: object) -> tuple[str, str]:

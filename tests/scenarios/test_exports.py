@@ -6,11 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
 
 from controller.comparing import compared, side_by_side
 from controller.export import export, tidy
+from controller.measures.transient import COLUMNS
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError
 from controller.recording.series import TrialRecording
@@ -36,6 +38,8 @@ def test_a_run_is_read_in_python_as_a_table_and_as_arrays(run):
 def test_parquet_holds_every_row_and_every_sample(run, tmp_path):
     trials, samples = export(run, "parquet", tmp_path)
     pd.testing.assert_frame_equal(pd.read_parquet(trials), run.table)
+    said = {b"unit": b"s", b"meaning": COLUMNS["delay_s"].meaning.encode()}
+    assert pq.read_schema(trials).field("delay_s").metadata == said
     table = pd.read_parquet(samples)
     for trial in TRIALS:
         for name in run.trial(trial).streams:

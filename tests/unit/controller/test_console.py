@@ -366,6 +366,7 @@ def test_every_measure_names_columns_of_its_own():
         measures = import_module(f"controller.measures.{name}")
         assert len(measures.HIGHLIGHTS) == RESULTS
         assert set(measures.HIGHLIGHTS) <= set(measures.COLUMNS), name
+        assert all(column.meaning for column in measures.COLUMNS.values()), name
 
 
 def test_what_was_not_seen_is_a_dash():

@@ -142,7 +142,7 @@ def test_in_the_table_of_all_trials(run):
         check(
             [
                 (heading, cell[0])
-                for (name, heading), cell in zip(names, cells, strict=True)
+                for (name, heading, _), cell in zip(names, cells, strict=True)
                 if name in COLUMNS
             ]
         )

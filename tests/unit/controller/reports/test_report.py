@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from controller.measures.transient import COLUMNS
 from controller.recording import reader
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
@@ -109,6 +110,11 @@ def test_a_terminal_of_80_columns_has_table_1_for_both_detectors_beside_the_pape
     assert lines[head - 1].split("  ")[-1].strip() == "detector observer"
     assert " ".join(lines[row].split()) == "pad f 4.84 2 0 0.30 0.17 1.45 0.83 0.050 0.050 1 0 0.10"
     assert max(map(len, lines[head - 1 : row + 1])) <= 80
+
+
+def test_a_column_of_the_table_of_trials_says_what_it_means(campaign):
+    page = campaign[1].read_text("utf-8")
+    assert f'title="delay_s: {COLUMNS["delay_s"].meaning}"' in page
 
 
 def test_a_bound_that_is_missed_is_reported_with_its_worst_approach(campaign):
