@@ -14,10 +14,10 @@ All numbers are little-endian; sound is packed signed 24-bit counts, the channel
 from __future__ import annotations
 
 import json
+import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, Final
 
 import numpy as np
@@ -36,11 +36,9 @@ MAX_LINE_BYTES: Final = 4096
 """Longest line that a recorder reads (assumption)."""
 
 
-class SoundKind(IntEnum):
-    """What a frame holds."""
-
-    SOUND = 1
-    MESSAGE = 2
+SOUND: Final = 1
+MESSAGE: Final = 2
+"""Kinds of frames."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,11 +47,13 @@ class Sound:
 
     Attributes:
         frame: Counter of the first.
-        counts: Shape (n, channels), 24-bit counts.
+        counts: 24-bit counts of all channels of the source, shape (n, channels).
+        arrival_s: Monotonic time in seconds at which the host had them.
     """
 
     frame: int
     counts: NDArray[np.int32]
+    arrival_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +105,9 @@ def encode(message: Sound | SoundMessage) -> bytes:
     try:
         if isinstance(message, SoundMessage):
             payload = json.dumps(message.content, separators=(",", ":")).encode()
-            return HEADER.pack(MAGIC, SoundKind.MESSAGE, 0, len(payload), message.frame) + payload
+            return HEADER.pack(MAGIC, MESSAGE, 0, len(payload), message.frame) + payload
         n, channels = message.counts.shape
-        return HEADER.pack(MAGIC, SoundKind.SOUND, channels, n, message.frame) + pack24(message.counts)
+        return HEADER.pack(MAGIC, SOUND, channels, n, message.frame) + pack24(message.counts)
     except struct.error as error:
         raise CodecError(f"it does not fit a frame: {error}") from error
 
@@ -158,13 +158,13 @@ class FrameDecoder:
         if len(waiting) < HEADER.size:
             return None
         _, kind, channels, n, frame = HEADER.unpack_from(waiting)
-        if kind not in tuple(SoundKind) or (kind == SoundKind.SOUND and not (channels and n)):
+        if kind not in (SOUND, MESSAGE) or (kind == SOUND and not (channels and n)):
             raise CodecError(f"a frame of kind {kind} with {channels} channels and a length of {n}")
-        end = HEADER.size + (n * channels * BYTES if kind == SoundKind.SOUND else n)
+        end = HEADER.size + (n * channels * BYTES if kind == SOUND else n)
         if len(waiting) < end:
             return None
         payload = bytes(waiting[HEADER.size : end])
         del waiting[:end]
-        if kind == SoundKind.SOUND:
+        if kind == SOUND:
             return Sound(frame, unpack24(payload).reshape(n, channels))
         return SoundMessage(frame, decode_line(payload))

@@ -7,7 +7,7 @@ from typing import Final
 
 from drivers.audio.oscillator import STEPS_PER_HZ
 from drivers.audio.settings import FINGERS, FULL_SCALE, RATE_HZ, STREAM, UNIT
-from drivers.core.errors import CommandError
+from drivers.core.errors import check_streams, wrong
 from drivers.core.messages import Chirp, Command, Excite, Listen, StreamInfo, Tone
 
 CHIRP_MAX_S: Final = 600.0
@@ -26,17 +26,15 @@ def checked(name: str, command: Command) -> Command:
         CommandError: it cannot.
     """
     if command.device != name:
-        raise _wrong(name, command, f"it is for {command.device}", f"send it to {command.device}")
+        raise wrong(name, command, f"it is for {command.device}", f"send it to {command.device}")
     match command:
         case Listen():
-            unknown = sorted(command.streams - {f"{name}.{STREAM}"})
-            if unknown:
-                raise _wrong(name, command, f"it has no stream {unknown[0]}", f"it has: {name}.{STREAM}")
+            check_streams(name, command, command.streams, (f"{name}.{STREAM}",))
             return command
         case Excite():
             if command.on:
                 advice = "send a Tone; Excite off silences the drive"
-                raise _wrong(name, command, "it gives no frequency", advice)
+                raise wrong(name, command, "it gives no frequency", advice)
             return command
         case Tone():
             _check_drive(name, command, command.frequency_hz)
@@ -45,10 +43,10 @@ def checked(name: str, command: Command) -> Command:
             _check_drive(name, command, command.from_hz, command.to_hz)
             if not 0.0 < command.duration_s <= CHIRP_MAX_S:
                 reason = f"{command.duration_s:g} s is out of range"
-                raise _wrong(name, command, reason, f"choose up to {CHIRP_MAX_S:g} s")
+                raise wrong(name, command, reason, f"choose up to {CHIRP_MAX_S:g} s")
             return replace(command, from_hz=_whole(command.from_hz), to_hz=_whole(command.to_hz))
     advice = "audio can Tone, Chirp, Excite off and Listen"
-    raise _wrong(name, command, "it has no such command", advice)
+    raise wrong(name, command, "it has no such command", advice)
 
 
 def _check_drive(name: str, command: Tone | Chirp, *frequencies_hz: float) -> None:
@@ -56,15 +54,11 @@ def _check_drive(name: str, command: Tone | Chirp, *frequencies_hz: float) -> No
     for frequency_hz in frequencies_hz:
         if not 0.0 < frequency_hz < RATE_HZ / 2:
             reason = f"{frequency_hz:g} Hz is out of range"
-            raise _wrong(name, command, reason, f"choose below {RATE_HZ / 2:g} Hz")
+            raise wrong(name, command, reason, f"choose below {RATE_HZ / 2:g} Hz")
     if not 0.0 < command.level <= 1.0:
-        raise _wrong(
+        raise wrong(
             name, command, f"a level of {command.level:g} is out of range", "choose from above 0 to 1"
         )
-
-
-def _wrong(name: str, command: Command, reason: str, advice: str) -> CommandError:
-    return CommandError(name, f"applying {type(command).__name__}", reason, advice)
 
 
 def _whole(frequency_hz: float) -> float:

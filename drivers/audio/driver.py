@@ -8,19 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.audio.codec import Sound
 from drivers.audio.commands import checked, fingers_info
-from drivers.audio.frames import CounterError, SoundFrames
 from drivers.audio.quality import Excursions, Stillness, clipped, flaw
 from drivers.audio.settings import FINGERS, FULL_SCALE, RATE_HZ, AudioSettings
-from drivers.audio.source import (
-    Declined,
-    SoundPacket,
-    SoundSource,
-    SourceEvent,
-    SourceFound,
-    Swept,
-    make_source,
-)
+from drivers.audio.source import SoundSource, SourceEvent, SourceFound, Swept, make_source
 from drivers.core.errors import PortError, ProtocolError, SilentError
 from drivers.core.messages import (
     Chirp,
@@ -34,6 +26,7 @@ from drivers.core.messages import (
     Status,
     Tone,
 )
+from drivers.core.numbering import ENDLESS, DeviceClock, StreamTrack
 from drivers.core.wire import WireDriver
 
 BITS_MIN: Final = 24
@@ -70,7 +63,10 @@ class Audio(WireDriver[SoundSource]):
 
     def _forget(self) -> None:
         s = self._settings
-        self._frames = SoundFrames(self._info, s.channels, self._clock, s.max_drift_ppm)
+        self._converter = DeviceClock(s.max_drift_ppm)
+        self._track = StreamTrack(self._converter, float(RATE_HZ), ENDLESS)
+        self._taken = self._missing = 0  # frames
+        self._last = -1  # frame
         self._excursions = Excursions(RATE_HZ)
         self._stillness = Stillness(RATE_HZ, s.silence_timeout_s)
         self._listening = False
@@ -136,10 +132,10 @@ class Audio(WireDriver[SoundSource]):
         if self._link is None:
             return self._closed_account
         return {
-            "frames": self._frames.taken,
-            "frames_lost": self._frames.lost,
+            "frames": self._taken,
+            "frames_lost": self._missing,
             "saturations": self._saturations,
-            "drift_ppm": self._frames.clock.model.drift_ppm,
+            "drift_ppm": self._converter.model.drift_ppm,
             **self._link.account(),
         }
 
@@ -180,8 +176,9 @@ class Audio(WireDriver[SoundSource]):
         ):
             self._clock.rest(TURN_S)
             for one in source.receive():
-                if isinstance(one, SoundPacket):
-                    self._frames.learn(one)
+                if isinstance(one, Sound):
+                    last = one.frame + len(one.counts) - 1
+                    self._converter.model.observe(last / RATE_HZ, one.arrival_s)
                     received.append(one.counts)
         source.listen(False)
         doing = f"listening to {found.what}"
@@ -200,7 +197,7 @@ class Audio(WireDriver[SoundSource]):
         self._turn()
         self._listening = on
         self._silent_s = 0.0
-        self._frames.begin()
+        self._track.begin()
         self._excursions.begin()
         self._stillness.begin()
         source.listen(on)
@@ -217,25 +214,39 @@ class Audio(WireDriver[SoundSource]):
 
     def _take(self, event: SourceEvent) -> None:
         if isinstance(event, Swept):
-            t_s = self._frames.time_s(event.frame, event.arrival_s)
+            arrival_s, model = event.arrival_s, self._converter.model
+            if model.ready:
+                arrival_s = min(model.host_s(event.frame / RATE_HZ), arrival_s)
+            t_s = self._clock.from_monotonic(arrival_s)
             self._report(Reached(t_s, self.name, 0.0, command_id=self._driven))
-        elif isinstance(event, Declined):
-            t_s = self._clock.from_monotonic(event.arrival_s)
-            self._report(Refused(t_s, self.name, event.command, event.reason))
+        elif isinstance(event, Refused):
+            self._report(event)
         elif self._listening and self._failure is None:
             self._silent_s = 0.0
             self._receive(event)
 
-    def _receive(self, packet: SoundPacket) -> None:
-        try:
-            block, lost = self._frames.push(packet)
-        except CounterError as error:
-            self._fail(str(error))
+    def _receive(self, sound: Sound) -> None:
+        n, device_s = len(sound.counts), sound.frame / RATE_HZ
+        placed = self._track.place(device_s, sound.arrival_s, n)
+        if sound.frame <= self._last or self._converter.restarts:
+            # The counter went back, or far ahead of the time that has passed: with it goes the drive's phase.
+            self._fail(f"the converter began anew: after frame {self._last} came {sound.frame}")
             return
+        self._last = sound.frame + n - 1
+        self._taken += n
+        lost, bench_s = placed.lost or 0, self._clock.from_monotonic(0.0)
+        self._missing += lost
+        counts = np.ascontiguousarray(sound.counts[:, list(self._settings.channels)])
+        block = self._info.block(
+            sound.frame,
+            placed.t0_s + bench_s,
+            counts,
+            device_t0_s=device_s,
+            arrival_s=sound.arrival_s + bench_s,
+        )
         if lost:
             self._lost(block.t0_s, block.stream, lost)
         self._blocks.append(block)
-        counts = packet.counts[:, list(self._settings.channels)]
         for place, finger in self._excursions.push(clipped(counts)):
             self._saturations += 1
             t_s, value = block.t0_s + place / RATE_HZ, float(counts[place, finger]) / FULL_SCALE

@@ -8,8 +8,8 @@ import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.audio.codec import FrameDecoder, SoundMessage, encode_line
 from drivers.audio.settings import AudioSettings
-from drivers.audio.source import Declined, Drive, SoundPacket, SourceEvent, SourceFound, Swept
+from drivers.audio.source import Drive, SourceEvent, SourceFound, Swept
 from drivers.core.clock import Clock
 from drivers.core.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
-from drivers.core.messages import Chirp, Tone
+from drivers.core.messages import Chirp, Refused, Tone
 
 CHUNK_BYTES: Final = 1 << 16
 
@@ -58,11 +58,10 @@ class Greeting(BaseModel):
     """Of a sample."""
 
 
-@dataclass(slots=True)
-class _Asked:
-    """A request without a reply yet."""
+class _Asked(NamedTuple):
+    """A request without a reply yet: what it does, the drive that it carries out, when the reply is overdue."""
 
-    request: Mapping[str, Any]
+    do: str
     command: Drive | None
     due_s: float
 
@@ -174,7 +173,7 @@ class NetworkRecorder:
                     if isinstance(frame, SoundMessage):
                         self._receive(frame, arrival_s)
                     elif self._sounding:
-                        self._events.append(SoundPacket(frame.frame, frame.counts, arrival_s))
+                        self._events.append(replace(frame, arrival_s=arrival_s))
         except CodecError as error:
             self.fault = f"it does not send as a recorder does: {error}"
         self.fault = self.fault or link.fault or self._overdue()
@@ -201,7 +200,7 @@ class NetworkRecorder:
         self._tag += 1
         # `_greet` times the reply to a hello itself.
         timeout_s = math.inf if request["do"] == "hello" else self._settings.reply_timeout_s
-        self._asked[self._tag] = _Asked(request, command, self._clock.monotonic_s() + timeout_s)
+        self._asked[self._tag] = _Asked(request["do"], command, self._clock.monotonic_s() + timeout_s)
         self._link.send(encode_line({**request, "tag": self._tag}))
 
     def _receive(self, message: SoundMessage, arrival_s: float) -> None:
@@ -214,26 +213,27 @@ class NetworkRecorder:
         if "refused" in content:
             reason = f"the recorder will not: {content['refused']}"
             if asked.command is None:
-                self.fault = f"{reason} ({asked.request['do']})"
+                self.fault = f"{reason} ({asked.do})"
             else:
-                self._events.append(Declined(asked.command, reason, arrival_s))
-        elif asked.request["do"] == "hello":
+                t_s = self._clock.from_monotonic(arrival_s)
+                self._events.append(Refused(t_s, self._device, asked.command, reason))
+        elif asked.do == "hello":
             try:
                 self._greeting = Greeting.model_validate(dict(content))
             except ValidationError as error:
                 first = error.errors()[0]
                 where = ".".join(map(str, first["loc"]))
                 self.fault = f"its greeting is not a recorder's: {where}: {first['msg']}"
-        elif asked.request["do"] in ("start", "stop"):
+        elif asked.do in ("start", "stop"):
             # Of two on the way the later one holds: its reply is still to come.
-            later = any(other.request["do"] in ("start", "stop") for other in self._asked.values())
-            self._sounding = asked.request["do"] == "start" and not later
+            later = any(other.do in ("start", "stop") for other in self._asked.values())
+            self._sounding = asked.do == "start" and not later
 
     def _overdue(self) -> str | None:
         now_s = self._clock.monotonic_s()
         for asked in self._asked.values():
             if now_s > asked.due_s:
-                return f"no reply to {asked.request['do']} in {self._settings.reply_timeout_s:g} s"
+                return f"no reply to {asked.do} in {self._settings.reply_timeout_s:g} s"
         return None
 
 

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.audio.codec import Sound
 from drivers.audio.settings import FULL_SCALE, AudioSettings
-from drivers.audio.source import Drive, SoundPacket, SourceEvent, SourceFound, Swept
+from drivers.audio.source import Drive, SourceEvent, SourceFound, Swept
 from drivers.core.clock import Clock
 from drivers.core.errors import PortError, ProtocolError, lacking
 from drivers.core.messages import Chirp
@@ -141,7 +142,7 @@ class Recording:
             if len(counts) < end - self._next:
                 self.fault = f"the recording cannot be read beyond {self._next / self._rate_hz:.2f} s"
                 return events
-            events.append(SoundPacket(self._next, counts, self._begun_s + end / self._rate_hz))
+            events.append(Sound(self._next, counts, self._begun_s + end / self._rate_hz))
             self._next = end
         if self._sweep is not None and self._sweep <= min(due, self._next):
             events.append(Swept(self._sweep, self._begun_s + self._sweep / self._rate_hz))

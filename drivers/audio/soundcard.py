@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.audio.oscillator import ChirpWave, Silence, ToneWave, Wave
+from drivers.audio.codec import Sound
+from drivers.audio.oscillator import chirp, tone
 from drivers.audio.settings import FULL_SCALE, RATE_HZ, AudioSettings
-from drivers.audio.source import Declined, Drive, SoundPacket, SourceEvent, SourceFound, Swept
+from drivers.audio.source import Drive, SourceEvent, SourceFound, Swept
 from drivers.core.clock import Clock
 from drivers.core.errors import PortError, lacking
-from drivers.core.messages import Chirp, Tone
+from drivers.core.messages import Chirp, Refused, Tone
 
 WAITING_PACKETS: Final = 4096
 """Buffers that were not taken (20 s of 5 ms): beyond, the oldest are dropped, and their frames count as lost
@@ -52,6 +54,7 @@ class SoundCard:
         self._has_output = False
         self._callback: _Callback | None = None
         self._listening = False
+        self._declined: list[Refused] = []
         self.fault: str | None = None
 
     def open(self) -> SourceFound:
@@ -146,7 +149,7 @@ class SoundCard:
             return
         if not self._has_output and isinstance(command, Tone | Chirp):
             reason = "the sound card has no output"
-            self._callback.declined.append(Declined(command, reason, self._clock.monotonic_s()))
+            self._declined.append(Refused(self._clock.now(), self._device, command, reason))
         else:
             self._callback.play(command)
 
@@ -157,8 +160,8 @@ class SoundCard:
             return ()
         taken = callback.take()
         events: list[SourceEvent] = [*taken] if self._listening else []
-        while callback.declined:
-            events.append(callback.declined.popleft())
+        events += self._declined
+        self._declined = []
         while callback.sweeps:
             events.append(callback.sweeps.popleft())
         self.fault = self.fault or callback.fault
@@ -192,7 +195,6 @@ class _Callback:
     Attributes:
         overruns: How often the card reported input as lost or made up.
         underruns: The same of output.
-        declined: Drives that cannot be.
         sweeps: Chirps whose end has arrived at the input, by the latency that the card reports.
         fault: Why the stream has ended.
         closing: It is meant to end.
@@ -202,18 +204,18 @@ class _Callback:
         self._clock = clock
         self.overruns = 0
         self.underruns = 0
-        self.declined: deque[Declined] = deque()
         self.sweeps: deque[Swept] = deque()
         self.fault: str | None = None
         self.closing = False
-        self._packets: deque[SoundPacket] = deque(maxlen=WAITING_PACKETS)
+        self._packets: deque[Sound] = deque(maxlen=WAITING_PACKETS)
         self._frame = 0
         self._played = 0
         self._round_trip_s = round_trip_s
         self._doubtful = 0
         self._expected_s: float | None = None
         self._lock = threading.Lock()
-        self._wave: Wave = Silence()
+        self._wave: Callable[[int, int], NDArray[np.float64]] | None = None
+        self._wave_end: int | None = None
         self._asked: Drive | None = None
         self._sweep_returns: int | None = None
 
@@ -222,7 +224,7 @@ class _Callback:
         with self._lock:
             self._asked = command
 
-    def take(self) -> list[SoundPacket]:
+    def take(self) -> list[Sound]:
         """Packets since the last call."""
         taken = []
         while self._packets:
@@ -239,7 +241,7 @@ class _Callback:
         self.overruns += bool(status.input_overflow or status.input_underflow)
         if self._doubtful < frames:
             first = self._doubtful
-            self._packets.append(SoundPacket(self._frame + first, indata[first:] >> SPARE_BITS, arrival_s))
+            self._packets.append(Sound(self._frame + first, indata[first:] >> SPARE_BITS, arrival_s))
         self._doubtful = max(0, self._doubtful - frames)
         self._frame += frames
         adc_s = float(time.inputBufferAdcTime)
@@ -259,12 +261,12 @@ class _Callback:
         self.input(indata, frames, time, status)
         first, self._played = self._played, self._played + frames
         self._choose(first)
-        wave = self._wave.at(first, frames) * (FULL_SCALE - 1)
+        wave = np.zeros(frames) if self._wave is None else self._wave(first, frames) * (FULL_SCALE - 1)
         outdata[:] = (np.rint(wave).astype(np.int32) << SPARE_BITS)[:, None]
-        if self._wave.end is not None and self._wave.end <= self._played:
+        if self._wave_end is not None and self._wave_end <= self._played:
             later = self._frame - self._played + round(round_trip_s * RATE_HZ)
-            self._sweep_returns = self._wave.end + later
-            self._wave = Silence()
+            self._sweep_returns = self._wave_end + later
+            self._wave = self._wave_end = None
         if self._sweep_returns is not None and self._sweep_returns <= self._frame:
             self.sweeps.append(Swept(self._sweep_returns, self._clock.monotonic_s()))
             self._sweep_returns = None
@@ -277,15 +279,22 @@ class _Callback:
     def _choose(self, first: int) -> None:
         with self._lock:
             asked, self._asked = self._asked, None
-        if asked is not None:
-            self._sweep_returns = None
+        if asked is None:
+            return
+        self._wave = self._wave_end = self._sweep_returns = None
         if isinstance(asked, Tone):
-            self._wave = ToneWave(asked.frequency_hz, asked.level)
+            self._wave = partial(tone, frequency_hz=asked.frequency_hz, level=asked.level)
         elif isinstance(asked, Chirp):
             frames = round(asked.duration_s * RATE_HZ)
-            self._wave = ChirpWave(asked.from_hz, asked.to_hz, frames, asked.level, first)
-        elif asked is not None:
-            self._wave = Silence()
+            self._wave_end = first + frames
+            self._wave = partial(
+                chirp,
+                begin=first,
+                from_hz=asked.from_hz,
+                to_hz=asked.to_hz,
+                frames=frames,
+                level=asked.level,
+            )
 
     def _missing(self, time: Any) -> int:
         """Frames that an overrun has cost, by the card's time of the first sample; at least one."""

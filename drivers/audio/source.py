@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.audio.codec import Sound
 from drivers.audio.settings import AudioSettings
 from drivers.core.clock import Clock
 from drivers.core.errors import PortError
-from drivers.core.messages import Chirp, Excite, Tone
+from drivers.core.messages import Chirp, Excite, Refused, Tone
 
 Drive = Tone | Chirp | Excite
 
@@ -52,50 +53,16 @@ class SourceFound:
     details: Mapping[str, object] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SoundPacket:
-    """Consecutive frames.
-
-    Attributes:
-        frame: The converter's counter of the first.
-        counts: 24-bit counts of all channels of the source, shape (n, channels).
-        arrival_s: Monotonic time in seconds at which the host had them.
-    """
-
-    frame: int
-    counts: NDArray[np.int32]
-    arrival_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Swept:
-    """A chirp is over.
-
-    Attributes:
-        frame: The first input frame after it, by what is known of the latency from output to input.
-        arrival_s: Monotonic time in seconds at which that was known.
-    """
+class Swept(NamedTuple):
+    """A chirp is over: the first input frame after it, by what is known of the latency from output to input, and the
+    monotonic time in seconds at which that was known."""
 
     frame: int
     arrival_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Declined:
-    """A drive was not taken.
-
-    Attributes:
-        command: The drive.
-        reason: Why.
-        arrival_s: Monotonic time in seconds at which that was known.
-    """
-
-    command: Drive
-    reason: str
-    arrival_s: float
-
-
-SourceEvent = SoundPacket | Swept | Declined
+SourceEvent = Sound | Swept | Refused
+"""What a source reports; `Refused` is of a drive that was not taken."""
 
 
 class SoundSource(Protocol):

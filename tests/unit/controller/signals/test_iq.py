@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from controller.signals.iq import Iq, IqSettings
-from drivers.audio.oscillator import ToneWave
+from drivers.audio.oscillator import tone
 from drivers.core.messages import SampleBlock, Saturated
 
 RATE_HZ = 96_000
@@ -25,7 +25,7 @@ def sound(values, seq=0, t0_s=0.0, **more):
 def fingers(z_right, z_left, frame=0, drive_hz=40_000.0):
     """Counts of both fingers whose envelopes are these, each shape (n,), at the drive of the audio device."""
     n = len(z_right)
-    cosine = ToneWave(drive_hz, 1.0).at(frame, n)
+    cosine = tone(frame, n, drive_hz, 1.0)
     # a quarter of a period later the cosine is a sine: taken from the drive's own arithmetic where it has one
     phase = (
         2 * np.pi * (round(drive_hz * 1000) * (np.arange(frame, frame + n) % 96_000_000) % 96_000_000) / 96e6

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers.audio.codec import Sound
 from drivers.audio.driver import Audio, AudioSettings
-from drivers.audio.source import Declined, SoundPacket, SourceFound, Swept
+from drivers.audio.source import SourceFound, Swept
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import PortError, ProtocolError, SilentError
 from drivers.core.messages import (
@@ -72,7 +73,7 @@ class Source:
 
     def put(self, frame, counts=None):
         counts = noise() if counts is None else counts
-        self.queue.append(SoundPacket(frame, counts, self.clock.monotonic_s()))
+        self.queue.append(Sound(frame, counts, self.clock.monotonic_s()))
 
     def account(self):
         return {"overruns": 3}
@@ -387,10 +388,10 @@ def test_every_drive_goes_to_the_source_and_what_it_declines_is_refused(bench):
     for drive in drives:
         bench.device.apply(drive)
     assert bench.source.calls[-3:] == drives
-    bench.source.queue.append(Declined(tone, "no output", bench.clock.monotonic_s()))
+    declined = Refused(bench.clock.now(), "audio", tone, "no output")
+    bench.source.queue.append(declined)
     bench.turn()
-    (refused,) = bench.take(Refused)
-    assert refused == Refused(pytest.approx(TURN_S), "audio", tone, "no output")
+    assert bench.take(Refused) == [declined]
     assert [status.command for status in bench.take(Sent)] == drives
 
 

@@ -15,7 +15,7 @@ from behaviors.events import Contact
 from controller.detectors.level import LevelDetector, LevelSettings
 from controller.signals.iq import Iq, IqSettings
 from drivers.audio.driver import Audio, AudioSettings
-from drivers.audio.oscillator import ToneWave
+from drivers.audio.oscillator import tone
 from drivers.audio.soundcard import SoundCard
 from drivers.audio.source import Swept
 from drivers.core.clock import WallClock
@@ -208,9 +208,10 @@ def test_the_drive_is_locked_to_the_frames_and_goes_on_without_a_step_whatever_i
     # the card plays buffer after buffer: frames of input that were not taken leave no gap in the output
     out.append(stream.buffer(sound(480), missing=100))
     out.append(stream.buffer(sound(480), 0, "output_underflow"))
-    expected = ToneWave(40_000.0, 0.5)
     for wave, first in zip(out, (480, 960, 960 + 333, 960 + 333 + 480), strict=True):
-        assert wave == pytest.approx(np.repeat(expected.at(first, len(wave))[:, None], 2, axis=1), abs=3e-7)
+        assert wave == pytest.approx(
+            np.repeat(tone(first, len(wave), 40_000.0, 0.5)[:, None], 2, axis=1), abs=3e-7
+        )
     device.apply(Excite("audio", False))
     assert not stream.buffer(sound(480)).any()
     device.close()
