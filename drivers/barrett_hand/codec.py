@@ -8,9 +8,8 @@ is a group. A query is `[property]`, a setting `[0x80 | property, 0, i32]`, a re
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
@@ -52,27 +51,16 @@ class Property(IntEnum):
     POSITION = 48
 
 
-@dataclass(frozen=True, slots=True)
-class Get:
-    """Queries a property of a node or a group."""
+class HandRequest(NamedTuple):
+    """Queries a property of a node or a group, or sets it to a value."""
 
     receiver: int
     property: int
+    value: int | None = None
     group: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Set:
-    """Sets a property of a node or a group."""
-
-    receiver: int
-    property: int
-    value: int
-    group: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class HandReply:
+class HandReply(NamedTuple):
     """A node's property."""
 
     sender: int
@@ -80,15 +68,15 @@ class HandReply:
     value: int
 
 
-def encode_request(request: Get | Set) -> CanFrame:
+def encode_request(request: HandRequest) -> CanFrame:
     """A query or a setting as the frame on the wire."""
     identifier = HOST << 5 | request.receiver | GROUP_BIT * request.group
-    if isinstance(request, Get):
+    if request.value is None:
         return CanFrame(identifier, bytes([request.property]))
     return CanFrame(identifier, struct.pack("<BBi", REPLY_BIT | request.property, 0, request.value))
 
 
-def decode_request(frame: CanFrame) -> Get | Set:
+def decode_request(frame: CanFrame) -> HandRequest:
     """Decode a frame to a node.
 
     Raises:
@@ -96,10 +84,10 @@ def decode_request(frame: CanFrame) -> Get | Set:
     """
     group, receiver, data = bool(frame.id & GROUP_BIT), frame.id & 0x1F, frame.data
     if not frame.remote and len(data) == 1 and not data[0] & REPLY_BIT:
-        return Get(receiver, data[0], group)
+        return HandRequest(receiver, data[0], group=group)
     if not frame.remote and len(data) == 6 and data[0] & REPLY_BIT:
         (value,) = struct.unpack_from("<i", data, 2)
-        return Set(receiver, data[0] & ~REPLY_BIT, value, group)
+        return HandRequest(receiver, data[0] & ~REPLY_BIT, value, group)
     raise CodecError(f"no request: {frame}")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, Strict
@@ -18,15 +18,6 @@ from drivers.core.wire import Inquiry, WireDriver
 
 OPEN_ATTEMPTS = 10
 """How often a finger is queried while opening (assumption: frames may be lost, or missed by a busy machine)."""
-
-
-class _Answer(NamedTuple):
-    """A finger's answer in a cycle."""
-
-    cycle: int
-    due_s: float
-    arrival_s: float
-    counts: int
 
 
 class BarrettHandSettings(CanPort, FingerStrainSettings):
@@ -57,13 +48,8 @@ class BarrettHand(WireDriver[CanLink]):
     _opens = staticmethod(open_can)
 
     def _prepare(self) -> None:
-        gauge = FingerStrainSettings(
-            newton_per_count=self._settings.newton_per_count, zero_counts=self._settings.zero_counts
-        )
-        self._strains = {
-            finger: FingerStrain(self.name, finger, self._settings.poll_hz, gauge)
-            for finger in self._settings.fingers
-        }
+        s = self._settings
+        self._strains = {finger: FingerStrain(self.name, finger, s.poll_hz, s) for finger in s.fingers}
         self._fingers = {strain.info.name: finger for finger, strain in self._strains.items()}
         self._missing = 0
         self._forget()
@@ -127,9 +113,9 @@ class BarrettHand(WireDriver[CanLink]):
             link.ask(None)
             return
         if len(fingers) == 1:
-            question = codec.Get(min(fingers), codec.Property.STRAIN)
+            question = codec.HandRequest(min(fingers), codec.Property.STRAIN)
         else:
-            question = codec.Get(codec.HAND, codec.Property.STRAIN, group=True)
+            question = codec.HandRequest(codec.HAND, codec.Property.STRAIN, group=True)
         link.ask(
             PeriodicQuestion(
                 codec.encode_request(question),
@@ -140,13 +126,12 @@ class BarrettHand(WireDriver[CanLink]):
         )
 
     def _update(self, link: CanLink) -> str | None:
-        answers = {finger: list[_Answer]() for finger in sorted(self._subscribed)}
+        answers = {finger: list[tuple[ReceivedFrame, int]]() for finger in sorted(self._subscribed)}
         for received in link.receive():
             reply = _strain(received)
-            cycle, due_s = received.cycle, received.due_s
-            if reply is None or reply.sender not in answers or cycle is None or due_s is None:
-                continue  # from another node, or too late to be assigned to a cycle
-            answers[reply.sender].append(_Answer(cycle, due_s, received.arrival_s, reply.value))
+            if reply is not None and reply.sender in answers and received.due_s is not None:
+                answers[reply.sender].append((received, reply.value))
+            # Else it is from another node, or too late to be assigned to a cycle.
         now_s = self._clock.monotonic_s()
         if any(answers.values()) or not self._subscribed:
             self._received_s = now_s
@@ -156,14 +141,17 @@ class BarrettHand(WireDriver[CanLink]):
             return f"no answer in {self._settings.silence_timeout_s:g} s; is the hand powered?"
         return None
 
-    def _take(self, finger: int, answers: Sequence[_Answer]) -> None:
+    def _take(self, finger: int, answers: Sequence[tuple[ReceivedFrame, int]]) -> None:
         """Make blocks of what a finger answered."""
         strain, lost = self._strains[finger], 0
         samples = Samples(strain.info, np.int64)
-        for cycle, due_s, arrival_s, count in answers:
-            placed = self._tracks[finger].place(due_s, arrival_s, counter=cycle, joins=bool(samples))
+        for received, count in answers:
+            assert received.due_s is not None
+            placed = self._tracks[finger].place(
+                received.due_s, received.arrival_s, counter=received.cycle, joins=bool(samples)
+            )
             lost += placed.lost or 0
-            samples.push(placed.seq, placed.t0_s, arrival_s, (count,))
+            samples.push(placed.seq, placed.t0_s, received.arrival_s, (count,))
         for raw in samples.take(self._clock.from_monotonic(0.0)):
             counts = raw.values[:, 0].astype(np.int64)
             block = strain.block(raw.seq, raw.t0_s, counts, raw.arrival_s)
@@ -193,7 +181,7 @@ class BarrettHand(WireDriver[CanLink]):
             stranger="is a BarrettHand on this bus, at its bit rate?",
             silent="is the hand powered?",
         )
-        question = codec.encode_request(codec.Get(finger, codec.Property.STRAIN))
+        question = codec.encode_request(codec.HandRequest(finger, codec.Property.STRAIN))
         return inquiry.ask(lambda: link.send(question), parse, OPEN_ATTEMPTS)
 
 

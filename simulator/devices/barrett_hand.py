@@ -81,7 +81,7 @@ class EmulatedBarrettHand:
             nodes = list(self._values) if request.receiver == codec.HAND else []
         else:
             nodes = [request.receiver] if request.receiver in self._values else []
-        if isinstance(request, codec.Set):
+        if request.value is not None:
             for node in nodes:
                 if request.property in self._values[node]:
                     self._values[node][codec.Property(request.property)] = request.value

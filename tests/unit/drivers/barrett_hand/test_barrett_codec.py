@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 from drivers.barrett_hand.codec import (
-    Get,
     HandReply,
+    HandRequest,
     Property,
-    Set,
     decode_reply,
     decode_request,
     encode_reply,
@@ -19,12 +18,12 @@ from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
 
 REQUESTS = [
-    (Get(11, Property.STRAIN), "00B", "19"),
-    (Get(5, Property.STRAIN, group=True), "405", "19"),
-    (Get(14, Property.POSITION), "00E", "30"),
-    (Set(11, Property.MODE, 5), "00B", "88 00 05 00 00 00"),
-    (Set(5, Property.COMMAND, -2, group=True), "405", "9D 00 FE FF FF FF"),
-    (Set(13, Property.TARGET, 66_000), "00D", "AA 00 D0 01 01 00"),
+    (HandRequest(11, Property.STRAIN), "00B", "19"),
+    (HandRequest(5, Property.STRAIN, group=True), "405", "19"),
+    (HandRequest(14, Property.POSITION), "00E", "30"),
+    (HandRequest(11, Property.MODE, 5), "00B", "88 00 05 00 00 00"),
+    (HandRequest(5, Property.COMMAND, -2, group=True), "405", "9D 00 FE FF FF FF"),
+    (HandRequest(13, Property.TARGET, 66_000), "00D", "AA 00 D0 01 01 00"),
 ]
 
 REPLIES = [
@@ -42,7 +41,7 @@ REPLIES = [
 
 @pytest.mark.parametrize(("request_", "identifier", "data"), REQUESTS)
 def test_requests_are_the_bytes_of_the_interface_page(
-    request_: Get | Set, identifier: str, data: str
+    request_: HandRequest, identifier: str, data: str
 ) -> None:
     frame = CanFrame(int(identifier, 16), bytes.fromhex(data))
     assert encode_request(request_) == frame
