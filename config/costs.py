@@ -16,9 +16,6 @@ if TYPE_CHECKING:
 COSTS = Path(__file__).with_name("costs.toml")
 """What a trial of each shipped profile took: `python -m benchmarks.costs`."""
 
-STIFFNESS = {"finger": ("pad_n_m", "back_n_m")}
-"""Settings of a plant that give the stiffness of a contact, N/m."""
-
 _UNITS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
 _SIZES = ((1e9, "GB"), (1e6, "MB"), (1e3, "kB"))
 
@@ -58,7 +55,8 @@ def planned(
     found = cost(profile.name, profile.experiment, len(trials))
     yield f"disk      {_rounded(found.disk_bytes, _SIZES) if found else 'not measured'}"
     limits: Any = profile.limits
-    speed_m_s = _fastest(profile, trials)
+    asked = [profile.behavior.model_dump(), *(trial.own for trial in trials)]
+    speed_m_s = max(_speeds(asked), default=0.0)
     travel = f"{limits.travel_min_m:g} to {limits.travel_m:g} m of travel"
     speed = f"at {speed_m_s:g} m/s" if speed_m_s else "no speed is set in m/s"
     yield f"motion    {travel}, {speed}; the guard stops beyond {limits.speed_m_s:g} m/s"
@@ -129,35 +127,27 @@ def duration(name: str, experiment: str, bench: str, trials: int, workers: int =
     return f"about {bench_time} of bench time, computed in {_rounded(found.computing_s / workers, _UNITS)}{cores}"
 
 
-def _fastest(profile: Profile, trials: Sequence[Trial]) -> float:
-    """The greatest speed that trials or behavior ask for, m/s."""
-    tables = [profile.behavior.model_dump(), *(trial.own for trial in trials)]
-    return max(_speeds(tables), default=0.0)
-
-
 def _speeds(settings: Any) -> Iterator[float]:
-    """All speeds that are named in settings, however deep, m/s."""
+    """All speeds in settings, however deep, m/s: names end in their unit."""
     if isinstance(settings, Mapping):
-        yield from (
-            abs(value) for key, value in settings.items() if key.endswith("speed_m_s") and value is not None
-        )
-    if isinstance(settings, Mapping | list | tuple):
-        for value in settings.values() if isinstance(settings, Mapping) else settings:
-            yield from _speeds(value)
+        yield from (abs(value) for key, value in settings.items() if key.endswith("speed_m_s") and value)
+        settings = settings.values()
+    if isinstance(settings, Iterable) and not isinstance(settings, str):
+        for each in settings:
+            yield from _speeds(each)
 
 
 def _force(profile: Profile, speed_m_s: float) -> str:
-    limits, loop = profile.limits, profile.loop
-    force_n, median_s, rate_hz = limits.force_n, limits.force_median_s, loop.rate_hz  # type: ignore[attr-defined]
-    if force_n is None:
+    limits: Any = profile.limits
+    loop: Any = profile.loop
+    if limits.force_n is None:
         return "no limit (limits.force_n is not set)"
-    stop = f"the guard stops at {force_n:g} N"
-    keys = STIFFNESS.get(profile.plant.kind, ()) if profile.plant else ()
-    if not keys:
+    stop = f"the guard stops at {limits.force_n:g} N"
+    stiffness = getattr(profile.plant.settings, "stiffest_n_m", None) if profile.plant else None
+    if stiffness is None:
         return f"{stop}; no contact stiffness is known, so no peak is forecast"
-    stiffness = max(float(getattr(profile.plant.settings, key)) for key in keys)  # type: ignore[union-attr]
-    latency_s = median_s + 1.0 / rate_hz
-    peak_n = force_n + speed_m_s * latency_s * stiffness
+    latency_s = limits.force_median_s + 1.0 / loop.rate_hz
+    peak_n = limits.force_n + speed_m_s * latency_s * stiffness
     return (
         f"{stop}; {peak_n:.2g} N at the most if it alone does, with {speed_m_s:g} m/s x {1e3 * latency_s:.0f} ms "
         f"(median and a turn) x {stiffness:g} N/m, braking aside"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 from pydantic import Field
 
 from config.source import ProfileError, read_source
@@ -57,7 +58,7 @@ class ProfileParts(Settings):
     @property
     def tried(self) -> Sequence[Sequence[str]]:
         """The arguments of each run that select profile and trials: other verbs take them as well."""
-        return [_trials_of(run_context(arguments)) for arguments in self.runs]
+        return [_trials_of(arguments) for arguments in self.runs]
 
 
 def parts_of(name_or_path: str) -> ProfileParts | None:
@@ -86,22 +87,18 @@ def parts_of(name_or_path: str) -> ProfileParts | None:
     return parts
 
 
-NOT_OF_A_PART = ("--out", "--help", "-h")
-"""Options that a part cannot have: all write into one folder."""
-
-
 def _mistake(part: str) -> str:
     """Why nothing can be run by a part's line; "" where it can."""
     try:
-        arguments = shlex.split(part)
-        refused = [argument for argument in arguments if argument.partition("=")[0] in NOT_OF_A_PART]
-        if refused:
-            return f"a part has no {refused[0]}"
-        if "parts" in read_source(run_context(arguments).params["profile"]).data:
+        given = run_context(shlex.split(part))
+        if given.get_parameter_source("out") is not ParameterSource.DEFAULT:
+            return "all parts write into one folder; leave --out out"
+        if "parts" in read_source(given.params["profile"]).data:
             return "has parts itself; name those here"
     except (ValueError, click.ClickException) as error:  # a ProfileError is one as well
-        reason = error.format_message() if isinstance(error, click.ClickException) else str(error)
-        return f"{reason[:1].lower()}{reason[1:].rstrip('.')}"
+        return (error.format_message() if isinstance(error, click.ClickException) else str(error)).rstrip(".")
+    except click.exceptions.Exit:
+        return "asks for help alone"
     return ""
 
 
@@ -112,12 +109,12 @@ def run_context(arguments: Sequence[str]) -> click.Context:
     return run.make_context("run", list(arguments))
 
 
-def _trials_of(context: click.Context) -> list[str]:
-    given = context.params
+def _trials_of(arguments: Sequence[str]) -> list[str]:
+    """Of the arguments of a part those that select profile and trials."""
+    given = run_context(arguments).params
     settings = [f"--set={key}={text}" for key, text in given["overrides"].items()]
     chosen = [f"--only={number}" for number in given["numbers"]]
-    file = [f"--trials={given['csv']}"] if given["csv"] else []
-    return [given["profile"], *settings, *chosen, *file]
+    return [given["profile"], *settings, *chosen, *([f"--trials={given['csv']}"] if given["csv"] else [])]
 
 
 def begin(name: str, parts: ProfileParts, common: Sequence[str], out: Path) -> RunFolder:

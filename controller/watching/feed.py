@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
-import selectors
 import socket
 from collections.abc import Collection, Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Thread
@@ -21,7 +21,7 @@ from controller.live_view import LiveView
 from controller.outcomes import is_success
 from controller.recording.series import DETECTOR, extremes
 from controller.scales import displayed, scale_of
-from drivers.core.clock import monotonic_s, rest
+from drivers.core.clock import rest
 
 SOCKET = "watch.sock"
 """In the run folder, as long as the run goes on: a user who may write there may watch."""
@@ -59,11 +59,8 @@ COMMANDS = ("pause", "resume", "stop")
 
 @dataclass
 class _Client:
-    """A client: what it has received so far, and what still has to go out."""
+    """What a client has been sent so far."""
 
-    socket: socket.socket
-    out: bytes = b""
-    received: bytes = b""
     trial: LiveView | None = None
     greeted: bool = False
     rows: int = 0
@@ -254,114 +251,78 @@ class _Feed:
     def __init__(self, path: Path, watched: Watched) -> None:
         self._path = path
         self._watched = watched
-        self._selector = selectors.DefaultSelector()
-        self._clients: list[_Client] = []
-        self._ending = False
-        self._wake, waker = socket.socketpair()
-        self._waker = waker
-        self._door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._loop = asyncio.new_event_loop()
+        self._ending: asyncio.Future[None] = self._loop.create_future()
+        self._clients: set[asyncio.Task[Any]] = set()
+        door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         path.unlink(missing_ok=True)  # of a run that was killed; this one holds the folder
-        os.fchmod(self._door.fileno(), 0o600)  # before there is a name: no other user ever gets in
+        os.fchmod(door.fileno(), 0o600)  # before there is a name: no other user ever gets in
         with at(path) as name:
-            self._door.bind(name)
-        self._door.listen(CLIENTS)
-        self._door.setblocking(False)
-        for each in (self._door, self._wake):
-            self._selector.register(each, selectors.EVENT_READ)
-        self._thread = Thread(target=self._serve, name="feed", daemon=True)
+            door.bind(name)
+        door.listen(CLIENTS)
+        self._thread = Thread(target=self._run, args=(door,), name="feed", daemon=True)
         self._thread.start()
 
     def end(self) -> None:
         """Publish for the last time; a client that takes nothing is not waited for."""
-        self._ending = True
-        self._waker.send(b".")
+        with suppress(RuntimeError):  # the thread has ended before
+            self._loop.call_soon_threadsafe(self._ending.set_result, None)
         self._thread.join(2 * PUBLISH_S)
 
-    def _serve(self) -> None:
-        published_s = 0.0
-        while not self._ending:
-            ready = self._selector.select(PUBLISH_S if self._clients else None)
-            for key, mask in ready:
-                self._attend(key, mask)
-            # A client that has just come may only have looked whether a run is there, and is gone by the next round.
-            came = any(key.fileobj is self._door for key, _ in ready)
-            if not came and monotonic_s() - published_s >= PUBLISH_S:
-                published_s = monotonic_s()
-                self._publish()
-        self._publish()
+    def _run(self, door: socket.socket) -> None:
+        with closing(self._loop):
+            self._loop.run_until_complete(self._serve(door))
+
+    async def _serve(self, door: socket.socket) -> None:
+        server = await asyncio.start_unix_server(self._attend, sock=door, limit=COMMAND_BYTES)
+        await self._ending
+        server.close()
         self._path.unlink(missing_ok=True)
-        for each in (*(client.socket for client in self._clients), self._door, self._wake, self._waker):
-            each.close()
-        self._selector.close()
+        if self._clients:
+            _, deaf = await asyncio.wait(self._clients, timeout=PUBLISH_S)
+            for client in deaf:
+                client.cancel()
+            await asyncio.gather(*deaf, return_exceptions=True)
 
-    def _attend(self, key: selectors.SelectorKey, mask: int) -> None:
-        if key.fileobj is self._door:
-            with suppress(OSError):
-                self._welcome(self._door.accept()[0])
-        elif key.fileobj is not self._wake:
-            client: _Client = key.data
-            if mask & selectors.EVENT_READ:
-                self._listen(client)
-            if mask & selectors.EVENT_WRITE:
-                self._send(client)
+    async def _attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve a client until it leaves, cannot be shown something, or the run ends."""
+        task = asyncio.current_task()
+        assert task is not None
+        writer.transport.set_write_buffer_limits(0)  # nothing more is made before the last message is out
+        with closing(writer):
+            if len(self._clients) >= CLIENTS:
+                return
+            self._clients.add(task)
+            listening = asyncio.create_task(self._listen(reader, writer))
+            try:
+                await self._publish(listening, writer)
+            except Exception:  # it left; or a detector of the user's own: it ends neither run nor thread
+                return
+            finally:
+                listening.cancel()
+                self._clients.discard(task)
 
-    def _welcome(self, peer: socket.socket) -> None:
-        if len(self._clients) >= CLIENTS:
-            peer.close()
-            return
-        peer.setblocking(False)
-        client = _Client(peer)
-        self._clients.append(client)
-        self._selector.register(peer, selectors.EVENT_READ, client)
+    async def _publish(self, listening: asyncio.Task[None], writer: asyncio.StreamWriter) -> None:
+        client = _Client()
+        ended = False
+        while not ended:
+            # The first message comes late as well: who has just come may only have looked whether a run is there.
+            await asyncio.wait(
+                {listening, self._ending}, timeout=PUBLISH_S, return_when=asyncio.FIRST_COMPLETED
+            )
+            if listening.done():
+                return
+            ended = self._ending.done()
+            writer.write(self._watched.news(client))
+            await writer.drain()
 
-    def _listen(self, client: _Client) -> None:
-        try:
-            data = client.socket.recv(COMMAND_BYTES)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        *lines, client.received = (client.received + data).split(b"\n")
-        for line in lines:
-            refusal = self._watched.receive(line)
-            if (
-                refusal and len(client.out) < COMMAND_BYTES
-            ):  # a client that does not read gets no more of them
-                client.out += json.dumps({"refused": refusal}).encode() + b"\n"
-        if client.out:
-            self._send(client)
-        if not data or len(client.received) > COMMAND_BYTES:
-            self._drop(client)
-
-    def _publish(self) -> None:
-        for client in list(self._clients):
-            if not client.out:
-                self._publish_to(client)
-
-    def _publish_to(self, client: _Client) -> None:
-        try:
-            client.out = self._watched.news(client)
-        except Exception:  # of a detector of the user's own: it ends neither the run nor this thread
-            self._drop(client)
-            return
-        self._send(client)
-
-    def _send(self, client: _Client) -> None:
-        try:
-            client.out = client.out[client.socket.send(client.out) :]
-        except BlockingIOError:
-            pass
-        except OSError:
-            self._drop(client)
-            return
-        more = selectors.EVENT_WRITE if client.out else 0
-        self._selector.modify(client.socket, selectors.EVENT_READ | more, client)
-
-    def _drop(self, client: _Client) -> None:
-        if client in self._clients:
-            self._clients.remove(client)
-            self._selector.unregister(client.socket)
-            client.socket.close()
+    async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(ValueError, OSError):  # a line that is too long
+            while line := await reader.readline():
+                refusal = self._watched.receive(line)
+                # a client that does not read gets no more of them
+                if refusal and writer.transport.get_write_buffer_size() < COMMAND_BYTES:
+                    writer.write(json.dumps({"refused": refusal}).encode() + b"\n")
 
 
 class at:  # noqa: N801 - reads as a preposition

@@ -199,6 +199,11 @@ class FingerSettings(Settings):
         return self.tendon_friction_n_m > 0.0 or self.drive_ripple > 0.0 or self.drift_1_s != 0.0
 
     @property
+    def stiffest_n_m(self) -> float:
+        """Stiffness of the hardest contact, from which a peak force is forecast, N/m."""
+        return max(self.pad_n_m, self.back_n_m)
+
+    @property
     def quiet(self) -> bool:
         """Whether a converter sees no noise: a load cell that repeats its value is not stuck then."""
         return self.noise_scale * self.load_cell_n < 1e-5  # N, its last bit
