@@ -52,7 +52,7 @@ class Turning(Silent):
         self.thread = Thread(target=self._run)
         self.thread.start()
 
-    def poll(self) -> str | None:  # type: ignore[override]
+    def poll(self) -> str | None:
         """The clicks' command."""
         return self.operator.poll()
 

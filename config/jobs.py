@@ -1,6 +1,6 @@
-"""The trials of a simulated campaign on several cores or machines, in parts that come back in order.
+"""The trials of a simulated campaign on several cores or machines, in batches that come back in order.
 
-A part is run as a campaign of its own, so that nothing in it knows that there are others. Nothing heavy is imported
+A batch is run as a campaign of its own, so that nothing in it knows that there are others. Nothing heavy is imported
 here: it is the first module that a worker loads.
 """
 
@@ -12,14 +12,14 @@ import os
 import signal
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from types import FrameType, SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 from config.costs import cost
 from drivers.core.errors import PROGRAM, lacking
@@ -27,21 +27,21 @@ from drivers.core.errors import PROGRAM, lacking
 if TYPE_CHECKING:
     from config.profile import Profile
     from config.trials import Trial
+    from controller.batches import Batch
     from controller.campaign import Campaign, CampaignPlan, Console
-    from controller.parts import RunPart
     from controller.recording.resuming import ResumedRun
 
-PART_S = 1.0
-"""What a part is to take, s of wall time: beginning one costs 0.02 s, and at the end no worker waits long."""
+BATCH_S = 1.0
+"""What a batch is to take, s of wall time: beginning one costs 0.02 s, and at the end no worker waits long."""
 
-PART_MOST = 256
-"""Most trials of a part: what it holds passes through memory."""
+BATCH_MOST = 256
+"""Most trials of a batch: what it holds passes through memory."""
 
 WORTH_S = 10.0
 """Computing from which on workers are started unasked, s: starting them takes 2 s of each."""
 
 AHEAD = 3
-"""Parts that are handed out for each worker: none waits while the first one is put into the folder."""
+"""Batches that are handed out for each worker: none waits while the first one is put into the folder."""
 
 WAIT_S = 0.1
 """How often the operator is asked meanwhile, s."""
@@ -60,8 +60,7 @@ class JobsError(RuntimeError):
     """Trials cannot be run elsewhere."""
 
 
-@dataclass(frozen=True)
-class Order:
+class Order(NamedTuple):
     """What a worker has to know of a campaign beside the trials.
 
     Attributes:
@@ -76,82 +75,70 @@ class Order:
     name: str
     resolved: str
     folders: tuple[Path, ...]
-    factors: Sequence[str]
+    factors: tuple[str, ...]
     seed: int
     own: tuple[tuple[str, str], ...] = ()
 
-    @classmethod
-    def of(cls, profile: Profile, trials: Sequence[Trial], factors: Sequence[str], seed: int) -> Order:
-        """The trials themselves come with each part: of the profile's own one is kept, which validates."""
-        from config.assemble import own_modules
 
-        one = {"list": [dict(trials[0].factors)], "grid": {}, "repeats": 1, "order": "listed"}
-        resolved = json.dumps({**profile.resolved, "trials": one})
-        own = tuple((name, entry["sha256"]) for name, entry in own_modules(profile).items())
-        return cls(profile.name, resolved, profile.source.folders, tuple(factors), seed, own)
+def order_of(profile: Profile, trials: Sequence[Trial], factors: Sequence[str], seed: int) -> Order:
+    """The trials themselves come with each batch: of the profile's own one is kept, which validates."""
+    from config.assemble import own_modules
+
+    one = {"list": [dict(trials[0].factors)], "grid": {}, "repeats": 1, "order": "listed"}
+    resolved = json.dumps({**profile.resolved, "trials": one})
+    own = tuple((name, entry["sha256"]) for name, entry in own_modules(profile).items())
+    return Order(profile.name, resolved, tuple(profile.source.folders), tuple(factors), seed, own)
 
 
 class Silent:
     """A console without output, and an operator who never interrupts."""
 
-    def poll(self) -> None:
-        """Nothing."""
+    def poll(self) -> str | None:
+        """No request."""
+        return None
 
-    def suspend(self) -> None:
-        """Nothing."""
+    def _nothing(self, *_: object) -> None:
+        pass
 
-    def state(self, name: str, t_s: float) -> None:
-        """Nothing."""
-
-    def campaign_started(self, title: str, trials: int, folder: Path) -> None:
-        """Nothing."""
-
-    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
-        """Nothing."""
-
-    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
-        """Nothing."""
-
-    def campaign_ended(self, line: str) -> None:
-        """Nothing."""
+    suspend = state = campaign_started = trial_started = trial_ended = campaign_ended = _nothing
 
 
-def run_part(order: Order, trials: Sequence[Trial]) -> RunPart:
+def run_batch(order: Order, trials: Sequence[Trial]) -> Batch:
     """Run some trials of a campaign here; the same rows, events and samples wherever that is.
 
     Raises:
         JobsError: the modules of the user's own that are here are not those of the campaign.
     """
     from config.assemble import build_rig, plan_campaign
+    from controller.batches import Batch
     from controller.campaign import Campaign
-    from controller.parts import RunPart
     from drivers.core.clock import monotonic_s
 
     begun_s = monotonic_s()
     with _at_work():
-        profile = _profile(order.name, order.resolved, order.folders, order.own)
+        profile = _profile(order)
         plan = replace(plan_campaign(profile, trials, order.seed), factors=order.factors)
         with (
-            tempfile.TemporaryDirectory(prefix="touchbench-part-") as folder,
+            tempfile.TemporaryDirectory(prefix="touchbench-batch-") as folder,
             closing(build_rig(profile)) as rig,
         ):
             outcome = Campaign(plan, rig, Silent(), Path(folder)).run()
-            return RunPart.of(outcome.folder, outcome.error, monotonic_s() - begun_s)
+            files = {path.name: path.read_bytes() for path in outcome.folder.iterdir() if path.is_file()}
+            failure = f"{type(outcome.error).__name__}: {outcome.error}" if outcome.error else ""
+            return Batch(files, failure, monotonic_s() - begun_s)
 
 
 @lru_cache(maxsize=1)
-def _profile(
-    name: str, resolved: str, folders: tuple[Path, ...], own: tuple[tuple[str, str], ...]
-) -> Profile:
+def _profile(order: Order) -> Profile:
     """The campaign's profile; a worker that lives longer than a campaign loads the user's own code anew."""
     from config.assemble import own_modules
     from config.profile import load_resolved
     from controller.own_modules import forget_own
 
     forget_own()
-    profile = load_resolved(name, json.loads(resolved), folders=folders)
+    profile = load_resolved(order.name, json.loads(order.resolved), folders=order.folders)
     here = {top: entry["sha256"] for top, entry in own_modules(profile).items()}
-    if other := [top for top, digest in own if here.get(top) != digest]:
+    if other := [top for top, digest in order.own if here.get(top) != digest]:
         raise JobsError(f"{', '.join(other)} is another one at a worker than here; give all the same files")
     return profile
 
@@ -159,40 +146,34 @@ def _profile(
 # --- the workers ---------------------------------------------------------------------------------
 
 
+@dataclass
 class Crew:
-    """Workers, and a way to get new ones where some died.
+    """Workers, and a way to get new ones where some died."""
 
-    Args:
-        count: How many there are.
-        begin: Starts them.
-        end: Shuts them down without waiting for what they are at.
-        given_up: What a part fails by where its workers died and others were tried already.
-    """
+    count: int
+    """How many there are."""
 
-    def __init__(
-        self,
-        count: int,
-        begin: Callable[[], Executor],
-        end: Callable[[Executor], None],
-        given_up: tuple[type[Exception], ...] = (),
-    ) -> None:
-        self.count = count
-        self.given_up = given_up
-        self.lost: tuple[type[Exception], ...] = (BrokenExecutor, *given_up)
-        self._begin = begin
-        self._end = end
-        self._executor: Executor | None = None
+    begin: Callable[[], Executor]
+    """Starts them."""
 
-    def submit(self, order: Order, trials: Sequence[Trial]) -> Future[RunPart]:
-        """Have some trials run; where a worker has died, the part is lost as if it had been with that one."""
+    end: Callable[[Executor], None]
+    """Shuts them down without waiting for what they are at."""
+
+    given_up: tuple[type[Exception], ...] = ()
+    """What a batch fails by where its workers died and others were tried already."""
+
+    _executor: Executor | None = None
+
+    def submit(self, order: Order, trials: Sequence[Trial]) -> Future[Batch]:
+        """Have some trials run; where a worker has died, the batch is lost as if it had been with that one."""
         if self._executor is None:
-            self._executor = self._begin()
+            self._executor = self.begin()
         # a worker that is begun here inherits the mask: Ctrl+C at the terminal goes to it, too, also while it loads
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            return self._executor.submit(run_part, order, trials)
+            return self._executor.submit(run_batch, order, trials)
         except BrokenExecutor as error:
-            lost: Future[RunPart] = Future()
+            lost: Future[Batch] = Future()
             lost.set_exception(error)
             return lost
         finally:
@@ -202,7 +183,7 @@ class Crew:
         """Shut all down; new ones are started when they are needed."""
         executor, self._executor = self._executor, None
         if executor is not None:
-            self._end(executor)
+            self.end(executor)
 
 
 def cores(asked: int | None = None) -> Crew:
@@ -292,13 +273,13 @@ def cluster(address: str) -> Crew:
     return Crew(count, client.get_executor, end, (KilledWorker,))
 
 
-# --- the parts -----------------------------------------------------------------------------------
+# --- the batches ---------------------------------------------------------------------------------
 
 
-def parts(
+def batches(
     crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[], None]
-) -> Iterator[RunPart]:
-    """Have trials run, and give their parts in the order of the trials; every trial once, even where workers die.
+) -> Iterator[Batch]:
+    """Have trials run, and give their batches in the order of the trials; every trial once, even where workers die.
 
     The crew stays when all is done, for a next campaign; where this ends before, it is shut down at once.
 
@@ -312,8 +293,9 @@ def parts(
         JobsError: workers die of it, or the scheduler is gone.
     """
     left = deque(trials)
-    given: deque[tuple[Future[RunPart], list[Trial]]] = deque()
+    given: deque[tuple[Future[Batch], list[Trial]]] = deque()
     size, deaths = 1, 0
+    died: tuple[type[Exception], ...] = (BrokenExecutor, *crew.given_up)
     try:
         while left or given:
             while left and len(given) < crew.count * AHEAD:
@@ -326,12 +308,12 @@ def parts(
             if not future.done():
                 continue
             try:
-                part = future.result()
+                batch = future.result()
             except CancelledError:  # not by this program
                 raise JobsError(
                     f"the scheduler is gone, and what it had been given with it; start it again, then: {PROGRAM} resume"
                 ) from None
-            except crew.lost as error:
+            except died as error:
                 deaths += 1
                 if deaths >= DEATHS or isinstance(error, crew.given_up):
                     numbers = ", ".join(str(trial.id) for trial in some)
@@ -340,25 +322,25 @@ def parts(
                         "is there memory enough? try --jobs 1"
                     ) from None
                 crew.close()
-                given = deque((_again(crew, order, *each), each[1]) for each in given)
+                given = deque(
+                    (done if _well(done) else crew.submit(order, these), these) for done, these in given
+                )
                 continue
             given.popleft()
             deaths = 0
-            size = max(1, min(PART_MOST, round(PART_S / max(part.took_s / len(some), 1e-6))))
-            yield part
+            size = max(1, min(BATCH_MOST, round(BATCH_S / max(batch.took_s / len(some), 1e-6))))
+            yield batch
     finally:
         if left or given:
             crew.close()
 
 
-def _again(crew: Crew, order: Order, future: Future[RunPart], trials: list[Trial]) -> Future[RunPart]:
-    """A part that was lost with its worker is run again, one that is done stays."""
-    if future.done() and not future.cancelled() and future.exception() is None:
-        return future
-    return crew.submit(order, trials)
+def _well(future: Future[Batch]) -> bool:
+    """Whether a batch is done; one that was lost with its worker is run again."""
+    return future.done() and not future.cancelled() and future.exception() is None
 
 
-def in_parts(
+def in_batches(
     crew: Crew,
     profile: Profile,
     plan: CampaignPlan,
@@ -366,24 +348,14 @@ def in_parts(
     out: Path,
     resumed: ResumedRun | None = None,
 ) -> Campaign:
-    """A campaign that a crew runs.
-
-    Args:
-        crew: The workers.
-        profile: Of the campaign.
-        plan: What is run.
-        console: The person's side.
-        out: Folder of all runs.
-        resumed: A run that goes on.
-    """
-    from controller.parts import CampaignInParts
+    """A campaign that a crew runs; its arguments are those of `Campaign`, besides."""
+    from controller.batches import CampaignInBatches
     from controller.rig import Rig
     from drivers.core.clock import VirtualClock
 
-    order = Order.of(profile, plan.left, plan.factors, plan.seed)
-    rig = Rig("mock", {}, VirtualClock())
-    return CampaignInParts(
-        plan, rig, console, out, resumed, parts=lambda poll: parts(crew, order, plan.left, poll)
+    order, rig = order_of(profile, plan.left, plan.factors, plan.seed), Rig("mock", {}, VirtualClock())
+    return CampaignInBatches(
+        plan, rig, console, out, resumed, batches=lambda poll: batches(crew, order, plan.left, poll)
     )
 
 

@@ -11,17 +11,15 @@ from typing import Any
 from config.profile import load_resolved
 from config.resuming import differing
 from config.trials import chosen
+from controller.batches import add_manifest
 from controller.outcomes import UNMEASURED, exit_of
 from controller.own_modules import own_folders
-from controller.parts import add_part
-from controller.recording.joining import Joiner, Parts
+from controller.recording.joining import EndedRun
+from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder, RunFolderError
 
 SHOWN = 5
 """How many trials are named at once."""
-
-COMMIT_TRIALS = 100
-"""How many trials are taken over between two writes to the disk."""
 
 
 def merged(names: Sequence[str], out: Path) -> RunFolder:
@@ -35,7 +33,7 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
         RunFolderError: they are not of one run, or do not make up a whole one: why, and what to do.
         RecordingError: the run cannot be written.
     """
-    shards = [Parts(RunFolder.find(name, out)) for name in names]
+    shards = [EndedRun(RunFolder.find(name, out)) for name in names]
     manifest = _common(shards)
     kept = manifest["profile"]
     folders = own_folders(manifest)
@@ -44,7 +42,7 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
     order = [trial.id for trial in chosen(profile.trials(manifest["seed"]), asked.get("only", ()), None)]
     holders = _holders(shards)
     done, manifest["exit"] = _as_one_run(shards, holders, order)
-    manifest["outcomes"] = dict(Counter(holders[trial].outcome(trial) for trial in done))
+    manifest["outcomes"] = dict(Counter(holders[trial].trials[trial].outcome for trial in done))
     if manifest["exit"]["status"] == "done" or not manifest["exit"]["code"]:
         code, reason = exit_of(manifest)
         manifest["exit"] = {"status": "done", "code": code, "reason": reason}
@@ -52,19 +50,19 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
     folder = RunFolder.create(out, manifest["profile"]["name"], started)
     manifest |= {"trials": len(order), "started_utc": started.isoformat()}
     folder.write_manifest({**manifest, "exit": {"status": "running", "code": None, "reason": ""}})
-    joiner = Joiner(folder, started, shards[0].columns[2:])
+    recorder = Recorder(folder, started, streams={}, factors=(), measures=shards[0].columns[2:])
     try:
-        for number, trial in enumerate(done):
-            manifest["loop"]["bench_s"] += joiner.add(holders[trial], trial)
-            if number % COMMIT_TRIALS == 0:
-                joiner.commit()
+        for number in done:
+            trial = holders[number].trials[number]
+            manifest["loop"]["bench_s"] += trial.recorded.length_s
+            recorder.take_over(trial)
     finally:
-        joiner.close()
+        recorder.close()
     folder.write_manifest(manifest)
     return folder
 
 
-def _common(shards: Sequence[Parts]) -> dict[str, Any]:
+def _common(shards: Sequence[EndedRun]) -> dict[str, Any]:
     """The manifest of the whole run."""
     first = shards[0].manifest
     total = {**first, "devices": {}, "plant": {}, "loss": {}, "outcomes": {}, "signals": {}}
@@ -77,7 +75,7 @@ def _common(shards: Sequence[Parts]) -> dict[str, Any]:
             raise RunFolderError(
                 f"{shard.folder.path}: not of the same run as {shards[0].folder.path} ({other})"
             )
-        add_part(total, shard.manifest)
+        add_manifest(total, shard.manifest)
     return total
 
 
@@ -97,9 +95,9 @@ def _identity(manifest: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _holders(shards: Sequence[Parts]) -> dict[int, Parts]:
+def _holders(shards: Sequence[EndedRun]) -> dict[int, EndedRun]:
     """Which shard has which trial."""
-    holders: dict[int, Parts] = {}
+    holders: dict[int, EndedRun] = {}
     for shard in shards:
         twice = [trial for trial in shard.trials if trial in holders]
         if twice:
@@ -112,7 +110,7 @@ def _holders(shards: Sequence[Parts]) -> dict[int, Parts]:
 
 
 def _as_one_run(
-    shards: Sequence[Parts], holders: Mapping[int, Parts], order: Sequence[int]
+    shards: Sequence[EndedRun], holders: Mapping[int, EndedRun], order: Sequence[int]
 ) -> tuple[Sequence[int], Mapping[str, Any]]:
     """The trials that one run would have done, and how it would have ended.
 
@@ -139,14 +137,18 @@ def _as_one_run(
 
     def weight(trial: int) -> tuple[bool, int, bool]:
         shard = holders[trial]
-        return _ended(shard, trial), shard.manifest["exit"]["code"] or 0, shard.outcome(trial) == "aborted"
+        return (
+            _ended(shard, trial),
+            shard.manifest["exit"]["code"] or 0,
+            shard.trials[trial].outcome == "aborted",
+        )
 
     return done, holders[max(reversed(done), key=weight)].manifest["exit"]
 
 
-def _ended(shard: Parts, trial: int) -> bool:
+def _ended(shard: EndedRun, trial: int) -> bool:
     """Whether a trial ended the run that it was in."""
-    outcome = shard.outcome(trial)
+    outcome = shard.trials[trial].outcome
     return outcome in UNMEASURED and (outcome != "aborted" or shard.manifest["exit"]["status"] != "failed")
 
 

@@ -214,10 +214,10 @@ def _carried_out(
     with ExitStack() as stack:
         page = stack.enter_context(closing(_page())) if watched else None
         if crew is not None:
-            from config.jobs import in_parts
+            from config.jobs import in_batches
 
             operator = stack.enter_context(ConsoleOperator())
-            outcome = in_parts(
+            outcome = in_batches(
                 crew, loaded, plan, _console(operator, page, time, plan.successes), out, resumed
             ).run()
         else:

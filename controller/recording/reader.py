@@ -24,6 +24,7 @@ from controller.recording.schemas import (
     READINGS,
     SKIPPED,
     TRIAL,
+    TRIAL_END,
     block_schema,
     decode_block,
     readings_schema,
@@ -106,18 +107,18 @@ class Run:
     @property
     def recorded_trials(self) -> Sequence[int]:
         """Numbers of the trials of which samples were recorded."""
-        return sorted(trial for trial in self._index.chunks if trial >= 0)
+        return sorted(self._index.trials)
 
     @property
     def factors(self) -> Sequence[str]:
         """Columns of what was varied: the trials' factors in the recording, and settings of the profile."""
-        recorded = (name for factors in self._index.factors.values() for name in factors)
+        recorded = (name for trial in self._index.trials.values() for name in trial.factors)
         settings = (name for row in self.trials for name in row if "." in name)
         return list(dict.fromkeys((*recorded, *settings)))
 
     def readable(self, trial: int) -> TrialRecording | None:
         """What was recorded of a trial; None where nothing was, or where it is damaged, which is then in `notes`."""
-        if trial not in self._index.chunks:
+        if trial not in self._index.trials:
             return None
         try:
             return self._index.read(trial)
@@ -128,8 +129,8 @@ class Run:
             return None
 
     @cached_property
-    def _index(self) -> _Index:
-        return _Index(self.folder.recordings)
+    def _index(self) -> RecordingIndex:
+        return RecordingIndex(self.folder.recordings)
 
 
 def close_recordings(folder: RunFolder) -> None:
@@ -209,14 +210,32 @@ def _read_events(path: Path) -> tuple[list[dict[str, Any]], bool]:
     return [json.loads(line) for line in whole.splitlines()], bool(cut)
 
 
-class _Index:
+@dataclass
+class RecordedTrial:
+    """Where a recording has a trial.
+
+    Attributes:
+        path: The recording.
+        factors: What was varied in it.
+        base_ns: Log time of its bench time zero.
+        length_s: How long it took, s of bench time; None where it did not come to its end.
+        chunks: In order.
+    """
+
+    path: Path
+    factors: dict[str, object]
+    base_ns: int | None
+    length_s: float | None = None
+    chunks: list[ChunkPlace] = field(default_factory=list)
+
+
+class RecordingIndex:
     """Which chunks of which file belong to which trial; nothing is decompressed before it is asked for."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.cut = self.closed = False
         self.damage: list[str] = []
-        self.chunks: dict[int, list[tuple[Path, ChunkPlace]]] = {}
-        self.factors: dict[int, dict[str, object]] = {}
+        self.trials: dict[int, RecordedTrial] = {}
         self._channels: dict[Path, dict[int, Channel]] = {}
         self._kept: dict[int, TrialRecording] = {}
         self._kept_bytes = 0
@@ -229,27 +248,37 @@ class _Index:
                 self.damage.append(f"{error}; what stands behind that place was not read.")
 
     def _scan(self, path: Path) -> None:
-        present, whole = -1, False
+        present: RecordedTrial | None = None
+        whole = False
         for record in records(path):
-            if isinstance(record, Metadata) and record.name == TRIAL:
-                present = int(record.metadata["trial"])
-                self.factors[present] = dict(json.loads(record.metadata["factors"]))
-                self.chunks[present] = []  # a trial that was run again replaces its first attempt
-            elif isinstance(record, Metadata) and record.name == CLOSED_AFTERWARDS:
-                self.cut = self.closed = True
-            elif isinstance(record, ChunkPlace):
-                self.chunks.setdefault(present, []).append((path, record))
+            if isinstance(record, ChunkPlace) and present is not None:
+                present.chunks.append(record)
+            elif isinstance(record, Metadata):
+                noted = record.metadata
+                if record.name == TRIAL:
+                    base_ns = int(noted["base_ns"]) if "base_ns" in noted else None
+                    present = RecordedTrial(path, dict(json.loads(noted["factors"])), base_ns)
+                    self.trials[int(noted["trial"])] = present  # run again: in place of its first attempt
+                elif record.name == TRIAL_END and present is not None:
+                    present.length_s = float(noted.get("length_s", 0.0))
+                self.closed = self.closed or record.name == CLOSED_AFTERWARDS
             whole = isinstance(record, Footer)
-        self.cut = self.cut or not whole
+        self.cut = self.cut or self.closed or not whole
 
     def read(self, trial: int) -> TrialRecording:
-        if trial not in self.chunks:
+        """What was recorded of a trial.
+
+        Raises:
+            KeyError: nothing was.
+            RunFolderError: it is damaged.
+        """
+        if trial not in self.trials:
             raise KeyError(f"trial {trial}: nothing was recorded of it")
         if trial in self._kept:
             return self._kept[trial]
-        recording, size = TrialRecording(trial, self.factors.get(trial)), 0
+        path, recording, size = self.trials[trial].path, TrialRecording(trial, self.trials[trial].factors), 0
         widths: dict[str, tuple[int, ...]] = {}
-        for path, chunk in self.chunks[trial]:
+        for chunk in self.trials[trial].chunks:
             with _reading(f"{path}, the chunk at byte {chunk.body}"):
                 channels = self._wanted(path)
                 readings: dict[int, list[McapMessage]] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ from controller.recording.series import DETECTOR, TrialRecording, extremes_of_bi
 from controller.recording.stream_writer import StreamWriter
 from controller.wording import as_text
 from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
+
+if TYPE_CHECKING:
+    from controller.recording.joining import EndedTrial
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +67,7 @@ class Recorder:
     ) -> None:
         self.folder = folder
         self.trial = TrialRecording(-1)
-        self._now_s = 0.0
+        self._now_s = self._offset_s = 0.0
         self._readings: dict[str, list[Floats]] = {}
         self._quantities: Mapping[str, Quantity] = {}
         self._ledger = Ledger(folder.trials_path, factors, measures)
@@ -177,6 +181,18 @@ class Recorder:
         self._disk.post(self._streams, self._streams.end_trial, length_s, self._ledger.cells(line))
         self._disk.flush(sync=False)
         self._raise_failure()
+
+    def take_over(self, trial: EndedTrial) -> None:
+        """Write a trial of another run folder, behind those that were written; its files stay until `flush`."""
+        recorded, streams, post = trial.recorded, self._streams, self._disk.post
+        post(streams, streams.begin_trial, trial.number, recorded.factors, self._offset_s)
+        for chunk in recorded.chunks:
+            post(streams, streams.copy, recorded.path, chunk, trial.topics, recorded.base_ns)
+        post(streams, streams.end_trial, recorded.length_s, self._ledger.cells(trial.row))
+        for line in trial.events:
+            post(self._events, self._events.add_line, line)
+        post(self._ledger, self._ledger.add, trial.row)
+        self._offset_s += recorded.length_s or 0.0
 
     def attach(self, name: str, data: bytes) -> None:
         """Put a JSON file into the recording."""

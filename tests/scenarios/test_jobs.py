@@ -9,7 +9,6 @@ import signal
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,9 +18,9 @@ from mcap.reader import make_reader
 
 from config import jobs
 from config.assemble import plan_campaign
-from config.jobs import DEATHS, PART_S, Crew, JobsError, cluster, cores, in_parts, parts
+from config.jobs import BATCH_S, DEATHS, Crew, JobsError, batches, cluster, cores, in_batches
 from config.profile import load_profile
-from controller.parts import RunPart
+from controller.batches import Batch
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError
 from run import cli
@@ -208,7 +207,7 @@ def in_two(tmp_path, console, crew=threads, **sets):
     profile = load_profile("mock/transient", {**SETS, **sets})
     plan = plan_campaign(profile, profile.trials(0), 0)
     with closing(crew()) as workers:
-        return in_parts(workers, profile, plan, console, tmp_path).run()
+        return in_batches(workers, profile, plan, console, tmp_path).run()
 
 
 def test_a_killed_worker_costs_no_trial_and_doubles_none(one, tmp_path):
@@ -248,19 +247,19 @@ def test_the_guard_ends_a_campaign_in_parts_where_it_ends_one_on_one_core(run_pr
 def test_no_part_is_joined_after_one_whose_own_disk_was_full(one, tmp_path, monkeypatch, torn):
     full = "recorder: No space left on device"
 
-    def run_part(order, trials):
-        part = jobs_run_part(order, trials)
+    def run_batch(order, trials):
+        part = jobs_run_batch(order, trials)
         if trials[0].id != numbers[2]:
             return part
         manifest = json.loads(part.files["manifest.json"])
         manifest["exit"] = {"status": "failed", "code": 1, "reason": full}
         rows = b"" if torn else part.files["trials.csv"].splitlines(keepends=True)[0]
         files = {"manifest.json": json.dumps(manifest).encode(), "trials.csv": rows}
-        return replace(part, files={**part.files, **files})
+        return part._replace(files={**part.files, **files})
 
-    jobs_run_part = jobs.run_part
+    jobs_run_batch = jobs.run_batch
     numbers = [row["trial"] for row in open_run(one).trials]
-    monkeypatch.setattr(jobs, "run_part", run_part)
+    monkeypatch.setattr(jobs, "run_batch", run_batch)
     outcome = in_two(tmp_path, Script())
     assert (outcome.exit_code, outcome.error) == (1, None)
     assert outcome.line.startswith(full)
@@ -272,7 +271,7 @@ def test_what_a_worker_reports_of_its_disk_comes_back_from_it():
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 
-def test_an_operator_ends_a_campaign_in_parts(one, tmp_path):
+def test_an_operator_ends_a_campaign_in_batches(one, tmp_path):
     class Leaver(Script):
         def poll(self):
             return "abort" if self.rows else None
@@ -296,10 +295,10 @@ def dying(order, trials):
 
 
 def test_a_part_that_a_cluster_gave_up_is_reported_in_a_line(local_cluster, monkeypatch):
-    monkeypatch.setattr(jobs, "run_part", dying)
+    monkeypatch.setattr(jobs, "run_batch", dying)
     with closing(cluster(local_cluster.scheduler_address)) as crew:
         crew.submit(None, [])  # begun
-        found = parts(crew, None, [SimpleNamespace(id=5), SimpleNamespace(id=6)], lambda: None)
+        found = batches(crew, None, [SimpleNamespace(id=5), SimpleNamespace(id=6)], lambda: None)
         with pytest.raises(JobsError, match="trials 5 or beside them; is there memory enough"):
             next(found)
 
@@ -313,7 +312,7 @@ def test_a_scheduler_that_is_gone_is_reported_in_a_line():
             return future
 
     with pytest.raises(JobsError, match="the scheduler is gone"):
-        next(parts(Crew(1, Gone, lambda _: None), None, [SimpleNamespace(id=5)], lambda: None))
+        next(batches(Crew(1, Gone, lambda _: None), None, [SimpleNamespace(id=5)], lambda: None))
 
 
 def test_a_worker_that_does_not_end_in_time_is_killed(monkeypatch):
@@ -373,7 +372,7 @@ def test_workers_are_renewed_whenever_their_death_is_found_but_not_for_ever(at_o
 
     trials = [SimpleNamespace(id=number) for number in range(5)]
     with pytest.raises(JobsError, match="trials 0 or beside them"):
-        list(parts(Crew(2, begin, lambda _: None), None, trials, lambda: None))
+        list(batches(Crew(2, begin, lambda _: None), None, trials, lambda: None))
     assert len(begun) == DEATHS
 
 
@@ -384,13 +383,13 @@ def test_new_workers_run_what_was_lost_and_nothing_twice(at_once):
 
     def part(order, trials):
         seen.extend(trials)
-        return RunPart({}, ",".join(str(trial.id) for trial in trials), PART_S)
+        return Batch({}, ",".join(str(trial.id) for trial in trials), BATCH_S)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jobs, "run_part", part)
+        patch.setattr(jobs, "run_batch", part)
         crew = Crew(2, lambda: crews.pop(0), lambda executor: executor.shutdown())
         trials = [SimpleNamespace(id=number) for number in range(9)]
-        found = [part.error for part in parts(crew, None, trials, lambda: None)]
+        found = [part.error for part in batches(crew, None, trials, lambda: None)]
     assert found == [str(number) for number in range(9)]
     assert len(seen) == 9
 
@@ -417,7 +416,7 @@ def test_a_shard_without_a_trial_is_refused(verb, tmp_path):
 
 
 def test_ctrl_c_at_the_terminal_does_not_reach_a_worker_however_early(monkeypatch):
-    monkeypatch.setattr("config.jobs.run_part", divmod)  # anything that a worker can do
+    monkeypatch.setattr("config.jobs.run_batch", divmod)  # anything that a worker can do
     before = set(multiprocessing.active_children())
     crew = cores(1)
     try:

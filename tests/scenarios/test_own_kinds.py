@@ -3,12 +3,11 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from config.jobs import JobsError, Order, run_part
+from config.jobs import JobsError, Order, order_of, run_batch
 from config.profile import load_profile
 from controller.own_modules import forget_own
 from tests.refusals import check_refusal
@@ -315,17 +314,17 @@ def test_a_worker_that_outlives_a_campaign_loads_own_code_anew_and_refuses_anoth
     def order() -> Order:
         forget_own()
         profile = load_profile(helped / "rest.toml")
-        return Order.of(profile, profile.trials(0), ("number",), 0)
+        return order_of(profile, profile.trials(0), ("number",), 0)
 
     first = order()
     trials = load_profile(helped / "rest.toml").trials(0)[:1]
-    assert run_part(first, trials).error == ""
+    assert run_batch(first, trials).error == ""
     assert sys.modules["helper"].FACTOR == 1.0
     (helped / "helper.py").write_text("FACTOR = 2.0\n")
     with pytest.raises(JobsError, match="helper is another one at a worker"):
-        run_part(replace(first, seed=1, resolved=f" {first.resolved}"), [])
+        run_batch(first._replace(seed=1, resolved=f" {first.resolved}"), [])
     second = order()
-    assert run_part(second, trials).error == ""
+    assert run_batch(second, trials).error == ""
     assert sys.modules["helper"].FACTOR == 2.0
 
 

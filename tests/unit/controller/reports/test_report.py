@@ -232,7 +232,8 @@ def test_a_damaged_chunk_costs_its_figure_alone_and_the_page_says_so_in_one_line
     damaged = tmp_path / "damaged"
     shutil.copytree(campaign[0].folder.path, damaged)
     run = open_run(damaged)
-    path, (body, length) = run._index.chunks[2][-1]  # the approach that Fig. 5 draws
+    recorded = run._index.trials[2]
+    path, (body, length) = recorded.path, recorded.chunks[-1]  # the approach that Fig. 5 draws
     flip(path, 8 * (body + length // 2))
     shutil.rmtree(damaged / "figures")
     text = text_of(build_report([run]))
