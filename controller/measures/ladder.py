@@ -55,10 +55,6 @@ class Estimate(NamedTuple):
     low: float
     high: float
 
-    def holds(self, value: float) -> bool:
-        """Whether a value lies in the interval."""
-        return self.low <= value <= self.high
-
 
 UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 

@@ -177,20 +177,17 @@ def compare_columns(approaches: Sequence[Approach], rows: Sequence[TableRow]) ->
 # --- the paper's trends ------------------------------------------------------------------------------
 
 
-class Correlation(NamedTuple):
-    """Spearman's rank correlation; NaN where fewer than three points or no spread."""
-
-    rho: float
-    n: int
+Correlation = tuple[float, int]
+"""Spearman's rank correlation, NaN where fewer than three points or no spread; and of how many."""
 
 
 def correlate(points: Sequence[tuple[float, float]]) -> Correlation:
     """Spearman's rank correlation of some points."""
     if len(points) < 3 or min(len(set(each)) for each in zip(*points, strict=True)) < 2:
-        return Correlation(math.nan, len(points))
+        return math.nan, len(points)
     from scipy.stats import spearmanr  # over half a second, for this part of the page alone
 
-    return Correlation(float(spearmanr(np.array(points)).statistic), len(points))
+    return float(spearmanr(np.array(points)).statistic), len(points)
 
 
 def trends(rows: Sequence[TableRow]) -> dict[str, tuple[Correlation, Correlation, Correlation]]:

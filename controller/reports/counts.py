@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -152,8 +152,17 @@ def rows_of(runs: Sequence[Run], factors: type[Settings] | None = None) -> list[
     ]
 
 
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a cell holds a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _numbers_first(cell: object) -> tuple[int, float, str]:
+    return (0, float(cell), "") if is_number(cell) else (1, 0.0, str(cell))
+
+
 def grouped(
-    rows: Iterable[Row], *names: str, order: Callable[[Any], Any] = lambda cell: cell
+    rows: Iterable[Row], *names: str, order: Callable[[Any], Any] = _numbers_first
 ) -> dict[tuple[Any, ...], list[Row]]:
     """Trials of equal cells together, sorted by these (by `order` of each)."""
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
-from typing import TYPE_CHECKING, Any, TypeGuard
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from controller.recording.reader import Run
-from controller.reports.counts import Mean, Row, mean_of, rate, title, under
+from controller.reports.counts import Mean, Row, grouped, is_number, mean_of, rate, title, under
 from controller.reports.figures import OURS, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import Figure, Result, Section
@@ -29,7 +26,7 @@ def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     factors = [name for name in names if any(name in run.factors for run in runs)]
     measured = [name for name in names if name not in ("trial", "outcome", *factors)]
     numbers = [name for name in measured if any(is_number(row.get(name)) for row in rows)]
-    groups = grouped(rows, factors)
+    groups = list(grouped(rows, *factors).values())
     content: dict[str, Any] = {
         "what": "This experiment has no section of its own: these are its trials and what was measured in them."
     }
@@ -58,21 +55,6 @@ def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
         content,
         summary=[Result(None, each) for each in said],
     )
-
-
-def grouped(rows: Sequence[Row], factors: Sequence[str]) -> list[list[Row]]:
-    """Trials of equal factors together, in the order of the factors' values, numbers before words."""
-
-    def order(row: Row) -> list[tuple[int, float, str]]:
-        cells = [row.get(name) for name in factors]
-        return [(0, float(cell), "") if is_number(cell) else (1, 0.0, str(cell)) for cell in cells]
-
-    return [list(group) for _, group in groupby(sorted(rows, key=order), key=order)]
-
-
-def is_number(value: object) -> TypeGuard[float]:
-    """Whether a cell holds a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def with_spread(mean: Mean, factor: float) -> str:

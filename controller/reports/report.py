@@ -18,7 +18,7 @@ from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
 from controller.reports.in_lines import SectionPart, guard_lines, in_lines
 from controller.reports.pages import environment, library
-from controller.reports.run_account import account_of, early_end, setting_of
+from controller.reports.run_account import early_end, facts_of, setting_of
 from controller.reports.section import Kind, Result, Section
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
 from controller.reports.trial_signals import payload, trial_table
@@ -148,7 +148,7 @@ def _page(
         "parts": parts,
         "apart": apart,
         "ends": [end for run in runs if (end := early_end(run)) is not None],
-        "accounts": [account_of(run) for run in runs],
+        "runs": [(run.folder.path.name, run.notes, facts_of(run)) for run in runs],
         "started": str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
         "trials": trial_table(runs),
         "library": library(),

@@ -22,16 +22,8 @@ _CLOCK = {
 _SHOWN_ELSEWHERE = ("format", "profile", "experiment", "bench", "clock", "exit", "title", "outcomes")
 
 
-class RunAccount(NamedTuple):
-    """A run described: name, notes on what was cut off, and its facts as pairs."""
-
-    name: str
-    notes: Sequence[str]
-    facts: Sequence[tuple[str, str]]
-
-
-def account_of(run: Run) -> RunAccount:
-    """The account of one run."""
+def facts_of(run: Run) -> list[tuple[str, str]]:
+    """How a run was run, as pairs."""
     manifest = run.manifest
     profile = manifest.get("profile") or {}
     exit_ = manifest.get("exit") or {}
@@ -48,8 +40,7 @@ def account_of(run: Run) -> RunAccount:
         ("outcomes", counted(manifest.get("outcomes") or {}, run.successes)),
     ]
     rest = {name: value for name, value in manifest.items() if name not in _SHOWN_ELSEWHERE}
-    facts += [(name, text) for name, text in _flat(rest) if text]
-    return RunAccount(run.folder.path.name, run.notes, facts)
+    return facts + [(name, text) for name, text in _flat(rest) if text]
 
 
 _ENDS = {

@@ -76,7 +76,10 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "frequencies": _frequencies(runs),
             "stops": stop_times(runs, "arm.force", _waits_s, _way),
             "drawn": list(_draw(runs, figures)),
-            "notes": [*_disagreements(scores), *_too_slow(scores, runs)],
+            "disagreeing": [_disagreeing(score) for score in scores if _disagrees(score)],
+            "too_slow": list(
+                {score.sensor: _too_slow(score, runs) for score in scores if score.too_slow}.values()
+            ),
         },
         template="slip",
         citation=CITATION["fernandez"],
@@ -292,36 +295,23 @@ def _printed(run: Run) -> Mapping[str, Printed]:
     return found
 
 
-def _disagreements(scores: Sequence[SensorScore]) -> Iterator[str]:
-    """Where a verdict is not the paper's, and why."""
-    for score in scores:
-        paper = SENSORS[score.sensor]
-        judged = score.verdict not in (paper["verdict"], NOTHING, NOT_JUDGED)
-        if score.method == "paper" and score.condition == TABLE_1 and judged:
-            median_s = float(np.median(score.delays_s)) if score.delays_s else None
-            yield (
-                f"{paper['id']} comes out {score.verdict} where the paper says {paper['verdict']}: {score.missed} of "
-                f"{score.scored} slips missed, median {quantity('delay_s', median_s, 3)}. The paper's verdict rests on "
-                "one run and one look at its figure; the noise of this sensor is not printed and is assumed here."
-            )
+def _disagrees(score: SensorScore) -> bool:
+    """Whether the verdict on the paper's detector is not the paper's."""
+    own = score.method == "paper" and score.condition == TABLE_1
+    return own and score.verdict not in (SENSORS[score.sensor]["verdict"], NOTHING, NOT_JUDGED)
 
 
-def _too_slow(scores: Sequence[SensorScore], runs: Sequence[Run]) -> list[str]:
-    """Where ours cannot be in time at its threshold: its verdict was settled before the run."""
-    notes = {}
-    for score in scores:
-        if not score.too_slow:
-            continue
-        names = {setting_of(run, "behavior", "sensors", score.sensor, "ours") for run in runs}
-        thresholds = {setting_of(run, "detectors", str(name), "threshold") for run in runs for name in names}
-        at = " or ".join(f"{value:g}" for value in thresholds if isinstance(value, int | float))
-        notes[score.sensor] = (
-            f"{SENSORS[score.sensor]['id']}: at its threshold ({at} nats) ours takes at least "
-            f"{score.least_delay_s:.2f} s, for no sample is worth more than one knock; a slip counts as missed after "
-            f"{VERDICTS['missed_after_s']:g} s. That it misses was settled before the run: it shows nothing about slip "
-            "on this sensor."
-        )
-    return list(notes.values())
+def _disagreeing(score: SensorScore) -> Mapping[str, Any]:
+    median_s = float(np.median(score.delays_s)) if score.delays_s else None
+    return {"score": score, "paper": SENSORS[score.sensor], "median": quantity("delay_s", median_s, 3)}
+
+
+def _too_slow(score: SensorScore, runs: Sequence[Run]) -> Mapping[str, Any]:
+    """Ours cannot be in time at its threshold: its verdict was settled before the run."""
+    names = {setting_of(run, "behavior", "sensors", score.sensor, "ours") for run in runs}
+    thresholds = {setting_of(run, "detectors", str(name), "threshold") for run in runs for name in names}
+    at = " or ".join(f"{value:g}" for value in thresholds if isinstance(value, int | float))
+    return {"id": SENSORS[score.sensor]["id"], "at": at, "least_s": number(score.least_delay_s)}
 
 
 # --- figures -----------------------------------------------------------------------------------------

@@ -153,7 +153,7 @@ def _bound(each: Bounded) -> Row:
 
 def _trend(name: str, *found: Correlation) -> Row:
     heads = ("here, rows", "here, approaches", "paper, rows")
-    texts = [f"{signed(each.rho)} (n = {each.n})" for each in found]
+    texts = [f"{signed(rho)} (n = {n})" for rho, n in found]
     return {"force at detection against": name, **dict(zip(heads, texts, strict=True))}
 
 

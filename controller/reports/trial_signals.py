@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from controller.measures import Column, columns_of
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
-from controller.reports.counts import title
-from controller.reports.generic import is_number
+from controller.reports.counts import is_number, title
 from controller.reports.run_account import acting_of, setting_of, statistic_of
 from controller.scales import displayed, scale_of
 from controller.wording import spaced

@@ -53,7 +53,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "ladders": [row for bridge in bridges for row in _rows(bridge)],
             "figure_6": _draw(figures, bridges) if bridges else "",
             "sigma": DETECTED_SIGMA,
-            "notes": [_note(paper["force"], own) for paper, _, own in bridges],
+            "bridges": [(paper["force"], own) for paper, _, own in bridges],
+            "number": number,
         },
         template="weights",
         citation=CITATION["fernandez"],
@@ -126,17 +127,6 @@ def _rows(bridge: Bridge) -> Iterator[Row]:
             "paper": f"{beside.paper * scale:.6g}",
             "agrees": "yes" if beside.met else "no",
         }
-
-
-def _note(force: str, found: BridgeCalibration) -> str:
-    repeat = number(100.0 * found.repeat_v_n / found.gain_v_n.value, 3)
-    return (
-        f"{force}: {found.cycles} cycles, {found.steps} loads up to {found.top_n:g} N; gain from cycle to cycle "
-        f"{repeat} % (standard deviation); middle of the loop off the line by up to "
-        f"{number(100.0 * found.nonlinearity, 1)} % of full scale; empty bridge at "
-        f"{quantity('zero_v', found.zero_v, 5)} before the first load, {number(100.0 * found.remanence, 1)} % of full "
-        "scale above that after a cycle."
-    )
 
 
 def _draw(figures: Figures, bridges: Sequence[Bridge]) -> str:

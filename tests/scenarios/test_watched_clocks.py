@@ -2,7 +2,7 @@
 
 from config.script import run_trials
 from controller.campaign import EXIT_DONE
-from controller.reports.run_account import account_of
+from controller.reports.run_account import facts_of
 
 
 def one_approach(out, clocks="watched"):
@@ -17,7 +17,7 @@ def test_one_clock_stands_in_manifest_and_report_and_in_no_warning(tmp_path):
     assert run.manifest["signals"].keys() == {"right"}
     assert abs(run.manifest["signals"]["right"]["drift_ppm"]) < 0.01
     assert "ppm" not in outcome.line
-    assert any("drift_ppm" in text for _, text in account_of(run).facts)
+    assert any("drift_ppm" in text for _, text in facts_of(run))
 
 
 def test_two_clocks_that_were_taken_for_one_are_reported_in_the_last_line(tmp_path, monkeypatch):
