@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -54,7 +53,7 @@ class FingertipPart(BenchPart):
         super().__init__(bench)
         self._settings = settings
         self._plants: dict[SlipPlantSettings, SlipPlant] = {}
-        self._computed: Counter[str] = Counter()
+        self._computed = dict.fromkeys(PLANTS, 0)
         self.fingers = Fingers(self)
         self.taxels = Taxels(self)
         self._begin("fingertip")
@@ -205,7 +204,7 @@ class FingertipPart(BenchPart):
 
     def account(self) -> Mapping[str, Any]:
         """What was computed: samples of each sensor."""
-        return {"computed": dict(self._computed)}
+        return {"computed": {sensor: n for sensor, n in self._computed.items() if n}}
 
     # its own ways
 
