@@ -45,19 +45,23 @@ class LookAhead:
         bench: What the devices are on.
         devices: All of them.
         faults: What goes wrong. A fault acts on single turns: while any is set, none are taken as one.
+
+    Attributes:
+        roots: What is kept of the bench.
     """
 
     def __init__(
         self, clock: Clock, bench: object, devices: Sequence[Any], faults: Sequence[FaultSchedule] = ()
     ) -> None:
         self._clock, self._devices, self._faults = clock, devices, faults
-        self._roots = [clock, bench, *devices, *faults]
+        self.roots = [clock, bench, *devices, *faults]
         self._acting = [device for device in devices if hasattr(device, "alone_s")]
         self._leashed = [device for device in devices if hasattr(device, "blind_s")]
         self.restart()
 
     def restart(self) -> None:
         """Begin a trial."""
+        _FIXED.clear()
         self._turns = 1  # of the next look
         self._known = False  # whether something happens in the turn after these
         self._apart = False  # whether the latest turn was taken by itself
@@ -87,7 +91,7 @@ class LookAhead:
         due_s = min(until_s, self._clock.now() + min(alone_s, LONGEST_S))
         while (turns := min(self._turns, turns_before(due_s, first, stride, rate_hz))) > 1:
             try:
-                before = Snapshot([*self._roots, *changed])
+                before = Snapshot([*self.roots, *changed])
             except TypeError:
                 break
             last_s = (first + (turns - 1) * stride) / rate_hz
@@ -149,14 +153,11 @@ class Snapshot:
 
 def _copy(thing: Any, memo: dict[int, Any]) -> Any:
     kind = type(thing)
-    if kind in _PLAIN:
-        return thing
     copier = _COPIERS.get(kind)
     if copier is None:
         copier = _COPIERS[kind] = _copier(kind)
-    if copier is _same:
-        _PLAIN.add(kind)
-        return thing
+        if copier is _same:
+            _PLAIN.add(kind)
     known = memo.get(id(thing))
     return copier(thing, memo) if known is None else known
 
@@ -168,9 +169,9 @@ def _copier(kind: type) -> Copier:
     if is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         return _same
     if issubclass(kind, tuple) and hasattr(kind, "_make"):
-        return lambda thing, memo: _changed(thing, _each(thing, memo), kind._make)
+        return lambda thing, memo: _tuple(thing, memo, kind._make)
     if all(base is object or base.__flags__ & _OF_PYTHON for base in kind.__mro__):
-        return _object
+        return _of_objects(kind)
     raise TypeError(f"{kind.__module__}.{kind.__qualname__}")
 
 
@@ -179,27 +180,46 @@ def _each(things: Iterable[Any], memo: dict[int, Any]) -> list[Any]:
     return [each if type(each) in _PLAIN else _copy(each, memo) for each in things]
 
 
-def _changed(thing: Any, parts: list[Any], made: Callable[[list[Any]], Any]) -> Any:
+def _tuple(thing: Any, memo: dict[int, Any], made: Callable[[list[Any]], Any] = tuple) -> Any:
     """A tuple of copies, or the tuple itself where there was nothing to copy."""
-    return thing if all(map(is_, thing, parts)) else made(parts)
+    if id(thing) in _FIXED:
+        return thing
+    parts = _each(thing, memo)
+    if not all(map(is_, thing, parts)):
+        return made(parts)
+    if all(map(_is_fixed, thing)):
+        _FIXED[id(thing)] = thing
+    return thing
+
+
+def _is_fixed(thing: Any) -> bool:
+    if isinstance(thing, np.ndarray):
+        return not thing.flags.writeable
+    return type(thing) in _PLAIN or id(thing) in _FIXED
 
 
 def _same(thing: Any, _: dict[int, Any]) -> Any:
     return thing
 
 
-def _object(thing: Any, memo: dict[int, Any]) -> Any:
-    kind = type(thing)
-    made = memo[id(thing)] = object.__new__(kind)
-    for name in getattr(kind, "lasting", ()):
-        memo[id(getattr(thing, name))] = getattr(thing, name)
-    if hasattr(thing, "__dict__"):
-        made.__dict__.update(_copy(thing.__dict__, memo))
-    for base in kind.__mro__:
-        for name in base.__dict__.get("__slots__", ()):
+def _of_objects(kind: type) -> Copier:
+    """How objects of a class are copied; what the class says of them is looked up once."""
+    lasting = getattr(kind, "lasting", ())
+    slots = [name for base in kind.__mro__ for name in base.__dict__.get("__slots__", ())]
+
+    def copied(thing: Any, memo: dict[int, Any]) -> Any:
+        made: Any = object.__new__(kind)
+        memo[id(thing)] = made
+        for name in lasting:
+            memo[id(getattr(thing, name))] = getattr(thing, name)
+        if kind.__dictoffset__:
+            made.__dict__.update(zip(thing.__dict__, _each(thing.__dict__.values(), memo), strict=True))
+        for name in slots:
             if hasattr(thing, name):
                 object.__setattr__(made, name, _copy(getattr(thing, name), memo))
-    return made
+        return made
+
+    return copied
 
 
 def _function(thing: Any, _: dict[int, Any]) -> Any:
@@ -249,11 +269,14 @@ _VALUES: tuple[type, ...] = (
 _PLAIN: set[type] = set(_VALUES)
 """Types whose things are values; those that are met are added."""
 
+_FIXED: dict[int, Any] = {}
+"""Tuples of the trial with nothing in them that can change, by their id: legs of a motion, a scene's constants."""
+
 _OF_PYTHON = 1 << 9
 """Flag of a class that is made by a class statement (CPython: Py_TPFLAGS_HEAPTYPE)."""
 
 _COPIERS: dict[type, Copier] = {
-    tuple: lambda thing, memo: _changed(thing, _each(thing, memo), tuple),
+    tuple: _tuple,
     set: lambda thing, memo: set(_each(thing, memo)),
     FunctionType: _function,
     BuiltinFunctionType: _function,

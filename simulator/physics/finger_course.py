@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from simulator.physics import finger_kernel as kernel
 from simulator.physics import finger_scene as scene
 from simulator.physics.piecewise import DEGREE
+
+if TYPE_CHECKING:
+    from simulator.physics.finger_lock import Lock
 
 Floats = NDArray[np.float64]
 
@@ -37,10 +41,12 @@ class FingerCourse:
     Attributes:
         finger: The scene's constants; may be replaced where the course is settled.
         moment: The start of the piece under way.
+        locked: A scene, and the lock that `finger_lock` has found for it.
     """
 
     def __init__(self, finger: scene.FingerConstants, t_s: float) -> None:
         self.finger = finger
+        self.locked: tuple[scene.FingerConstants, Lock | None] | None = None
         self.motion = scene.motion_of(np.array([[t_s, 0.0, 0.0, 0.0]]))
         self.moment = scene.at_rest()
         self.moment.put(t_s)

@@ -92,7 +92,7 @@ def leap(course: FingerCourse, from_s: float, until_s: float, error_rad: float) 
     """
     if error_rad == 0.0 or course.finger.restless or not course.moment.flags[scene.EXCITED]:
         return None
-    lock = lock_of(course.finger)
+    lock = lock_of(course)
     if lock is None or may_touch(course, from_s, until_s):
         return None
     if course.finger.noise > 0.0 or course.finger.wander > 0.0:
@@ -113,7 +113,7 @@ def leap(course: FingerCourse, from_s: float, until_s: float, error_rad: float) 
 
 def may_touch(course: FingerCourse, from_s: float, until_s: float) -> bool:
     """Whether the probe moves between two times, or rests where the finger could touch it."""
-    lock = lock_of(course.finger)
+    lock = lock_of(course)
     position_m = course.probe_rests(from_s, until_s)
     if lock is None or position_m is None:
         return True
@@ -121,16 +121,16 @@ def may_touch(course: FingerCourse, from_s: float, until_s: float) -> bool:
     return position_m + _MARGIN * arm_m * lock.swing_rad > course.finger.gap
 
 
-def lock_of(finger: scene.FingerConstants) -> Lock | None:
-    """The lock of a scene, or None where its loop does not settle on one cycle."""
-    # what the free motion without noise does not depend on is left out of the key
-    unused = ("noise", "wander", "arm", "base_arm", "push_arm", "contact", "contact_damping", "vibration")
-    alone: dict[str, Any] = dict.fromkeys(unused, 0.0) | {
-        "gap": 1.0,
-        "touching_radius": 1.0,
-        "touching_frequency": 1.0,
-    }
-    return _lock(finger._replace(**alone, drift_1_s=0.0, seed=0, trial=0))
+def lock_of(course: FingerCourse) -> Lock | None:
+    """The lock of a course's scene, or None where its loop does not settle on one cycle."""
+    finger = course.finger
+    if course.locked is None or course.locked[0] is not finger:
+        # what the free motion without noise does not depend on is left out of the key
+        unused = ("noise", "wander", "arm", "base_arm", "push_arm", "contact", "contact_damping", "vibration")
+        alone: dict[str, Any] = dict.fromkeys((*unused, "drift_1_s"), 0.0)
+        alone |= dict.fromkeys(("gap", "touching_radius", "touching_frequency"), 1.0)
+        course.locked = finger, _lock(finger._replace(**alone, seed=0, trial=0))
+    return course.locked[1]
 
 
 @lru_cache(maxsize=64)

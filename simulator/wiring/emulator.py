@@ -32,6 +32,10 @@ from simulator.wiring.tcp_line import TcpLine
 STEP_S = 0.002
 """How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""
 
+IDLE_S = 0.5
+"""How long after the last bytes, with nobody on the bench's clock, the emulator takes steps of `PASS_S` instead: a tenth
+of the processor time (assumption: longer than any host pauses in a motion)."""
+
 PASS_S = 0.02
 """How much time may pass at once: a delayed emulator makes up for what it missed in small steps, all of its
 devices together. Otherwise an arm would act in a past that the sensors have left behind (assumption)."""
@@ -90,24 +94,29 @@ class Emulator:
     def serve(self, ended: Callable[[], bool]) -> None:
         """Run until `ended()`, which is called once a step."""
         ends = dict(self._ends)
+        busy_s = self._t_s
         # these objects stay: a full collection in the middle of a motion would delay all devices
         gc.collect()
         gc.freeze()
         try:
             while not ended():
                 waited = [one for end in ends.values() for one in end.waited()]
-                due_s = min([self._t_s + STEP_S, *(end.due_s() for end in ends.values())])
+                idle = self._t_s - busy_s > IDLE_S and not self._pace.attended
+                step_s = PASS_S if idle else STEP_S
+                due_s = min([self._t_s + step_s, *(end.due_s() for end in ends.values())])
                 ready, _, _ = select.select(
                     [*waited, *self._control.sockets], [], [], self._pace.wait_s(due_s)
                 )
-                now_s = self._pace.turn(frozenset(name for name, end in ends.items() if end.unread()))
+                unread = frozenset(name for name, end in ends.items() if end.unread())
+                now_s = self._pace.turn(unread, step_s)
                 if not ready and now_s < due_s:
                     continue  # time waits for a client
                 self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)
                 self._control.attend(ready)
                 for name, end in list(ends.items()):
                     try:
-                        end.exchange(ready, self._t_s, self._t_s - self._trial_origin_s)
+                        if end.exchange(ready, self._t_s, self._t_s - self._trial_origin_s) is not False:
+                            busy_s = self._t_s
                     except Exception:  # a defect costs its own device: the host sees that one's link end
                         traceback.print_exc(file=sys.stderr)
                         ends.pop(name).unplug()

@@ -59,13 +59,16 @@ class FarEnd(Protocol):
     def due_s(self) -> float:
         """When it has something to do by itself that is worth waking up for."""
 
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         """Carry bytes both ways, and let the faults happen that have begun.
 
         Args:
             ready: What of `waited` can be read.
             t_s: Present time.
             trial_s: Present time since the trial began, as faults count it.
+
+        Returns:
+            False where nobody is served: the emulator may take longer steps.
         """
 
     def unread(self) -> bool:
@@ -104,11 +107,11 @@ class Line:
         """See `FarEnd.due_s`: it does with being stepped as often as all are."""
         return math.inf
 
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         """See `FarEnd.exchange`."""
         self._fail(t_s, trial_s)
         if self._near is None:
-            return
+            return False
         out = b""
         if self._far in ready:
             with contextlib.suppress(OSError):
@@ -117,6 +120,7 @@ class Line:
         out = corrupted(self._faults, out, trial_s)
         if out:
             self._write(out)
+        return bool(out) or self._far in ready
 
     def unread(self) -> bool:
         """See `FarEnd.unread`."""
@@ -177,10 +181,10 @@ class Network:
         return self._server.sockets
 
     def due_s(self) -> float:
-        """See `FarEnd.due_s`: the controller's next cycle."""
-        return self._server.next_s
+        """See `FarEnd.due_s`: the controller's next cycle, where somebody waits for it."""
+        return self._server.next_s if self._server.served else math.inf
 
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         """See `FarEnd.exchange`."""
         self._fail(trial_s)
         silent = self._faults.active(trial_s, "silent")
@@ -189,6 +193,7 @@ class Network:
             silent or self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
         )
         self._server.turn(now_s=t_s)
+        return self._server.served
 
     def unread(self) -> bool:
         """See `FarEnd.unread`: the arm's process reports itself which row it has seen."""

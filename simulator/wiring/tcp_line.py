@@ -79,7 +79,7 @@ class TcpLine:
         """See `FarEnd.due_s`: it does with being stepped as often as all are."""
         return math.inf
 
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> None:
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         """See `FarEnd.exchange`."""
         self._t_s = t_s
         if self._faults.begun(trial_s, "unplug"):
@@ -97,6 +97,7 @@ class TcpLine:
         out += self._device.step(t_s)
         for host in [] if silent else list(self._clients.unsent):
             self._clients.send(host, out)
+        return bool(self._clients.unsent)
 
     def unread(self) -> bool:
         """See `FarEnd.unread`; False where the kernel gives no answer."""

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from config.assemble import build_rig, make_detectors, make_signals
+from config.profile import load_profile
+from controller.rig import TrialScene
 from drivers.core.clock import VirtualClock
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.look_ahead import LONGEST_S, LookAhead, Snapshot, turns_before
@@ -56,6 +59,30 @@ def _closure():
 def test_what_cannot_be_copied_is_refused(held):
     with pytest.raises(TypeError):
         Snapshot([SimpleNamespace(held=held)])
+
+
+@pytest.mark.parametrize("name", ["transient", "weights", "chirp", "centering", "grasp", "slip", "transient_arm"])
+def test_every_shipped_bench_and_what_listens_to_it_can_be_put_back(name):
+    profile = load_profile(f"mock/{name}", {})
+    rig = build_rig(profile)
+    rig.begin_trial(TrialScene(1, 1, {}, {}))
+    assert isinstance(rig.ahead, LookAhead)
+    before = Snapshot([*rig.ahead.roots, *make_detectors(profile).values(), *make_signals(profile)])
+    rig.clock.wait_until(0.1)
+    before.restore()
+    assert rig.clock.now() == 0.0
+
+
+def test_a_tuple_of_values_is_kept_as_it_is_and_one_that_holds_what_changes_is_copied():
+    fixed, mutable = np.arange(3.0), np.arange(3.0)
+    fixed.setflags(write=False)
+    thing = SimpleNamespace(leg=(1.0, fixed), table=(1.0, mutable))
+    for _ in range(2):
+        leg, kept = thing.leg, Snapshot([thing])
+        mutable += 1.0
+        kept.restore()
+        assert thing.leg is leg and thing.table[1].tolist() == [0.0, 1.0, 2.0]
+        mutable = thing.table[1]
 
 
 def test_turns_before_an_event_are_those_in_which_it_is_not_seen():

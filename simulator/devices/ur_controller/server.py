@@ -84,6 +84,11 @@ class UrServer:
         """What to select on."""
         return self._clients.sockets
 
+    @property
+    def served(self) -> bool:
+        """Whether there is a client."""
+        return bool(self._sessions)
+
     def open(self, hosts: Sequence[str] = ()) -> None:
         """Listen.
 
