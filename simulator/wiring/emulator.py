@@ -32,9 +32,9 @@ from simulator.wiring.tcp_line import TcpLine
 STEP_S = 0.002
 """How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""
 
-IDLE_S = 0.5
-"""How long after the last bytes, with nobody on the bench's clock, the emulator takes steps of `PASS_S` instead: a tenth
-of the processor time (assumption: longer than any host pauses in a motion)."""
+IDLE_S = 10.0
+"""How long after the last bytes, with nobody on the bench's clock, it does with steps of `PASS_S`, and time passes at a
+third of the wall's (assumption: no host waits for a device in silence for longer). The first byte ends that at once."""
 
 PASS_S = 0.02
 """How much time may pass at once: a delayed emulator makes up for what it missed in small steps, all of its
@@ -107,8 +107,7 @@ class Emulator:
                 ready, _, _ = select.select(
                     [*waited, *self._control.sockets], [], [], self._pace.wait_s(due_s)
                 )
-                unread = frozenset(name for name, end in ends.items() if end.unread())
-                now_s = self._pace.turn(unread, step_s)
+                now_s = self._pace.turn(frozenset(name for name, end in ends.items() if end.unread()))
                 if not ready and now_s < due_s:
                     continue  # time waits for a client
                 self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)

@@ -7,8 +7,8 @@ import math
 from drivers.core.bench_clock import LOOK_S, PATIENCE_S, ClockPage
 from drivers.core.clock import monotonic_s
 
-AHEAD_STEPS = 2
-"""How far time may go beyond the devices' last step: they are this much late at the most (assumption)."""
+AHEAD_S = 0.004
+"""How far time may go beyond the devices' last step: they are this much late at the most (assumption: two steps)."""
 
 UNREAD_S = 0.004
 """How long bytes may lie unread at the host before time waits for them (assumption: as long as a thread may sleep)."""
@@ -43,12 +43,11 @@ class Pace:
         """Whether somebody waits on this clock."""
         return self.page.limit_s(monotonic_s()) < math.inf
 
-    def turn(self, unread: frozenset[str], step_s: float) -> float:
+    def turn(self, unread: frozenset[str] = frozenset()) -> float:
         """Let time go on.
 
         Args:
             unread: Lines at whose host's end bytes lie unread.
-            step_s: How long the emulator's steps are.
 
         Returns:
             Bench time.
@@ -67,7 +66,7 @@ class Pace:
                 for since_s, noticed_s in self._unread.values()
                 if served_s - noticed_s < PATIENCE_S
             )
-            limit_s = min(t_s + AHEAD_STEPS * step_s, self.page.limit_s(wall_s), *readers_s)
+            limit_s = min(t_s + AHEAD_S, self.page.limit_s(wall_s), *readers_s)
         # What was allowed stays allowed: time never turns back.
         self._limit_s = max(self._limit_s, t_s, limit_s)
         self.page.write(t_s, wall_s, self._limit_s)

@@ -61,7 +61,9 @@ def test_what_cannot_be_copied_is_refused(held):
         Snapshot([SimpleNamespace(held=held)])
 
 
-@pytest.mark.parametrize("name", ["transient", "weights", "chirp", "centering", "grasp", "slip", "transient_arm"])
+@pytest.mark.parametrize(
+    "name", ["transient", "weights", "chirp", "centering", "grasp", "slip", "transient_arm"]
+)
 def test_every_shipped_bench_and_what_listens_to_it_can_be_put_back(name):
     profile = load_profile(f"mock/{name}", {})
     rig = build_rig(profile)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 
@@ -69,6 +70,24 @@ def host():
     yield make
     for one in hosts:
         one.close()
+
+
+def test_a_line_is_in_use_while_bytes_pass_it_and_a_controller_while_it_has_a_client(host):
+    one, network = (
+        host(Fault(device="d", kind="silent", at_s=5.0)),
+        Network(UrServer(UrController(UrControllerSettings()))),
+    )
+    assert one.line.exchange([], NOW_S, 0.0) and not one.line.exchange([], NOW_S, 6.0)
+    os.write(one.port, b"?")
+    assert one.line.exchange(one.line.waited(), NOW_S, 7.0)
+    network.open(FaultSchedule(), WallClock())
+    try:
+        assert not network.exchange([], NOW_S, 0.0) and network.due_s() == math.inf
+        with socket.create_connection((network.endpoint["host"], DASHBOARD_PORT)):
+            network.exchange([], NOW_S, 0.0)
+            assert network.exchange([], NOW_S, 0.0) and network.due_s() < math.inf
+    finally:
+        network.unplug()
 
 
 def test_a_timed_fault_counts_from_the_beginning_of_the_trial(host):
