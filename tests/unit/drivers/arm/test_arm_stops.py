@@ -384,3 +384,22 @@ def test_what_waits_is_refused_without_supervision():
     assert arm.taken()[1] == [Refused(arm.now_s, "arm", MoveTo("arm", 0.0, 0.01, id=4), reason)]
     arm.stands()
     assert arm.step(0.021) == ([("end_speed",)], [])
+
+
+def test_the_last_of_several_waiting_motions_is_made_and_each_stop_is_sent():
+    arm = brought(MotionState.BRAKING)
+    last = MoveTo("arm", 0.02, 0.01, id=6)
+    for command in (MoveTo("arm", 0.01, 0.01, id=5), last):
+        assert arm.order(command) == ([], [])
+    arm.stands()
+    calls, statuses = arm.step(0.03)
+    assert [name for name, *_ in calls] == ["end_speed", "move"] and statuses == [sent(arm, last)]
+    again = Stop("arm", id=10)
+    assert [arm.order(stop)[1] for stop in (STOP, again)] == [[sent(arm, STOP)], [sent(arm, again)]]
+    assert arm.step(0.03)[1] == [Standstill(arm.now_s, "arm", 0.0, command_id=10)]
+
+
+def test_a_newer_approach_takes_over_without_a_stop():
+    arm = brought(MotionState.SPEEDING)
+    slower = MoveAt("arm", -0.01, -0.04, id=4)
+    assert arm.order(slower) == ([("speed", (0.0, 0.0, 0.01, 0.0, 0.0, 0.0), 0.5)], [sent(arm, slower)])
