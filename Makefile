@@ -10,7 +10,7 @@ run: .venv/run.stamp            ## the main job on the mock bench: 132 approache
 	$(BIN)/python run.py run papers/table_1
 
 SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_together)) \
-	$(addprefix tests/unit/drivers/,arm barrett_hand can_gripper sensor_board/test_sensor_board_driver.py ur_arm zaber_stage)
+	$(addprefix tests/unit/drivers/,arm test_axis_limits.py barrett_hand can_gripper sensor_board/test_sensor_board_driver.py ur_arm zaber_stage)
 
 test: .venv/dev.stamp browser   ## the tests; what they need is compiled before; guard, limits, loop and stop paths: every line
 	$(BIN)/python -m config.precompile

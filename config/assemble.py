@@ -65,8 +65,8 @@ def _wire_devices(
 
 def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtime: bool) -> Rig:
     from controller.rig import Rig, TrialScene
-    from drivers.core.bench_clock import BenchClock, ClockPage
     from drivers.core.errors import PROGRAM, RefusedError
+    from simulator.wiring.bench_clock import BenchClock, ClockPage
     from simulator.wiring.emulator_process import EmulatorControl
 
     if endpoints and profile.real_ports and not endpoints.get("realtime"):

@@ -19,11 +19,11 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-from drivers.core.bench_clock import BenchClock
 from drivers.core.compiled import make_signed
 from drivers.core.errors import DeviceError
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.devices.ur_controller.server import UrServer
+from simulator.wiring.bench_clock import BenchClock
 from simulator.wiring.control_port import ControlPort, Request
 from simulator.wiring.far_ends import FarEnd, Line, Network
 from simulator.wiring.pace import Pace

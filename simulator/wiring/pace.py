@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from drivers.core.bench_clock import LOOK_S, PATIENCE_S, ClockPage
 from drivers.core.clock import monotonic_s
+from simulator.wiring.bench_clock import LOOK_S, PATIENCE_S, ClockPage
 
 AHEAD_S = 0.004
 """How far time may go beyond the devices' last step: they are this much late at the most (assumption: two steps)."""

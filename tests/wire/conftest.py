@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from controller.campaign import Campaign, Outcome
-from drivers.core.bench_clock import BenchClock
 from simulator.devices.faults import FaultSchedule
+from simulator.wiring.bench_clock import BenchClock
 from simulator.wiring.emulator import STEP_S
 from simulator.wiring.far_ends import EmulatedDevice, FarEnd, Line
 from simulator.wiring.pace import Pace

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.core.bench_clock import BenchClock, ClockPage
+from simulator.wiring.bench_clock import BenchClock, ClockPage
 
 ROOT = Path(__file__).resolve().parents[2]
 

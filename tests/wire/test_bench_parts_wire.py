@@ -10,10 +10,10 @@ import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.can_gripper.driver import CanGripper, CanGripperSettings
-from drivers.core.bench_clock import BenchClock, ClockPage
 from drivers.core.errors import RefusedError
 from drivers.core.messages import Command, Grip, Gripped, Home, Listen, Reached, SampleBlock
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
+from simulator.wiring.bench_clock import BenchClock, ClockPage
 from simulator.wiring.emulator_process import EmulatorProcess
 
 DEVICES = "simulator.devices"

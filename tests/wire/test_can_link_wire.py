@@ -197,16 +197,6 @@ def test_closing_twice_is_allowed_and_ends_the_thread(line: Line) -> None:
     assert link.send(ASK) is None
 
 
-def test_a_port_that_another_program_holds_says_how_to_find_it(line: Line, link: CanLink) -> None:
-    with pytest.raises(PortError, match=f"held by another program .*fuser -v {line.path}$"):
-        open_can("hand", CanPort(port=line.path), WallClock())
-
-
-def test_a_port_that_is_absent_says_where_to_look() -> None:
-    with pytest.raises(PortError, match=r"^gripper: /dev/ttyNONE does not exist"):
-        open_can("gripper", CanPort(port="/dev/ttyNONE"), WallClock())
-
-
 def test_an_interface_that_is_absent_is_a_port_error_in_one_line() -> None:
     with pytest.raises(PortError, match="see: ip link show can99") as error:
         open_can("gripper", CanPort(port="can99", interface="socketcan"), WallClock())

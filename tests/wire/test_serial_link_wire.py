@@ -6,7 +6,6 @@ import os
 import time
 import tty
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
@@ -109,9 +108,3 @@ def test_a_port_that_another_program_holds_says_how_to_find_it(pty: Pty, link: S
 def test_what_is_no_serial_port_is_called_so(path: str) -> None:
     with pytest.raises(PortError, match="is no serial port"):
         open_serial("stage", SerialPort(port=path), WallClock())
-
-
-def test_each_error_is_one_line_and_an_os_error(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="stage: ") as raised:
-        open_serial("stage", SerialPort(port=str(tmp_path / "absent")), WallClock())
-    assert "\n" not in str(raised.value)

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.stop_latency import measure
-from drivers.core.bench_clock import SLACK_S
+from simulator.wiring.bench_clock import SLACK_S
 
 STOPS = 4
 

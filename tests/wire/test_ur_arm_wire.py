@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from drivers.arm.axis import Axis
-from drivers.core.errors import CommandError
 from drivers.core.messages import (
     Command,
     Home,
@@ -154,14 +153,6 @@ def test_a_protective_stop_is_a_stall_and_home_recovers(hand: Callable[..., Hand
     assert one.emulated.order()["runtime"] == "PLAYING"
 
 
-def test_a_program_that_was_stopped_is_a_stall_and_home_recovers(hand: Callable[..., Hand]) -> None:
-    one = hand()
-    one.set_out(MoveTo("arm", 0.04, 0.02))
-    one.emulated.order(stop_program=True)
-    assert "program has stopped" in one.await_(Stalled).reason
-    one.do(Home("arm"), Reached)
-
-
 def test_an_emergency_stop_is_a_stall_that_home_does_not_undo(hand: Callable[..., Hand]) -> None:
     one = hand()
     one.emulated.order(emergency_stop=True)
@@ -200,31 +191,4 @@ def test_motions_of_all_kinds_one_upon_the_other_leave_the_program_running(hand:
         one.run(0.15)
     while one.await_(Reached).position_m != pytest.approx(0.01, abs=1e-4):
         pass
-    assert one.emulated.order()["log"] == []
-
-
-def test_a_stop_takes_effect_in_the_middle_of_a_move(hand: Callable[..., Hand]) -> None:
-    one = hand()
-    one.set_out(MoveTo("arm", 0.04, 0.01))
-    standstill = one.do(Stop("arm"), Standstill)
-    assert standstill.position_m < 0.03
-    assert resting(one.emulated.order())
-    assert one.emulated.order()["log"] == []
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        Twist("arm", (0.01, 0.0, 0.0), 1.0),  # type: ignore[arg-type]
-        Twist("arm", (float("nan"), 0.0, 0.0, 0.0, 0.0, 0.0), 1.0),
-        MoveAt("arm", float("nan"), 0.01),
-    ],
-)
-def test_a_vector_that_would_hang_the_client_never_reaches_it(
-    hand: Callable[..., Hand], command: Command
-) -> None:
-    one = hand()
-    with pytest.raises(CommandError):
-        one.arm.apply(command)
-    one.do(MoveTo("arm", 0.002, 0.05), Reached)
     assert one.emulated.order()["log"] == []

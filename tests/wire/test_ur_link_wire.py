@@ -113,7 +113,7 @@ def test_without_a_second_try_a_lost_client_is_a_failure_and_the_arm_stops_all_t
 
 HOST = """
 import sys
-from drivers.core.bench_clock import BenchClock, ClockPage
+from simulator.wiring.bench_clock import BenchClock, ClockPage
 from drivers.core.messages import MoveAt
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import UrArmSettings

@@ -16,9 +16,9 @@ from zaber_motion import (
 )
 from zaber_motion.ascii import Axis, Connection
 
-from drivers.core.bench_clock import BenchClock
 from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
 from simulator.physics.stage_axis import StageAxis
+from simulator.wiring.bench_clock import BenchClock
 
 TIMEOUT_MS = 10_000
 """What the library waits for a reply: it lives on the wall's clock, and its machine may be busy."""

@@ -14,7 +14,6 @@ from drivers.core.messages import (
     Listen,
     MoveAt,
     Reached,
-    Standstill,
     Stop,
 )
 from drivers.zaber_stage.driver import ZaberStage
@@ -67,16 +66,6 @@ def test_an_approach_ends_at_its_limit(bench: Callable[..., Bench]) -> None:
     assert 0.002 - STEP_M < b.expect(Reached).position_m <= 0.002
 
 
-def test_a_stop_ends_in_a_standstill_where_the_stage_is(bench: Callable[..., Bench]) -> None:
-    b = bench()
-    b.begin(MoveAt("stage", 0.01, 0.02))
-    b.clock.rest(0.1)
-    sent = b.begin(Stop("stage"))
-    still = b.expect(Standstill)
-    assert still.t_s > sent.t_s
-    assert still.position_m == pytest.approx(b.wire.axis.target_m, abs=STEP_M)
-
-
 def test_positions_come_in_order_each_with_its_own_time(bench: Callable[..., Bench]) -> None:
     b = bench()
     b.stage.apply(Listen("stage", EVERYTHING))
@@ -99,11 +88,3 @@ def test_a_pulled_plug_is_a_failure_and_a_stop_after_it_says_so_again(bench: Cal
     b.stage.apply(Stop("stage"))
     b.expect(Failed)
     b.stage.close()
-
-
-def test_closing_stops_a_stage_that_moves(bench: Callable[..., Bench]) -> None:
-    b = bench()
-    b.begin(MoveAt("stage", 0.002, 0.02))
-    b.stage.close()
-    b.clock.rest(0.1)  # the far end reads it in its own turn
-    assert "stop" in b.wire.lines()

@@ -1,8 +1,8 @@
 """A controller on its own, in front of a stiff plane: `python -m tests.wire.ur_controller_process`.
 
-Prints one JSON line when it listens, with the clock that others may share (`drivers.core.bench_clock`), then obeys one
-JSON object a line from standard input and answers each with the controller's state; it ends with standard input or at
-Ctrl+C. Keys it obeys:
+Prints one JSON line when it listens, with the clock that others may share (`simulator.wiring.bench_clock`), then obeys
+one JSON object a line from standard input and answers each with the controller's state; it ends with standard input
+or at Ctrl+C. Keys it obeys:
 
     deaf, streams, remote, accepts_scripts: true or false
     silence_s: seconds without RTDE data         drop: "control" or "receive"
@@ -20,11 +20,11 @@ from typing import Literal
 import click
 from pydantic import Field, ValidationError
 
-from drivers.core.bench_clock import BenchClock
 from drivers.core.settings import Settings
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
 from simulator.devices.ur_controller.server import UrServer
 from simulator.physics.arm_motion import StiffPlane
+from simulator.wiring.bench_clock import BenchClock
 from simulator.wiring.pace import Pace
 
 

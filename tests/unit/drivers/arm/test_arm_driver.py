@@ -11,7 +11,6 @@ from drivers.core.clock import VirtualClock
 from drivers.core.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
 from drivers.core.messages import (
     Failed,
-    Home,
     Listen,
     Lost,
     MoveTo,
@@ -366,26 +365,3 @@ def test_a_program_that_was_away_does_not_blame_the_process(desk):
     assert desk.arm.poll() == []
     desk.clock.rest(0.01)
     assert [type(status) for status in desk.arm.poll()] == [Stalled], "the turn after that was in time"
-
-
-def test_a_turn_that_is_late_by_a_fifth_of_a_second_is_no_fault_either(desk):
-    desk.turn(0.1)
-    assert desk.silent(0.35) == []
-    desk.clock.rest(0.2)
-    assert desk.arm.poll() == []
-
-
-def test_every_link_that_is_lost_is_counted(desk):
-    for _ in range(2):
-        desk.turn(0.1)
-        desk.process.ended = "it died"
-        desk.silent(0.02)
-        desk.process.inbox = [OPENED]
-    desk.turn()
-    assert desk.arm.account()["links_lost"] == 2
-
-
-def test_home_is_sent_on_to_an_arm_whose_link_stands(desk):
-    home = Home("arm", id=8)
-    desk.arm.apply(home)
-    assert desk.process.sent == [home]

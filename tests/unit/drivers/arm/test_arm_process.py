@@ -16,7 +16,7 @@ from drivers.arm.pipe import Pipe, Start
 from drivers.arm.process import ArmProcess
 from drivers.arm.settings import ArmSettings, Pose
 from drivers.core.clock import VirtualClock
-from drivers.core.messages import Command, MoveAt, Refused, Sent, Stalled, Status, Stop
+from drivers.core.messages import Command, MoveAt, Stalled, Status, Stop
 
 START: Pose = (0.3, 0.0, 0.3, 0.0, 3.14, 0.0)
 SETTINGS = ArmSettings(host="127.0.0.1", rate_hz=500.0, start_pose=START, loop_timeout_s=5.0)
@@ -117,7 +117,7 @@ class Program:
             assert self.pipe.send(command)
 
     def hang_up(self) -> None:
-        self.socket.shutdown(socket.SHUT_WR)
+        self.pipe.hang_up()
 
     def close(self) -> None:
         self.pipe.close()
@@ -167,16 +167,6 @@ def test_the_program_s_end_is_seen_whatever_each_call_takes(program: Program) ->
     program.at({5: lambda: program.send(MoveAt("arm", 0.001, 0.04)), 20: program.hang_up})
     assert program.client.calls < 40
     assert not any(program.client.twists[-1])
-
-
-def test_a_stop_overtakes_what_waits_before_it(program: Program) -> None:
-    move, stop = MoveAt("arm", 0.001, 0.04), Stop("arm")
-    program.at({5: lambda: program.send(move, stop), 30: program.hang_up})
-    assert not any(any(twist) for twist in program.client.twists), "it never set out"
-    refused, sent, *_ = program.statuses()
-    assert isinstance(refused, Refused) and "a stop came" in refused.reason
-    assert isinstance(sent, Sent) and isinstance(sent.command, Stop)
-    assert refused.device == sent.device == "arm"
 
 
 def test_a_program_that_does_not_read_blocks_nothing(program: Program) -> None:

@@ -15,9 +15,9 @@ import pytest
 from drivers.arm import process
 from drivers.arm.link import ArmRow, LinkError, Opened
 from drivers.arm.pipe import Pipe, Start
-from drivers.core.bench_clock import BenchClock, ClockPage
 from drivers.core.clock import WallClock
 from drivers.core.errors import ProtocolError, RefusedError, SilentError
+from simulator.wiring.bench_clock import BenchClock, ClockPage
 from tests.unit.drivers.arm.arm_process_bench import REST, SETTINGS, START, Arm, EndError
 
 

@@ -122,11 +122,6 @@ def test_silence_is_reported_with_what_to_check() -> None:
         driver(MemoryLine(wire, VirtualClock()), reply_timeout_s=0.2).open()
 
 
-def test_another_address_is_silence() -> None:
-    with pytest.raises(SilentError, match="device 2 on its line"):
-        driver(MemoryLine(Wire(), VirtualClock()), address=2, reply_timeout_s=0.2).open()
-
-
 class Board:
     """Something else on the port: frames of another protocol, unasked."""
 
@@ -171,17 +166,6 @@ def test_a_stage_that_is_not_the_profiles_is_refused_at_opening_and_left_as_it_w
     assert not [line for line in wire.lines() if line.startswith(("move", "home"))]
 
 
-@pytest.mark.parametrize(("microstep_m", "travel_m"), [(3.175e-6, 0.5), (0.047625e-6, 0.0254)])
-def test_a_stage_of_the_pitch_in_the_profile_goes_where_it_is_sent(
-    microstep_m: float, travel_m: float
-) -> None:
-    wire, clock = Wire(homed=True, microstep_m=microstep_m, travel_m=travel_m), VirtualClock()
-    b = StageBench(driver(MemoryLine(wire, clock), microstep_m=microstep_m, travel_m=travel_m), clock, wire)
-    b.begin(MoveTo("stage", 0.01, 0.01))
-    b.expect(Reached)
-    assert wire.axis.position(clock.monotonic_s()) == pytest.approx(0.01, abs=microstep_m)
-
-
 def test_closing_leaves_the_stage_as_it_was_found() -> None:
     wire, clock = Wire(homed=True), VirtualClock()
     before = dict(wire.device._values)
@@ -204,31 +188,12 @@ def test_closing_does_not_wait_long_for_a_stage_that_is_silent() -> None:
 # moving
 
 
-def test_a_move_before_homing_is_refused_and_says_what_to_do() -> None:
-    b = Bench(homed=False)
-    b.stage.apply(MoveTo("stage", 0.001, 0.01))
-    assert b.expect(Refused).reason == "it does not know where it is; send Home first"
-    b.begin(Home("stage"))
-    assert b.expect(Reached).position_m == 0.0
-    b.begin(MoveTo("stage", 0.001, 0.01))
-    assert b.expect(Reached).position_m == pytest.approx(0.001, abs=STEP_M)
-
-
 def test_an_approach_ends_at_its_limit_beyond_which_the_device_is_never_sent() -> None:
     b = Bench()
     b.begin(MoveAt("stage", 0.01, 0.002))
     reached = b.expect(Reached)
     assert [line for line in b.wire.lines() if line.startswith("move")] == ["move abs 4031 33026"]
     assert 0.002 - STEP_M < reached.position_m <= 0.002
-
-
-def test_a_host_that_dies_leaves_a_stage_that_halts_within_its_blind_travel() -> None:
-    b = Bench()
-    b.begin(MoveAt("stage", 0.01, 0.003))
-    b.clock.rest(0.1)
-    plan = b.wire.axis.pieces(b.clock.monotonic_s())  # nothing is sent from here on
-    assert plan[-1].position_m == pytest.approx(0.002, abs=STEP_M)
-    assert plan[-1].velocity_m_s == plan[-1].acceleration_m_s2 == 0.0
 
 
 def test_a_stop_is_on_the_wire_without_waiting_for_an_answer() -> None:
@@ -243,16 +208,6 @@ def test_a_stop_is_on_the_wire_without_waiting_for_an_answer() -> None:
     assert b.wire.received.count(b"get pos") == asked
     b.wire.deaf_to = b"\0"
     assert b.wire.axis.target_m < 0.02
-
-
-def test_a_stop_ends_in_a_standstill_where_the_stage_is() -> None:
-    b = Bench()
-    b.begin(MoveAt("stage", 0.01, 0.02))
-    b.clock.rest(0.1)
-    sent = b.begin(Stop("stage"))
-    still = b.expect(Standstill)
-    assert still.t_s > sent.t_s
-    assert still.position_m == pytest.approx(b.wire.axis.target_m, abs=STEP_M)
 
 
 def test_a_stop_is_reported_when_it_is_written_and_when_the_stage_stands_under_its_number() -> None:
@@ -345,12 +300,6 @@ def test_a_stop_whose_answer_is_lost_is_sent_again() -> None:
     b.stage.apply(Stop("stage"))
     b.expect(Standstill)
     assert b.wire.lines().count("stop") >= 2
-
-
-def test_a_stop_of_a_stage_that_stands_is_a_standstill() -> None:
-    b = Bench()
-    b.stage.apply(Stop("stage"))
-    assert b.expect(Standstill).position_m == 0.0
 
 
 def test_a_newer_motion_replaces_an_older_one() -> None:
@@ -453,13 +402,6 @@ def test_a_place_on_the_other_side_of_the_home_end_is_negative() -> None:
     assert b.blocks[0].values.tolist() == [[-10]]
 
 
-def test_nothing_is_sent_up_without_a_subscriber() -> None:
-    b = Bench()
-    b.begin(MoveTo("stage", 0.002, 0.02))
-    b.expect(Reached)
-    assert b.blocks == []
-
-
 # what goes wrong
 
 
@@ -486,15 +428,6 @@ def test_a_rejected_movement_is_refused_with_the_devices_reason() -> None:
     refused = b.expect(Refused)
     assert "STATUSBUSY" in refused.reason
     assert refused.command == MoveTo("stage", 0.002, 0.005)
-
-
-def test_a_driver_that_is_switched_off_is_reported() -> None:
-    b = Bench()
-    b.begin(MoveTo("stage", 0.02, 0.005))
-    b.inject("disable")
-    assert b.expect(Stalled).reason == "its driver is disabled (FD)"
-    b.stage.apply(MoveTo("stage", 0.0, 0.005))
-    assert "DRIVERDISABLED" in b.expect(Refused).reason
 
 
 def test_a_stage_that_is_not_sent_on_any_more_stalls() -> None:
@@ -546,15 +479,6 @@ def test_a_stage_that_stands_and_falls_silent_is_noticed_without_a_command() -> 
     b = Bench(reply_timeout_s=0.2, idle_interval_s=0.05)
     b.inject("silent")
     assert "while standing" in b.expect(Failed).reason
-
-
-def test_a_pulled_plug_is_a_failure_and_a_stop_after_it_says_so_again() -> None:
-    b = Bench()
-    b.line.fault = "the port was taken away"
-    assert "taken away" in b.expect(Failed).reason
-    b.stage.apply(Stop("stage"))
-    b.expect(Failed)
-    b.stage.close()
 
 
 def test_closing_stops_a_stage_that_moves() -> None:

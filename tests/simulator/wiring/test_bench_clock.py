@@ -7,9 +7,8 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.core import bench_clock
-from drivers.core.bench_clock import ABSENCE_S, LOOK_S, PATIENCE_S, PLACES, SLACK_S, BenchClock, ClockPage
-from simulator.wiring import pace
+from simulator.wiring import bench_clock, pace
+from simulator.wiring.bench_clock import ABSENCE_S, LOOK_S, PATIENCE_S, PLACES, SLACK_S, BenchClock, ClockPage
 from simulator.wiring.pace import AHEAD_S, UNREAD_S, Pace
 
 STEP_S = 0.002
