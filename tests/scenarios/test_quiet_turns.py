@@ -12,7 +12,7 @@ from controller.loop import Loop
 
 
 def ran(name, folder, *, together):
-    profile = load_profile(name, {})
+    profile = load_profile(name, {"behavior.flexing_s": "4.0"} if name == "mock/flexion" else {})
     rig = assemble.build_rig(profile)
     if not together:
         rig = replace(rig, ahead=None)

@@ -214,9 +214,8 @@ def test_a_missing_table_is_no_contact(tmp_path):
 
 
 def test_bumps_raise_the_papers_alarms_and_not_ours(tmp_path):
-    _, run = run_slip(tmp_path, ("fingertip",) * 2, "mock/slip_bumps", **{"plant.bumps_hz": "3.0"})
-    paper = sum(row["paper_false_alarms"] for row in run.trials)
-    ours = sum(row["ours_false_alarms"] for row in run.trials)
-    assert paper >= 4, "a bump rings as slip does"
-    assert ours <= paper / 4
-    assert sum(row["ours_missed"] for row in run.trials) == 0
+    _, run = run_slip(tmp_path, "fingertip", "mock/slip_bumps", **{"plant.bumps_hz": "6.0"})
+    (row,) = run.trials
+    assert row["paper_false_alarms"] >= 4, "a bump rings as slip does"
+    assert row["ours_false_alarms"] <= row["paper_false_alarms"] / 4
+    assert row["ours_missed"] == 0
