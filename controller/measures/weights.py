@@ -7,7 +7,7 @@ from typing import Any
 
 from behaviors.weights import WeightsSettings
 from controller.measures import Column
-from controller.measures.ladder import BridgeCalibration, calibrate, steps_of
+from controller.measures.bridge_calibration import BridgeCalibration, calibrate, steps_of
 from controller.measures.touches import spans_of
 from controller.measures.trial import TrialEvidence
 

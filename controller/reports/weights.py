@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.measures.ladder import DETECTED_SIGMA, BridgeCalibration, Step, calibrate, steps_of
+from controller.measures.bridge_calibration import (
+    DETECTED_SIGMA,
+    BridgeCalibration,
+    Step,
+    calibrate,
+    steps_of,
+)
 from controller.reports.counts import Comparison, Row, number, quantity
 from controller.reports.figures import OURS, PAPER, Figures
 from controller.reports.papers import CITATION, as_printed
@@ -42,15 +48,15 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     known = " and ".join(f"{100.0 * value:g} %" for value in sorted(uncertainties))
     put_in = [
         "Gain, hysteresis and noise of the simulated bridges were set from the figures that the paper prints. That "
-        "they come back shows that ladder, recording and statistics are right; it shows nothing about the paper's "
+        "they come back shows that weights, recording and statistics are right; it shows nothing about the paper's "
         "sensor."
     ]
     return Section(
         title="Calibration with weights (B6)",
         content={
-            "tops": " and ".join(tops) or "the ladder's top",
+            "tops": " and ".join(tops) or "the largest weight",
             "trials": sum(len(run.trials) for run in runs),
-            "ladders": [row for bridge in bridges for row in _rows(bridge)],
+            "calibrated": [row for bridge in bridges for row in _rows(bridge)],
             "figure_6": _draw(figures, bridges) if bridges else "",
             "sigma": DETECTED_SIGMA,
             "bridges": [(paper["force"], own) for paper, _, own in bridges],
@@ -60,7 +66,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         citation=CITATION["fernandez"],
         summary=[_sentence(paper, own, simulated) for paper, _, own in bridges],
         not_the_papers=[
-            "The steps of the ladders, the number of cycles and the preloads (ISO 376 requires three) are ours; the "
+            "The steps of the weights, the number of cycles and the preloads (ISO 376 requires three) are ours; the "
             "paper prints ranges and “several experiments”.",
             f"The weights are taken to be known to {known} (standard uncertainty, common to all): an assumption.",
             *(put_in if simulated else []),

@@ -120,14 +120,14 @@ def test_while_it_waits_for_the_person_only_their_answer_is_subscribed_and_only_
 @pytest.mark.parametrize(
     "given", [{"weights_y_n": (2.0, 1.0)}, {"weights_t_n": (1.0,)}, {"weights_x_n": (0.0, 1.0)}]
 )
-def test_a_ladder_that_does_not_ascend_or_has_one_rung_is_refused(given):
+def test_weights_that_do_not_ascend_or_are_but_one_is_refused(given):
     with pytest.raises(ValidationError):
         WeightsSettings(**given)
 
 
-def test_the_default_ladders_end_where_the_paper_tested_and_pass_the_middle():
+def test_the_default_weights_end_where_the_paper_tested_and_pass_the_middle():
     settings = WeightsSettings()
     for bridge, top_n in (("x", 7.0), ("y", 7.0), ("t", 1.0)):
-        ladder = settings.weights_n(bridge)
-        assert ladder[-1] == top_n
-        assert top_n / 2.0 in ladder
+        weights_n = settings.weights_n(bridge)
+        assert weights_n[-1] == top_n
+        assert top_n / 2.0 in weights_n

@@ -26,12 +26,12 @@ def test_other_benches_differ_in_ports_and_in_what_their_titles_state_as_shorten
 
 
 @pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
-def test_the_ladders_go_to_the_papers_largest_load_through_the_middle(bench):
+def test_the_weights_go_to_the_papers_largest_load_through_the_middle(bench):
     behavior = loaded(f"{bench}/weights").behavior
     for paper in table("fernandez_bridges"):
-        ladder = behavior.weights_n(paper["bridge"])
-        assert ladder[-1] == paper["top_n"]
-        assert paper["top_n"] / 2.0 in ladder
+        weights_n = behavior.weights_n(paper["bridge"])
+        assert weights_n[-1] == paper["top_n"]
+        assert paper["top_n"] / 2.0 in weights_n
 
 
 def test_the_calibration_needs_neither_arm_nor_hand():

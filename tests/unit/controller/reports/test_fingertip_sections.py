@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from behaviors.events import Tick
-from controller.measures.ladder import Estimate
+from controller.measures.bridge_calibration import Estimate
 from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.reports.pointer import read_sweeps
@@ -37,7 +37,7 @@ def opened(root, experiment, bench, settings, factors):
 
 
 def write_weights(root, *, bench="mock", gains=None, outcome="calibrated", cycles=3):
-    """A ladder for each bridge: the loop of a hysteresis as wide as printed, about a line of the gain given."""
+    """A series for each bridge: the loop of a hysteresis as wide as printed, about a line of the gain given."""
     behavior = {
         "load_stream": "operator.load",
         "bridges_stream": "board.fingertip",
@@ -50,10 +50,10 @@ def write_weights(root, *, bench="mock", gains=None, outcome="calibrated", cycle
         recorder.begin_trial(trial, {"bridge": bridge}, 100.0 * trial)
         rng = np.random.default_rng(trial)
         top_n = TOPS_N[bridge]
-        ladder_n = [top_n * rung / 6.0 for rung in range(1, 7)]
+        weights_n = [top_n * step / 6.0 for step in range(1, 7)]
         loads = [
             (0.0, 0.0),
-            *([(n, -1.0) for n in ladder_n] + [(n, 1.0) for n in ladder_n[-2::-1]] + [(0.0, 0.0)]) * cycles,
+            *([(n, -1.0) for n in weights_n] + [(n, 1.0) for n in weights_n[-2::-1]] + [(0.0, 0.0)]) * cycles,
         ]
         for place, (load_n, side) in enumerate(loads):
             open_ = 1.0 - abs(load_n / top_n - 0.5) / 0.5
@@ -129,7 +129,7 @@ def test_a_real_bench_is_not_called_simulated(tmp_path, undrawn):
     assert "simulated" not in text_of(build_report([write_weights(tmp_path, bench="hardware")]))
 
 
-def test_ladders_that_were_not_finished_calibrate_nothing_and_the_page_says_so(tmp_path, undrawn):
+def test_series_that_were_not_finished_calibrate_nothing_and_the_page_says_so(tmp_path, undrawn):
     text = text_of(build_report([write_weights(tmp_path, outcome="aborted")]))
     assert "No bridge was calibrated to the end (3 trials began)." in text
 

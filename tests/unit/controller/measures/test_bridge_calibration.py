@@ -1,11 +1,11 @@
-"""From steps to gain, hysteresis and resolution, on ladders whose answer is known by hand."""
+"""From steps to gain, hysteresis and resolution, on series whose answer is known by hand."""
 
 import math
 
 import numpy as np
 import pytest
 
-from controller.measures.ladder import DETECTED_SIGMA, Step, calibrate, steps_of
+from controller.measures.bridge_calibration import DETECTED_SIGMA, Step, calibrate, steps_of
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock
 
@@ -107,7 +107,7 @@ def test_cycles_that_differ_show_in_the_repeatability_and_in_the_hysteresis():
 
 
 def test_the_intervals_hold_the_truth_as_often_as_stated():
-    """200 ladders of a straight bridge with noise: 95 % of the gains' intervals, to three standard deviations."""
+    """200 series of a straight bridge with noise: 95 % of the gains' intervals, to three standard deviations."""
     rng = np.random.default_rng(3)
     held = 0
     for _ in range(200):

@@ -1,4 +1,4 @@
-"""A ladder of weights on a bridge: from a recording to its steps, and from steps to gain, hysteresis and resolution.
+"""A series of weights on a bridge: from a recording to its steps, and from steps to gain, hysteresis and resolution.
 
 Definitions follow Fernandez et al., 4.2, where given: a line through zero by least squares; hysteresis is
 the largest difference between loading and unloading at the same load over the full-scale output (its equation 5);
@@ -61,7 +61,7 @@ UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class BridgeCalibration:
-    """Result of a ladder for one bridge.
+    """Result of a series of weights for one bridge.
 
     Attributes:
         gain_v_n: Slope of the line through zero, V/N.
@@ -134,7 +134,7 @@ def steps_of(
 def calibrate(trials: Iterable[Sequence[Step]], weight_uncertainty: float) -> BridgeCalibration | None:
     """Gain, hysteresis and resolution of one bridge.
 
-    The line goes through the mean over all cycles of each load and direction: repeating the ladder improves these
+    The line goes through the mean over all cycles of each load and direction: repeating the series improves these
     means, not the line: the residuals are the loop's own departures from any line. The interval of the gain holds
     those residuals as if they were independent, and the weights' common error.
 
