@@ -36,25 +36,31 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
     shards = [EndedRun(RunFolder.find(name, out)) for name in names]
     manifest = _common(shards)
     kept = manifest["profile"]
-    folders = own_folders(manifest)
-    profile = load_resolved(kept["name"], kept["resolved"], folders=folders)
-    asked = manifest["profile"]["asked"]
-    order = [trial.id for trial in chosen(profile.trials(manifest["seed"]), asked.get("only", ()), None)]
-    holders = _holders(shards)
-    done, manifest["exit"] = _as_one_run(shards, holders, order)
-    manifest["outcomes"] = dict(Counter(holders[trial].trials[trial].outcome for trial in done))
+    profile = load_resolved(kept["name"], kept["resolved"], folders=own_folders(manifest))
+    only = kept["asked"].get("only", ())
+    order = [trial.id for trial in chosen(profile.trials(manifest["seed"]), only, None)]
+    holders: dict[int, EndedRun] = {}
+    for shard in shards:
+        if twice := [trial for trial in shard.trials if trial in holders]:
+            also = holders[twice[0]].folder.path
+            raise RunFolderError(
+                f"{shard.folder.path}: {_named(twice)} in {also} as well; give each shard once"
+            )
+        holders |= dict.fromkeys(shard.trials, shard)
+    numbers, manifest["exit"] = _as_one_run(shards, holders, order)
+    done = [holders[number].trials[number] for number in numbers]
+    manifest["outcomes"] = dict(Counter(trial.outcome for trial in done))
     if manifest["exit"]["status"] == "done" or not manifest["exit"]["code"]:
         code, reason = exit_of(manifest)
         manifest["exit"] = {"status": "done", "code": code, "reason": reason}
+    manifest["loop"]["bench_s"] = sum(trial.recorded.length_s or 0.0 for trial in done)
     started = min(datetime.fromisoformat(shard.manifest["started_utc"]) for shard in shards)
-    folder = RunFolder.create(out, manifest["profile"]["name"], started)
     manifest |= {"trials": len(order), "started_utc": started.isoformat()}
+    folder = RunFolder.create(out, kept["name"], started)
     folder.write_manifest({**manifest, "exit": {"status": "running", "code": None, "reason": ""}})
     recorder = Recorder(folder, started, streams={}, factors=(), measures=shards[0].columns[2:])
     try:
-        for number in done:
-            trial = holders[number].trials[number]
-            manifest["loop"]["bench_s"] += trial.recorded.length_s
+        for trial in done:
             recorder.take_over(trial)
     finally:
         recorder.close()
@@ -67,11 +73,11 @@ def _common(shards: Sequence[EndedRun]) -> dict[str, Any]:
     first = shards[0].manifest
     total = {**first, "devices": {}, "plant": {}, "loss": {}, "outcomes": {}, "signals": {}}
     total["loop"] = {**first["loop"], **dict.fromkeys(("turns", "overruns", "bench_s"), 0)}
-    total["profile"] = {**first["profile"], "asked": _asked(first)}
+    asked = first["profile"].get("asked") or {}
+    total["profile"] = {**first["profile"], "asked": {key: asked[key] for key in asked if key != "shard"}}
     total.pop("resumed_utc", None)
     for shard in shards:
-        other = differing(_identity(first), _identity(shard.manifest))
-        if other:
+        if other := differing(_identity(first), _identity(shard.manifest)):
             raise RunFolderError(
                 f"{shard.folder.path}: not of the same run as {shards[0].folder.path} ({other})"
             )
@@ -79,34 +85,16 @@ def _common(shards: Sequence[EndedRun]) -> dict[str, Any]:
     return total
 
 
-def _asked(manifest: dict[str, Any]) -> dict[str, Any]:
-    asked = manifest["profile"].get("asked") or {}
-    return {key: value for key, value in asked.items() if key != "shard"}
-
-
-def _identity(manifest: dict[str, Any]) -> dict[str, Any]:
+def _identity(manifest: Mapping[str, Any]) -> dict[str, Any]:
     """What all shards of a run have in common."""
+    profile = manifest["profile"]
     return {
-        "profile": manifest["profile"]["name"],
-        "sha256": manifest["profile"]["hash"],
+        "profile": profile["name"],
+        "sha256": profile["hash"],
         "seed": manifest["seed"],
-        "only": _asked(manifest).get("only", []),
-        "own": {name: entry["sha256"] for name, entry in (manifest["profile"].get("own") or {}).items()},
+        "only": (profile.get("asked") or {}).get("only", []),
+        "own": {name: entry["sha256"] for name, entry in (profile.get("own") or {}).items()},
     }
-
-
-def _holders(shards: Sequence[EndedRun]) -> dict[int, EndedRun]:
-    """Which shard has which trial."""
-    holders: dict[int, EndedRun] = {}
-    for shard in shards:
-        twice = [trial for trial in shard.trials if trial in holders]
-        if twice:
-            also = holders[twice[0]].folder.path
-            raise RunFolderError(
-                f"{shard.folder.path}: {_named(twice)} in {also} as well; give each shard once"
-            )
-        holders |= dict.fromkeys(shard.trials, shard)
-    return holders
 
 
 def _as_one_run(

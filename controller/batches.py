@@ -21,10 +21,6 @@ POLL_S = 0.1
 """How often the operator is polled while a campaign is paused, seconds (assumption: Enter is not pressed faster)."""
 
 
-class BatchError(RuntimeError):
-    """The program failed where a batch was run."""
-
-
 class Batch(NamedTuple):
     """Some trials that were run one after the other.
 
@@ -64,7 +60,7 @@ class CampaignInBatches(Campaign):
                     found, whole = self._taken(recorder, RunFolder(Path(text)))
                     recorder.flush()
                 if batch.error:
-                    raise BatchError(batch.error)
+                    raise RuntimeError(batch.error)
                 if found[1] != "done":
                     ended = found
                     if found[1] != "failed" or not whole:  # nothing more is run after an error

@@ -46,18 +46,12 @@ class Ledger:
                 raise ValueError(
                     f"{path}: its columns are not those of this profile; write to another folder"
                 )
-            self._drop_cut_line()
+            data = path.read_bytes()
+            if not data.endswith(b"\n"):  # cut off
+                os.truncate(path, data.rfind(b"\n") + 1)
         else:
-            self.append_line(header)
-
-    def append(self, row: Mapping[str, object]) -> None:
-        """Write one row and see it on the disk; a missing value stays empty.
-
-        Raises:
-            RecordingError: it cannot be written.
-            ValueError: the row has a column that the ledger has not.
-        """
-        self.append_line(self.line(row))
+            self.add(header)
+            self.commit()
 
     def line(self, row: Mapping[str, object]) -> str:
         """A row as it is appended.
@@ -74,39 +68,27 @@ class Ledger:
         """A whole line's cells, by column."""
         return dict(zip(self.columns, next(csv.reader([line])), strict=True))
 
-    def append_line(self, line: str) -> None:
-        """Write a whole line and see it on the disk.
-
-        Raises:
-            RecordingError: it cannot be written.
-        """
-        try:
-            with self.path.open("ab", buffering=0) as file:
-                file.write(line.encode())
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise RecordingError(self.path, "appending to", error) from error
-
     def add(self, line: str) -> None:
         """Take a whole line for the next commit: what the row summarises is then written before it."""
         self._lines += line
 
-    def commit(self, sync: bool) -> None:
-        """Write the lines and see them on the disk."""
-        if self._lines:
-            lines, self._lines = self._lines, ""
-            self.append_line(lines)
+    def commit(self, sync: bool = True) -> None:
+        """Write the lines and see them on the disk; may raise `RecordingError`."""
+        if not self._lines:
+            return
+        lines, self._lines = self._lines, ""
+        try:
+            with self.path.open("ab", buffering=0) as file:
+                file.write(lines.encode())
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise RecordingError(self.path, "appending to", error) from error
 
     def finish(self) -> None:
         """Nothing is open between two commits."""
 
     def abandon(self) -> None:
         """Nothing is open between two commits."""
-
-    def _drop_cut_line(self) -> None:
-        data = self.path.read_bytes()
-        if not data.endswith(b"\n"):
-            os.truncate(self.path, data.rfind(b"\n") + 1)
 
 
 def format_cell(value: object) -> str:

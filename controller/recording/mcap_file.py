@@ -47,6 +47,8 @@ _KINDS: Mapping[int, Any] = {
 }
 
 Topic = tuple[Channel, Schema]
+McapMessage = tuple[int, int, int, bytes]
+"""Number of its channel, sequence, log time (ns), data."""
 
 
 class ChunkPlace(NamedTuple):
@@ -54,15 +56,6 @@ class ChunkPlace(NamedTuple):
 
     body: int
     length: int
-
-
-class McapMessage(NamedTuple):
-    """A message of a channel, by the channel's number."""
-
-    channel: int
-    sequence: int
-    log_time_ns: int
-    data: bytes
 
 
 class Mirror(Protocol):
@@ -229,7 +222,7 @@ def messages(path: Path, place: ChunkPlace) -> Iterator[McapMessage]:
     for opcode, body, end in _inside(plain):
         if opcode == Opcode.MESSAGE:
             channel, sequence, log_time_ns, _ = _MESSAGE.unpack_from(plain, body)
-            yield McapMessage(channel, sequence, log_time_ns, plain[body + _MESSAGE.size : end])
+            yield channel, sequence, log_time_ns, plain[body + _MESSAGE.size : end]
 
 
 def _inside(plain: bytes) -> Iterator[tuple[int, int, int]]:

@@ -55,8 +55,8 @@ def _copy(path: Path, writer: McapWriter) -> None:
     }
     for record in records(path):
         if isinstance(record, ChunkPlace):
-            for message in messages(path, record):
-                writer.add(numbers[message.channel], message.log_time_ns, message.data, message.sequence)
+            for channel, sequence, log_time_ns, data in messages(path, record):
+                writer.add(numbers[channel], log_time_ns, data, sequence)
         elif isinstance(record, Metadata):
             writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Attachment):

@@ -15,7 +15,7 @@ from mcap.records import Channel, Footer, Metadata
 
 from controller.outcomes import is_success, successes_in, word_of
 from controller.recording.ledger import Cell, read_ledger
-from controller.recording.mcap_file import ChunkPlace, McapMessage, messages, records, topics
+from controller.recording.mcap_file import ChunkPlace, messages, records, topics
 from controller.recording.mcap_repair import CLOSED_AFTERWARDS, close_cut
 from controller.recording.run_folder import RunFolder, RunFolderError
 from controller.recording.schemas import (
@@ -281,22 +281,22 @@ class RecordingIndex:
         for chunk in self.trials[trial].chunks:
             with _reading(f"{path}, the chunk at byte {chunk.body}"):
                 channels = self._wanted(path)
-                readings: dict[int, list[McapMessage]] = {}
-                for message in messages(path, chunk):
-                    channel = channels.get(message.channel)
+                readings: dict[int, list[tuple[int, bytes]]] = {}
+                for number, sequence, _, data in messages(path, chunk):
+                    channel = channels.get(number)
                     if channel is None:
                         continue
-                    size += len(message.data)
+                    size += len(data)
                     if channel.topic == SKIPPED:
-                        skipped = self._skipped.message.FromString(message.data)
+                        skipped = self._skipped.message.FromString(data)
                         recording.skip(skipped.stream, skipped.t0_s, skipped.t1_s)
                     elif channel.topic.startswith(RAW):
-                        block = decode_block(self._block, channel.metadata["stream"], message.data)
+                        block = decode_block(self._block, channel.metadata["stream"], data)
                         if widths.setdefault(block.stream, block.values.shape[1:]) != block.values.shape[1:]:
                             raise ValueError(f"{block.stream}: a block with another number of channels")
                         recording.add(block)
                     else:
-                        readings.setdefault(message.channel, []).append(message)
+                        readings.setdefault(number, []).append((sequence, data))
                 for number, several in readings.items():
                     recording.add(self._joined(channels[number], several))
         if self._kept_bytes + size <= KEPT_BYTES:
@@ -304,13 +304,13 @@ class RecordingIndex:
             self._kept_bytes += size
         return recording
 
-    def _joined(self, channel: Channel, several: Sequence[McapMessage]) -> SampleBlock:
+    def _joined(self, channel: Channel, several: Sequence[tuple[int, bytes]]) -> SampleBlock:
         """A detector's readings in a row."""
-        read = [self._readings.message.FromString(message.data) for message in several]
+        read = [self._readings.message.FromString(data) for _, data in several]
         table = np.array([[getattr(each, name) for name in READINGS] for each in read])
         stream, unit = channel.metadata["stream"], channel.metadata["unit"]
         return SampleBlock(
-            stream, several[0].sequence, float(table[0, 0]), table[:, 1:], times_s=table[:, 0], unit=unit
+            stream, several[0][0], float(table[0, 0]), table[:, 1:], times_s=table[:, 0], unit=unit
         )
 
     def _wanted(self, path: Path) -> Mapping[int, Channel]:

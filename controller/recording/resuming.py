@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from controller.outcomes import UNMEASURED, word_of
 from controller.recording.ledger import read_ledger
 from controller.recording.lock import lock
-from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
+from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError, replace_file
 
 TORN = "interrupted.jsonl"
 """Where the events of torn trials go; their samples stay in the recording that they broke off."""
 
 
-@dataclass(frozen=True)
-class ResumedRun:
+class ResumedRun(NamedTuple):
     """A run to go on with.
 
     Attributes:
@@ -49,11 +48,8 @@ def broken_off(folder: RunFolder) -> ResumedRun:
         raise RunFolderError(
             f"{folder.trials_path}: damaged ({error}); mend that line, or run it anew"
         ) from None
-    kept = [(trial, outcome) for trial, outcome in whole if outcome not in UNMEASURED]
-    outcomes: dict[str, int] = {}
-    for _, outcome in kept:
-        outcomes[outcome] = outcomes.get(outcome, 0) + 1
-    return ResumedRun(folder, manifest, frozenset(trial for trial, _ in kept), outcomes)
+    kept = {trial: outcome for trial, outcome in whole if outcome not in UNMEASURED}
+    return ResumedRun(folder, manifest, frozenset(kept), dict(Counter(kept.values())))
 
 
 def hold(folder: RunFolder) -> int:
@@ -86,43 +82,28 @@ def clear(resumed: ResumedRun) -> None:
         RecordingError: it cannot be written.
     """
     folder = resumed.folder
-    kept, torn = _parted(folder.events_path, resumed.done)
     try:
-        if torn:
+        header, *rows = _lines(folder.trials_path) or [b""]
+        events = _lines(folder.events_path)
+        stay = [line for line in events if _trial_of_event(line) in resumed.done]
+        if len(stay) < len(events):
             with (folder.path / TORN).open("ab") as file:
-                file.writelines(torn)
-            _replace(folder.events_path, kept)
-        rows, cut = read_ledger(folder.trials_path)
-        if cut or len(rows) != len(resumed.done):
-            lines = folder.trials_path.read_bytes().splitlines(keepends=True)
-            whole = [line for line in lines if line.endswith(b"\n")]
-            stays = [line for line, row in zip(whole[1:], rows, strict=True) if row["trial"] in resumed.done]
-            _replace(folder.trials_path, [*whole[:1], *stays])
+                file.writelines(line for line in events if _trial_of_event(line) not in resumed.done)
+            replace_file(folder.events_path, b"".join(stay))
+        whole = [line for line in rows if line.endswith(b"\n") and int(line.split(b",")[0]) in resumed.done]
+        if len(whole) < len(rows):
+            replace_file(folder.trials_path, b"".join([header, *whole]))
     except OSError as error:
         raise RecordingError(folder.path, "making ready", error) from error
 
 
-def _parted(path: Path, done: frozenset[int]) -> tuple[list[bytes], list[bytes]]:
-    """Lines of events of trials that stay, and all others."""
-    kept: list[bytes] = []
-    torn: list[bytes] = []
-    lines = path.read_bytes().splitlines(keepends=True) if path.exists() else []
-    for line in lines:
-        try:
-            stays = line.endswith(b"\n") and json.loads(line)["trial"] in done
-        except (ValueError, KeyError, TypeError):
-            stays = False
-        (kept if stays else torn).append(line)
-    return kept, torn
+def _lines(path: Path) -> list[bytes]:
+    return path.read_bytes().splitlines(keepends=True) if path.exists() else []
 
 
-def _replace(path: Path, lines: list[bytes]) -> None:
-    temporary = path.with_suffix(path.suffix + ".tmp")
+def _trial_of_event(line: bytes) -> object:
+    """The trial of a whole line of events.jsonl, None of one that was cut off or damaged."""
     try:
-        with temporary.open("wb") as file:
-            file.writelines(lines)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        return json.loads(line)["trial"] if line.endswith(b"\n") else None
+    except (ValueError, KeyError, TypeError):
+        return None

@@ -196,17 +196,10 @@ class RunFolder:
         Raises:
             RecordingError: it cannot be written.
         """
-        temporary = self.manifest_path.with_suffix(".json.tmp")
+        text = json.dumps(_plain({"format": FORMAT, **manifest}), indent=2, allow_nan=False)
         try:
-            with temporary.open("w", encoding="utf-8") as file:
-                json.dump(_plain({"format": FORMAT, **manifest}), file, indent=2, allow_nan=False)
-                file.write("\n")
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(self.manifest_path)
+            replace_file(self.manifest_path, f"{text}\n".encode())
         except OSError as error:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
             raise RecordingError(self.manifest_path, "writing", error) from error
 
     def keep_room(self) -> None:
@@ -252,6 +245,20 @@ class RunFolder:
                 f"{self.manifest_path}: format {manifest['format']}, this program reads {FORMAT}; update it"
             )
         return manifest
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Replace a file whole or not at all; may raise `OSError`."""
+    temporary = path.with_suffix(path.suffix + ".tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def _plain(value: object) -> Any:

@@ -14,14 +14,17 @@ ROWS = [
 ]
 
 
-def ledger(path):
-    return Ledger(path, ["location", "speed_m_s"], ["delay_s"])
+def ledger(path, *rows):
+    """A ledger that has written these rows."""
+    written = Ledger(path, ["location", "speed_m_s"], ["delay_s"])
+    for row in rows:
+        written.add(written.line(row))
+    written.commit()
+    return written
 
 
 def test_the_file_is_this_to_the_byte(tmp_path):
-    written = ledger(tmp_path / "trials.csv")
-    for row in ROWS:
-        written.append(row)
+    ledger(tmp_path / "trials.csv", *ROWS)
     assert (tmp_path / "trials.csv").read_bytes() == (
         b"trial,outcome,location,speed_m_s,delay_s\n"
         b"3,contact,f,0.003785,0.2\n"
@@ -33,9 +36,7 @@ def test_the_file_is_this_to_the_byte(tmp_path):
 def test_the_order_of_trials_changes_no_row(tmp_path):
     files = []
     for number, order in enumerate(itertools.permutations(ROWS)):
-        written = ledger(tmp_path / f"{number}.csv")
-        for row in order:
-            written.append(row)
+        ledger(tmp_path / f"{number}.csv", *order)
         files.append(sorted((tmp_path / f"{number}.csv").read_bytes().splitlines()))
     assert all(rows == files[0] for rows in files)
 
@@ -61,8 +62,8 @@ def test_a_cell_is_written_by_one_rule(value, text):
 
 def test_what_is_read_is_what_was_written(tmp_path):
     path = tmp_path / "trials.csv"
-    ledger(path).append(ROWS[0])
-    ledger(path).append(ROWS[1])
+    ledger(path, ROWS[0])
+    ledger(path, ROWS[1])
     rows, cut = read_ledger(path)
     assert rows == ROWS[:2]
     assert not cut
@@ -71,15 +72,13 @@ def test_what_is_read_is_what_was_written(tmp_path):
 @pytest.mark.parametrize("text", ["nan", "inf", "1_000", "0x10", "a"])
 def test_text_that_python_would_take_for_a_number_stays_text(tmp_path, text):
     path = tmp_path / "trials.csv"
-    ledger(path).append({"trial": 1, "location": text})
+    ledger(path, {"trial": 1, "location": text})
     assert read_ledger(path)[0][0]["location"] == text
 
 
 def test_a_cut_last_line_is_left_out_and_reported(tmp_path):
     path = tmp_path / "trials.csv"
-    written = ledger(path)
-    written.append(ROWS[0])
-    written.append(ROWS[1])
+    ledger(path, ROWS[0], ROWS[1])
     path.write_bytes(path.read_bytes()[:-3])
     rows, cut = read_ledger(path)
     assert [row["trial"] for row in rows] == [3]
@@ -88,10 +87,9 @@ def test_a_cut_last_line_is_left_out_and_reported(tmp_path):
 
 def test_a_resumed_ledger_drops_the_cut_line_and_goes_on(tmp_path):
     path = tmp_path / "trials.csv"
-    written = ledger(path)
-    written.append(ROWS[0])
+    ledger(path, ROWS[0])
     path.write_bytes(path.read_bytes() + b"1,no_con")
-    ledger(path).append(ROWS[2])
+    ledger(path, ROWS[2])
     rows, cut = read_ledger(path)
     assert [row["trial"] for row in rows] == [3, 2]
     assert not cut
@@ -106,7 +104,7 @@ def test_a_ledger_with_other_columns_is_refused(tmp_path):
 
 def test_a_measure_without_a_column_is_refused_by_name(tmp_path):
     with pytest.raises(ValueError, match="no column delai_s"):
-        ledger(tmp_path / "trials.csv").append({"trial": 1, "delai_s": 0.1})
+        ledger(tmp_path / "trials.csv", {"trial": 1, "delai_s": 0.1})
 
 
 def test_a_row_of_another_length_is_refused_with_its_line(tmp_path):

@@ -38,7 +38,7 @@ def read(path):
     found, footer = [], False
     for record in records(path):
         if isinstance(record, ChunkPlace):
-            found += [message.data for message in messages(path, record)]
+            found += [data for *_, data in messages(path, record)]
         footer = isinstance(record, Footer)
     return found, footer
 
