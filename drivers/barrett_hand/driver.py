@@ -112,14 +112,12 @@ class BarrettHand(WireDriver[CanLink]):
         if not fingers:
             link.ask(None)
             return
-        if len(fingers) == 1:
-            question = codec.HandRequest(min(fingers), codec.Property.STRAIN)
-        else:
-            question = codec.HandRequest(codec.HAND, codec.Property.STRAIN, group=True)
+        alone = len(fingers) == 1
+        query = codec.encode_query(min(fingers)) if alone else codec.encode_query(codec.HAND, group=True)
         link.ask(
             PeriodicQuestion(
-                codec.encode_request(question),
-                answers=frozenset(codec.reply_id(finger) for finger in fingers),
+                query,
+                answers=frozenset(codec.reading_id(finger) for finger in fingers),
                 period_s=1.0 / self._settings.poll_hz,
                 answer_s=self._settings.answer_timeout_s,
             )
@@ -128,9 +126,9 @@ class BarrettHand(WireDriver[CanLink]):
     def _update(self, link: CanLink) -> str | None:
         answers = {finger: list[tuple[ReceivedFrame, int]]() for finger in sorted(self._subscribed)}
         for received in link.receive():
-            reply = _strain(received)
-            if reply is not None and reply.sender in answers and received.due_s is not None:
-                answers[reply.sender].append((received, reply.value))
+            sender, counts = _reading(received) or (None, 0)
+            if sender in answers and received.due_s is not None:
+                answers[sender].append((received, counts))
             # Else it is from another node, or too late to be assigned to a cycle.
         now_s = self._clock.monotonic_s()
         if any(answers.values()) or not self._subscribed:
@@ -167,9 +165,9 @@ class BarrettHand(WireDriver[CanLink]):
 
         def parse(received: ReceivedFrame) -> int | None:
             nonlocal strangers
-            reply = _strain(received)
-            strangers += reply is None
-            return reply.value if reply is not None and reply.sender == finger else None
+            sender, counts = _reading(received) or (None, 0)
+            strangers += sender is None
+            return counts if sender == finger else None
 
         inquiry = Inquiry(
             self.name,
@@ -181,14 +179,12 @@ class BarrettHand(WireDriver[CanLink]):
             stranger="is a BarrettHand on this bus, at its bit rate?",
             silent="is the hand powered?",
         )
-        question = codec.encode_request(codec.HandRequest(finger, codec.Property.STRAIN))
-        return inquiry.ask(lambda: link.send(question), parse, OPEN_ATTEMPTS)
+        return inquiry.ask(lambda: link.send(codec.encode_query(finger)), parse, OPEN_ATTEMPTS)
 
 
-def _strain(received: ReceivedFrame) -> codec.HandReply | None:
-    """A reading of a finger's gauge; None where this is something else."""
+def _reading(received: ReceivedFrame) -> tuple[int, int] | None:
+    """A finger and what its gauge reads; None where this is something else."""
     try:
-        reply = codec.decode_reply(received.frame)
+        return codec.decode_reading(received.frame)
     except CodecError:
         return None
-    return reply if reply.property == codec.Property.STRAIN else None

@@ -7,7 +7,6 @@ from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrainSettings
@@ -35,62 +34,34 @@ def counts(forces_n: NDArray[np.float64], settings: FingerStrainSettings) -> NDA
     return np.asarray(np.clip(np.nan_to_num(ideal, nan=0.0), 0, codec.COUNTS_MAX), dtype=np.int64)
 
 
-class EmulatedBarrettHandSettings(FingerStrainSettings):
-    """What the emulated hand is."""
-
-    mode: int = Field(default=0, ge=0, le=8)
-    """Its mode at power-up; 0 is idle (assumption)."""
-
-
 class EmulatedBarrettHand:
-    """Answers as the hand's nodes do: fingers 11 to 13 and the spread, which has no gauge.
-
-    Settings are kept and reported; none of them moves anything here. A finger beyond the range in which it works
-    falls back to mode 0: the hand protects itself.
+    """Answers as the nodes of fingers 11 to 13 do when they are asked for their strain; nothing else is answered.
 
     Args:
-        settings: What it is.
+        settings: Of its gauges.
         source: What its fingers feel.
     """
 
-    def __init__(self, settings: EmulatedBarrettHandSettings, source: FingerForces) -> None:
+    def __init__(self, settings: FingerStrainSettings, source: FingerForces) -> None:
         self._settings = settings
         self._source = source
         self._silent = False
         self._saturated = False
-        self._values = {
-            node: {
-                codec.Property.MODE: settings.mode,
-                codec.Property.COMMAND: 0,
-                codec.Property.TARGET: 0,
-                codec.Property.POSITION: 0,
-            }
-            for node in (*codec.FINGERS, codec.SPREAD)
-        }
 
     def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
         """Take a frame at `t_s`; returns what its nodes answer at once."""
         self._source.advance(t_s)
         try:
-            request = codec.decode_request(frame)
+            receiver, group = codec.decode_query(frame)
         except CodecError:
             return []
+        fingers = codec.FINGERS if group and receiver == codec.HAND else () if group else (receiver,)
         if self._silent:
             return []
-        if request.group:
-            nodes = list(self._values) if request.receiver == codec.HAND else []
-        else:
-            nodes = [request.receiver] if request.receiver in self._values else []
-        if request.value is not None:
-            for node in nodes:
-                if request.property in self._values[node]:
-                    self._values[node][codec.Property(request.property)] = request.value
-            return []
-        values = {node: self._value(node, request.property, t_s) for node in nodes}
         return [
-            codec.encode_reply(codec.HandReply(node, request.property, value))
-            for node, value in values.items()
-            if value is not None
+            codec.encode_reading(finger, self._reading(finger, t_s))
+            for finger in fingers
+            if finger in codec.FINGERS
         ]
 
     def step(self, t_s: float) -> list[CanFrame]:
@@ -115,17 +86,10 @@ class EmulatedBarrettHand:
         else:
             raise ValueError(f"a hand knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
 
-    def _value(self, node: int, wanted: int, t_s: float) -> int | None:
-        if wanted != codec.Property.STRAIN:
-            return self._values[node].get(codec.Property(wanted)) if wanted in self._values[node] else None
-        if node == codec.SPREAD:
-            return None
-        reading = int(counts(self._source.forces_n(node, np.array([t_s])), self._settings)[0])
-        reading = 0 if self._saturated else reading
-        lowest, highest = codec.SAFE_COUNTS
-        if not lowest <= reading <= highest:
-            self._values[node][codec.Property.MODE] = 0
-        return reading
+    def _reading(self, finger: int, t_s: float) -> int:
+        if self._saturated:
+            return 0
+        return int(counts(self._source.forces_n(finger, np.array([t_s])), self._settings)[0])
 
 
 def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedSlcan:
@@ -134,4 +98,4 @@ def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedSlcan:
     Raises:
         RefusedError: the bench has no fingers.
     """
-    return EmulatedSlcan(EmulatedBarrettHand(EmulatedBarrettHandSettings(), part(bench, "fingers", "hand")))
+    return EmulatedSlcan(EmulatedBarrettHand(FingerStrainSettings(), part(bench, "fingers", "hand")))

@@ -33,6 +33,7 @@ from drivers.audio import codec as sound
 from drivers.audio.recording import Recording
 from drivers.audio.settings import AudioSettings
 from drivers.barrett_hand import codec as hand
+from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.can_gripper import codec as gripper
 from drivers.core.can_frame import CanFrame
 from drivers.core.clock import VirtualClock
@@ -50,7 +51,6 @@ from drivers.zaber_stage import codec as zaber
 from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
 from simulator.devices.barrett_hand import (
     EmulatedBarrettHand,
-    EmulatedBarrettHandSettings,
 )
 from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
 from simulator.devices.memory_line import MemoryLine
@@ -189,7 +189,7 @@ class _Silent:
         for decode in (gripper.decode_order, gripper.decode_answer):
             with suppress(CodecError):
                 decode(frame)
-        for read in (hand.decode_request, hand.decode_reply):
+        for read in (hand.decode_query, hand.decode_reading):
             with suppress(CodecError):
                 read(frame)
         return []
@@ -203,7 +203,7 @@ class _Silent:
 
 def _slcan(data: bytes) -> None:
     fingers = SteadyForces(dict.fromkeys(hand.FINGERS, 1.0))
-    adapter = EmulatedSlcan(_Silent(), EmulatedBarrettHand(EmulatedBarrettHandSettings(), fingers))
+    adapter = EmulatedSlcan(_Silent(), EmulatedBarrettHand(FingerStrainSettings(), fingers))
     adapter.receive(b"C\rS6\rO\r", 0.0)
     for piece in _halves(data):
         adapter.receive(piece, 0.1)

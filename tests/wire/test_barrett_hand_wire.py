@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
+from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.core.errors import SilentError
 from drivers.core.messages import Failed, Lost
-from simulator.devices.barrett_hand import EmulatedBarrettHand, EmulatedBarrettHandSettings
+from simulator.devices.barrett_hand import EmulatedBarrettHand
 from simulator.devices.slcan import EmulatedSlcan
 from tests.contracts.hand_suite import F1, F2, F3, FORCES_N, HandBench, HandContract
 from tests.steady import SteadyForces
@@ -20,7 +21,7 @@ class Wire:
     """A hand behind an adapter on a pty, and its driver."""
 
     def __init__(self, serve: Any, **settings: Any) -> None:
-        self.hand = EmulatedBarrettHand(EmulatedBarrettHandSettings(), SteadyForces(FORCES_N))
+        self.hand = EmulatedBarrettHand(FingerStrainSettings(), SteadyForces(FORCES_N))
         self.adapter = EmulatedSlcan(self.hand)
         self.port = serve(self.adapter)
         self.lock = serve.lock(self.port)

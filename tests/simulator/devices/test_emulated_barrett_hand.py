@@ -5,15 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.core.can_frame import CanFrame
-from simulator.devices.barrett_hand import (
-    EmulatedBarrettHand,
-    EmulatedBarrettHandSettings,
-    counts,
-)
+from simulator.devices.barrett_hand import EmulatedBarrettHand, counts
 from tests.steady import SteadyForces
 
-SETTINGS = EmulatedBarrettHandSettings(newton_per_count=0.01, zero_counts=2000, mode=5)
+SETTINGS = FingerStrainSettings(newton_per_count=0.01, zero_counts=2000)
 
 
 @pytest.fixture
@@ -35,24 +32,13 @@ def test_all_fingers_answer_one_question_and_the_spread_has_no_gauge(hand: Emula
     ]
 
 
-def test_settings_are_kept_and_have_no_answer(hand: EmulatedBarrettHand) -> None:
-    assert hand.receive(CanFrame(0x00B, bytes.fromhex("AA 00 D0 01 01 00")), 0.0) == []
-    (answer,) = hand.receive(CanFrame(0x00B, b"\x2a"), 0.0)
-    assert answer.data == bytes.fromhex("AA 00 D0 01 01 00")
-
-
-def test_a_finger_beyond_its_range_protects_itself(hand: EmulatedBarrettHand) -> None:
-    hand.receive(CanFrame(0x405, b"\x19"), 0.0)
-    modes = [frame.data[2] for frame in hand.receive(CanFrame(0x405, b"\x08"), 0.0)]
-    assert modes == [5, 5, 0, 5]
-
-
 def test_frames_that_are_not_for_it_are_passed_over(hand: EmulatedBarrettHand) -> None:
     for frame in (
         CanFrame(0x00A, b"\x19"),
         CanFrame(0x404, b"\x19"),
         CanFrame(0x00B),
         CanFrame(0x00B, b"\x07"),
+        CanFrame(0x00B, bytes.fromhex("AA 00 D0 01 01 00")),
     ):
         assert hand.receive(frame, 0.0) == []
 
