@@ -74,20 +74,6 @@ def test_a_spoilt_line_is_one_lost_sample_of_one_finger(wire: Wire, bench: HandB
     assert bench.blocks_of(F1)[-1].physical[-1, 0] == pytest.approx(1.0, abs=0.005)
 
 
-def test_a_hand_that_falls_silent_has_failed_once(serve: Any) -> None:
-    wire = Wire(serve, silence_timeout_s=0.3)
-    bench = HandBench(wire.driver, wire.clock)
-    try:
-        bench.listen(F1)
-        bench.turn(0.1)
-        wire.inject("silent")
-        bench.turn(0.8)
-        (failed,) = bench.of(Failed)
-        assert "no answer in 0.3 s" in failed.reason
-    finally:
-        wire.driver.close()
-
-
 def test_a_pulled_plug_has_failed_once(serve: Any, wire: Wire, bench: HandBench) -> None:
     bench.listen(F1)
     bench.turn(0.1)

@@ -26,6 +26,8 @@ from drivers.core.messages import (
     Sent,
     Tone,
 )
+from tests.contracts.crank import Crank
+from tests.refusals import refused
 
 RATE_HZ = 96_000
 TURN_S = 0.005
@@ -82,17 +84,16 @@ class Source:
         self.calls.append("close")
 
 
-class Bench:
+class Bench(Crank):
     """The driver, its source, and what the driver has reported."""
 
     def __init__(self, **settings):
-        self.clock = VirtualClock()
-        self.clock.rest(100.0)
-        self.clock.restart()
-        self.source = Source(self.clock)
+        clock = VirtualClock()
+        clock.rest(100.0)
+        clock.restart()
+        self.source = Source(clock)
         given = AudioSettings(port="tcp:here:1", **settings)
-        self.device = Audio("audio", given, self.clock, lambda *_: self.source)
-        self.blocks, self.statuses = [], []
+        super().__init__(Audio("audio", given, clock, lambda *_: self.source), clock, opens=False)
 
     def turn(self, seconds=TURN_S, turn_s=TURN_S):
         for _ in range(round(seconds / turn_s)):
@@ -100,16 +101,10 @@ class Bench:
             self.blocks += self.device.read()
             self.statuses += self.device.poll()
 
-    def take(self, kind):
-        found = [status for status in self.statuses if isinstance(status, kind)]
-        self.statuses = [status for status in self.statuses if not isinstance(status, kind)]
-        return found
-
-    def refuses(self, kind):
-        with pytest.raises(kind) as caught:
+    def refuses(self, kind, *named):
+        with refused(kind, "audio: ", *named):
             self.device.open()
         assert self.source.calls[-1] == "close"
-        return str(caught.value)
 
 
 @pytest.fixture
@@ -145,43 +140,19 @@ def test_what_was_found_and_which_finger_is_where_stands_in_the_manifest(bits, r
 
 
 @pytest.mark.parametrize(
-    ("changes", "settings", "line"),
+    ("changes", "settings", "cause", "remedy"),
     [
-        (
-            {"channels": 1},
-            {},
-            "the recorder has 1 channel where two fingers need 2 while opening; "
-            "record both fingers, and set `channels`",
-        ),
-        (
-            {"channels": 1},
-            {"channels": (0, 0)},
-            "the recorder has 1 channel where two fingers need 2 while opening; "
-            "record both fingers, and set `channels`",
-        ),
-        (
-            {"channels": 2},
-            {"channels": (0, 3)},
-            "the recorder has 2 channels where two fingers need 4 while opening; "
-            "record both fingers, and set `channels`",
-        ),
-        (
-            {"rate_hz": 48_000.0},
-            {},
-            "the recorder has 48000 frames a second, not 96000 while opening; "
-            "record at 96000 Hz: 40 kHz are wanted of it",
-        ),
-        (
-            {"bits": 16},
-            {},
-            "the recorder has 16 bits a sample, not 24 while opening; choose a 24-bit format",
-        ),
+        ({"channels": 1}, {}, "1 channel where two fingers need 2", "`channels`"),
+        ({"channels": 1}, {"channels": (0, 0)}, "1 channel where two fingers need 2", "`channels`"),
+        ({"channels": 2}, {"channels": (0, 3)}, "2 channels where two fingers need 4", "`channels`"),
+        ({"rate_hz": 48_000.0}, {}, "48000 frames a second, not 96000", "record at 96000 Hz"),
+        ({"bits": 16}, {}, "16 bits a sample, not 24", "24-bit format"),
     ],
 )
-def test_a_source_that_cannot_carry_the_fingers_is_refused_before_it_is_listened_to(changes, settings, line):
+def test_a_source_that_cannot_carry_the_fingers_is_refused_unheard(changes, settings, cause, remedy):
     bench = Bench(**settings)
     bench.source.found = replace(FOUND, **changes)
-    assert bench.refuses(ProtocolError) == f"audio: {line}"
+    bench.refuses(ProtocolError, "the recorder has", cause, remedy)
     assert bench.source.calls == ["open", "close"]
 
 
@@ -192,11 +163,7 @@ def test_the_fingers_channels_alone_are_looked_at():
     bench.source.first[:, 0] = 0
     bench.device.open()
     bench.source.first[:, 1] = 0
-    line = (
-        "audio: the left finger is silent: nothing has moved in 0.25 s while listening to the recorder; "
-        "is it plugged in, its preamplifier on, and `channels` right?"
-    )
-    assert bench.refuses(ProtocolError) == line
+    bench.refuses(ProtocolError, "the left finger is silent", "0.25 s", "`channels`")
 
 
 @pytest.mark.parametrize("settings", [{"look_s": 0.0}, {}])
@@ -232,8 +199,7 @@ def test_what_comes_of_a_source_that_stops_during_the_look_is_looked_at():
 def test_a_source_that_sends_nothing_during_the_look_is_silent():
     bench = Bench(look_s=0.5, silence_timeout_s=2.0)
     bench.source.first = None
-    line = "audio: no sound in 2.5 s while listening to the recorder; is it running?"
-    assert bench.refuses(SilentError) == line
+    bench.refuses(SilentError, "no sound in 2.5 s", "is it running?")
     assert bench.clock.now() == pytest.approx(2.5, abs=TURN_S)
 
 
@@ -248,8 +214,7 @@ def test_a_source_that_goes_away_during_the_look_is_a_port_that_is_gone():
         return receive()
 
     source.receive = goes
-    line = "audio: the cable is out while listening to the recorder; see docs/reference/audio.md"
-    assert bench.refuses(PortError) == line
+    bench.refuses(PortError, "the cable is out", "docs/reference/audio.md")
     assert bench.clock.now() == pytest.approx(TURN_S)
 
 
@@ -356,19 +321,16 @@ def test_a_source_that_sends_nothing_while_it_is_listened_to_has_failed(bench):
     assert failed.t_s - began_s == pytest.approx(2.0, abs=2 * TURN_S)
 
 
-def test_a_source_without_a_subscriber_may_be_silent_and_a_pause_does_not_count(bench):
+def test_a_source_without_a_subscriber_may_be_silent_and_a_pause_does_not_count():
+    bench = Bench()
+    bench.device.open()
+    bench.turn(2.0)
+    bench.device.apply(ON)
     bench.turn(0.9)
     bench.device.apply(OFF)
     bench.turn(5.0)
     bench.device.apply(ON)
     bench.turn(0.9)
-    assert bench.take(Failed) == []
-
-
-def test_a_source_that_was_never_listened_to_may_be_silent():
-    bench = Bench(silence_timeout_s=0.5)
-    bench.device.open()
-    bench.turn(2.0)
     assert bench.take(Failed) == []
 
 
@@ -416,22 +378,16 @@ def test_the_end_of_a_chirp_that_has_arrived_when_the_next_begins_is_not_reporte
     assert [reached.command_id for reached in bench.take(Reached)] == [7]
 
 
-@pytest.mark.parametrize("drive", [CHIRP, Tone("audio", 40_000.0, 0.5)])
-def test_a_source_that_has_failed_by_then_is_driven_no_more(bench, drive):
+@pytest.mark.parametrize("drive", [CHIRP, Tone("audio", 40_000.0, 0.5), Excite("audio", False)])
+def test_a_source_that_has_failed_by_then_is_silenced_and_driven_no_more(bench, drive):
     bench.source.fault = "the cable is out"
     bench.device.apply(drive)
     bench.turn()
-    assert drive not in bench.source.calls
+    silenced = isinstance(drive, Excite)
+    assert (drive in bench.source.calls) is silenced
     assert [failed.reason for failed in bench.take(Failed)] == ["the cable is out"]
-    assert [refused.reason for refused in bench.take(Refused)] == ["the cable is out"]
-    assert bench.take(Sent) == []
-
-
-def test_a_source_that_has_failed_by_then_is_still_silenced(bench):
-    bench.source.fault = "the cable is out"
-    silence = Excite("audio", False)
-    bench.device.apply(silence)
-    assert bench.source.calls[-1] == silence
+    assert [status.reason for status in bench.take(Refused)] == ["the cable is out"] * (not silenced)
+    assert len(bench.take(Sent)) == silenced
 
 
 # --- account and statuses ------------------------------------------------------------------------
