@@ -34,9 +34,10 @@ class Asker:
     def __init__(self):
         self.question = None
         self.answers = []
+        self.asked = 0
 
     def ask(self, number, text="hang 0.50 N on bridge Fx, then press Enter"):
-        self.question = Question(number, text)
+        self.asked, self.question = number, Question(number, text)
 
     def answer(self, number, done):
         self.answers.append((number, done))
@@ -77,59 +78,67 @@ def interrupt(number=signal.SIGINT):
     signal.raise_signal(number)
 
 
-def test_on_a_terminal_ctrl_c_pauses_enter_resumes_and_a_second_ctrl_c_aborts(keyboard):
-    with ConsoleOperator(keyboard.file) as operator:
-        assert operator.poll() is None
-        interrupt()
-        assert [operator.poll(), operator.poll()] == ["pause", None]
-        keyboard.press()
-        assert [operator.poll(), operator.poll()] == ["resume", None]
-        interrupt()
-        assert operator.poll() == "pause"
-        interrupt()
-        assert [operator.poll(), operator.poll()] == ["abort", "abort"]
+ACTS = {
+    "Ctrl+C": lambda keyboard, asker: interrupt(),
+    "Enter": lambda keyboard, asker: keyboard.press(),
+    "no": lambda keyboard, asker: keyboard.press(b"n\n"),
+    "blank": lambda keyboard, asker: keyboard.press(b" \n"),
+    "oops": lambda keyboard, asker: keyboard.press(b"oops\n"),
+    "end of input": lambda keyboard, asker: keyboard.press(b"\x04"),
+    "asked": lambda keyboard, asker: asker.ask(asker.asked + 1),
+    "SIGTERM": lambda keyboard, asker: interrupt(signal.SIGTERM),
+    "SIGHUP": lambda keyboard, asker: interrupt(signal.SIGHUP),
+    "SIGQUIT": lambda keyboard, asker: interrupt(signal.SIGQUIT),
+    "SIGTTIN": lambda keyboard, asker: interrupt(signal.SIGTTIN),
+    "SIGTTOU": lambda keyboard, asker: interrupt(signal.SIGTTOU),
+}
+"""What happens at a terminal; any other step is what the operator then requests of the loop."""
+
+SCENES = {
+    "Ctrl+C pauses and Enter resumes": [None, "Ctrl+C", "pause", None, "Enter", "resume", None],
+    "a second Ctrl+C aborts": ["Ctrl+C", "pause", "Ctrl+C", "abort", "abort"],
+    "two Ctrl+C before the loop looks abort": ["Ctrl+C", "Ctrl+C", "abort"],
+    "an Enter from before the pause resumes nothing": ["Enter", "Ctrl+C", "pause", None],
+    "Enter without a pause does nothing": ["Enter", None],
+    "a terminal that is gone while paused aborts": ["Ctrl+C", "pause", "end of input", None, "abort"],
+    "kill aborts": ["SIGTERM", "abort"],
+    "a closed terminal aborts": ["SIGHUP", "abort"],
+    "Ctrl+backslash aborts": ["SIGQUIT", "abort"],
+    "reading in the background suspends nothing": ["SIGTTIN", None],
+    "writing in the background suspends nothing": ["SIGTTOU", None],
+    "Enter answers": ["asked", None, "Enter", None, (1, True)],
+    "n says no": ["asked", None, "no", None, (1, False)],
+    "a blank is no other answer than Enter": ["asked", None, "blank", None, (1, True)],
+    "an Enter from before the question answers nothing": ["Enter", "asked", None, None],
+    "nor does one from before the same question once more": ["asked", None, "asked", "Enter", None, None],
+    "other text than no answers nothing": ["asked", None, "oops", None, "Enter", None, (1, True)],
+    "while paused Enter goes on and answers nothing": [
+        *("asked", None, "Ctrl+C", "pause", "Enter", "resume"),
+        *("Enter", None, (1, True)),
+    ],
+}
 
 
-def test_two_ctrl_c_before_the_loop_looks_abort(keyboard):
-    with ConsoleOperator(keyboard.file) as operator:
-        interrupt()
+@pytest.mark.parametrize("steps", SCENES.values(), ids=SCENES)
+def test_what_is_pressed_at_a_terminal_is_what_the_loop_gets(keyboard, steps):
+    asker = Asker()
+    with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
+        for number, step in enumerate(steps):
+            if step in ACTS:
+                ACTS[step](keyboard, asker)
+            elif not isinstance(step, tuple):
+                assert operator.poll() == step, f"step {number}"
+    assert asker.answers == [step for step in steps if isinstance(step, tuple)]
+
+
+def test_without_a_terminal_the_first_ctrl_c_aborts_and_no_file_answers_a_question():
+    asker = Asker()
+    asker.ask(1)
+    with Path(os.devnull).open() as nothing, ConsoleOperator(nothing, asking=[asker]) as operator:
+        assert [operator.poll(), operator.poll()] == [None, None]
         interrupt()
         assert operator.poll() == "abort"
-
-
-def test_an_enter_from_before_the_pause_resumes_nothing(keyboard):
-    with ConsoleOperator(keyboard.file) as operator:
-        keyboard.press()
-        interrupt()
-        assert [operator.poll(), operator.poll()] == ["pause", None]
-
-
-def test_enter_without_a_pause_does_nothing(keyboard):
-    with ConsoleOperator(keyboard.file) as operator:
-        keyboard.press()
-        assert operator.poll() is None
-
-
-def test_a_terminal_that_is_gone_while_paused_aborts(keyboard):
-    with ConsoleOperator(keyboard.file) as operator:
-        interrupt()
-        assert operator.poll() == "pause"
-        keyboard.press(b"\x04")  # end of input
-        assert operator.poll() is None
-        assert operator.poll() == "abort"
-
-
-def test_without_a_terminal_the_first_ctrl_c_aborts():
-    with Path(os.devnull).open() as nothing, ConsoleOperator(nothing) as operator:
-        interrupt()
-        assert operator.poll() == "abort"
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
-def test_kill_and_a_closed_terminal_abort_at_once(keyboard, number):
-    with ConsoleOperator(keyboard.file) as operator:
-        interrupt(number)
-        assert operator.poll() == "abort"
+    assert asker.answers == []
 
 
 class Stopper:
@@ -186,13 +195,6 @@ def test_in_the_background_the_keyboard_is_not_read(keyboard, monkeypatch):
         assert operator.poll() == "resume"
 
 
-@pytest.mark.parametrize("number", [signal.SIGTTIN, signal.SIGTTOU])
-def test_what_a_terminal_sends_into_the_background_suspends_nothing(keyboard, number):
-    with ConsoleOperator(keyboard.file) as operator:
-        interrupt(number)
-        assert operator.poll() is None
-
-
 def test_handlers_and_the_terminal_are_as_before_afterwards(keyboard):
     import termios
 
@@ -212,63 +214,11 @@ def test_ctrl_s_does_not_hold_the_output_up(keyboard):
         assert select.select([], [keyboard.file], [], 0.0)[1], "a write would wait for Ctrl+Q"
 
 
-def test_enter_answers_a_question_and_n_says_no(keyboard):
-    asker = Asker()
-    with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
-        for number, keys in ((1, b"\n"), (2, b"n\n"), (3, b" \n")):
-            asker.ask(number)
-            assert operator.poll() is None
-            keyboard.press(keys)
-            assert operator.poll() is None
-    assert asker.answers == [(1, True), (2, False), (3, True)]
-
-
-def test_an_enter_from_before_the_question_answers_nothing(keyboard):
-    asker = Asker()
-    with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
-        keyboard.press()
-        asker.ask(1)
-        assert [operator.poll(), operator.poll()] == [None, None]
-        asker.ask(2)  # the same text once more: another question
-        keyboard.press()
-        assert [operator.poll(), operator.poll()] == [None, None]
-    assert asker.answers == []
-
-
-def test_other_text_than_no_answers_nothing(keyboard):
-    asker = Asker()
-    asker.ask(1)
-    with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
-        operator.poll()
-        keyboard.press(b"oops\n")
-        operator.poll()
-        assert asker.answers == []
-        keyboard.press()
-        operator.poll()
-    assert asker.answers == [(1, True)]
-
-
-def test_while_paused_enter_goes_on_and_answers_no_question(keyboard):
-    asker = Asker()
-    asker.ask(1)
-    with ConsoleOperator(keyboard.file, asking=[asker]) as operator:
-        operator.poll()
-        interrupt()
-        assert operator.poll() == "pause"
-        keyboard.press()
-        assert operator.poll() == "resume"
-        assert asker.answers == []
-        keyboard.press()
-        assert operator.poll() is None
-    assert asker.answers == [(1, True)]
-
-
-def test_a_question_without_a_terminal_is_not_answered_by_a_file():
-    asker = Asker()
-    asker.ask(1)
-    with Path(os.devnull).open() as nothing, ConsoleOperator(nothing, asking=[asker]) as operator:
-        assert [operator.poll(), operator.poll()] == [None, None]
-    assert asker.answers == []
+@pytest.fixture
+def plain(keyboard):
+    """A plain console, and the lines that it has printed."""
+    lines = []
+    return PlainConsole(ConsoleOperator(keyboard.file), lines.append), lines
 
 
 def test_a_question_is_printed_once_on_a_plain_console_and_stands_in_the_live_view(keyboard, screen):
@@ -288,9 +238,8 @@ def test_a_question_is_printed_once_on_a_plain_console_and_stands_in_the_live_vi
     screen.campaign_ended("")
 
 
-def test_off_a_terminal_each_trial_is_one_line(keyboard):
-    lines = []
-    console = PlainConsole(ConsoleOperator(keyboard.file), lines.append)
+def test_off_a_terminal_each_trial_is_one_line(plain):
+    console, lines = plain
     console.campaign_started("mock/transient", 2, Path("runs/x"))
     console.trial_started(7, {"location": "f", "speed_m_s": 0.004843})
     console.state("APPROACH", 92.0)
@@ -302,9 +251,8 @@ def test_off_a_terminal_each_trial_is_one_line(keyboard):
     ]
 
 
-def test_off_a_terminal_a_long_campaign_has_a_screen_of_lines_and_one_for_each_trial_that_broke_off(keyboard):
-    lines = []
-    console = PlainConsole(ConsoleOperator(keyboard.file), lines.append)
+def test_off_a_terminal_a_long_campaign_has_a_screen_of_lines_and_one_for_each_trial_that_broke_off(plain):
+    console, lines = plain
     console.campaign_started("mock/transient", 132, Path("runs/x"))
     for trial in range(1, 133):
         console.trial_started(trial, {})
@@ -313,9 +261,8 @@ def test_off_a_terminal_a_long_campaign_has_a_screen_of_lines_and_one_for_each_t
     assert [int(line[1:].partition("/")[0]) for line in lines[1:]] == [1, 6, 7, *range(12, 133, 6)]
 
 
-def test_a_pause_is_reported_with_the_way_out(keyboard):
-    lines = []
-    console = PlainConsole(ConsoleOperator(keyboard.file), lines.append)
+def test_a_pause_is_reported_with_the_way_out(plain):
+    console, lines = plain
     console.state("PAUSED", 3.0)
     console.campaign_ended("")
     assert lines == ["paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts"]
@@ -477,13 +424,10 @@ def test_a_new_state_is_not_drawn_before_its_commands_are_out(screen):
 
 
 def test_the_last_picture_is_on_the_terminal_when_the_campaign_has_ended(screen):
+    screen.campaign_ended("stage: no such port")
+    assert screen.file.getvalue() == "", "a campaign that never began has none"
     screen.campaign_started("mock/transient", 1, Path("runs/x"))
     screen.trial_started(1, {})
     screen.trial_ended(1, "contact", ROW)
     screen.campaign_ended("1 trial")
     assert "1 of 1 trials" in screen.file.getvalue()
-
-
-def test_a_campaign_that_never_began_ends_without_a_picture(screen):
-    screen.campaign_ended("stage: no such port")
-    assert screen.file.getvalue() == ""
