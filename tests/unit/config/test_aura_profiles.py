@@ -10,17 +10,6 @@ def loaded(name, overrides=None):
     return load_profile(name, overrides)
 
 
-@pytest.mark.parametrize("experiment", ["centering", "chirp", "pretouch"])
-@pytest.mark.parametrize("bench", ["emulated", "hardware"])
-def test_other_benches_ask_for_the_same_of_behavior_detectors_and_signals(bench, experiment):
-    mock, other = read_source(f"mock/{experiment}").data, read_source(f"{bench}/{experiment}").data
-    for section in ("experiment", "detectors", "signals"):
-        assert other.get(section) == mock.get(section)
-    # on a real bench closing takes the object along
-    grasp = {"grasp": False} if (bench, experiment) == ("hardware", "centering") else {}
-    assert other["behavior"] == mock["behavior"] | grasp
-
-
 @pytest.mark.parametrize("bench", ["emulated", "hardware"])
 def test_other_benches_guard_forces_speeds_and_ways_as_the_mock_one_does(bench):
     mock, other = (

@@ -3,26 +3,11 @@
 import pytest
 
 from config.profile import load_profile
-from config.source import read_source
 from controller.reports.papers import table
-from tests.unit.config.shipped import on_the_mock_bench
 
 
 def loaded(name):
     return load_profile(name, {})
-
-
-@pytest.mark.parametrize("experiment", ["weights", "pointer"])
-@pytest.mark.parametrize("bench", ["emulated", "hardware"])
-def test_other_benches_differ_in_ports_and_in_what_their_titles_state_as_shortened(bench, experiment):
-    mock, other = read_source(f"mock/{experiment}").data, read_source(f"{bench}/{experiment}").data
-    for section in ("experiment", "detectors", "limits", "signals"):
-        assert other.get(section) == mock.get(section)
-    assert on_the_mock_bench(other["devices"]) == mock["devices"]
-    if bench == "hardware":
-        assert (other["behavior"], other["trials"]) == (mock["behavior"], mock["trials"])
-    else:
-        assert "shortened" in other["title"]
 
 
 @pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])

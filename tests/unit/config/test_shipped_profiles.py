@@ -52,19 +52,44 @@ def test_a_bench_is_there_to_be_extended_and_reports_it(name):
         loaded(name)
 
 
-@pytest.mark.parametrize("bench", ["emulated", "hardware"])
-@pytest.mark.parametrize("experiment", ["static", "transient", "transient_arm"])
-def test_other_benches_differ_in_ports_plant_settling_and_trials_alone(bench, experiment):
-    """The drivers' own settings follow from the ports; all that is asked of detectors and limits is the same.
+ASKED = ("experiment", "detectors", "signals")
+"""What is asked on each bench alike."""
 
-    On an emulated bench our detector stops what moves: a newcomer's first three trials are to end by contact.
+WEIGHTS = ("weights_x_n", "weights_y_n", "weights_t_n")
+
+
+@pytest.mark.parametrize("bench", ["emulated", "hardware"])
+@pytest.mark.parametrize(
+    ("experiment", "same", "emulated"),
+    [
+        ("static", (*ASKED, "limits", "devices"), {"settle_s"}),
+        ("transient", (*ASKED, "limits", "devices"), {"settle_s", "detector"}),
+        ("transient_arm", (*ASKED, "limits", "devices"), {"settle_s", "detector"}),
+        ("weights", (*ASKED, "limits", "devices"), {"cycles", "preloads", "swing_s", *WEIGHTS}),
+        ("pointer", (*ASKED, "limits", "devices"), {"angles_rad"}),
+        ("slip", (*ASKED, "limits"), {"stop_on_slip", "measures"}),
+        ("centering", ASKED, set()),
+        ("chirp", ASKED, set()),
+        ("pretouch", ASKED, set()),
+    ],
+)
+def test_other_benches_ask_for_the_same(bench, experiment, same, emulated):
+    """The drivers' own settings follow from the ports.
+
+    On an emulated bench our detector stops what moves, and what the title calls shortened is; on a real one closing
+    takes the object along.
     """
-    mock, other = read_source(f"mock/{experiment}").data, read_source(f"{bench}/{experiment}").data
-    for section in ("experiment", "detectors", "limits"):
-        assert other.get(section) == mock.get(section)
-    acting = {"detector": "ours"} if bench == "emulated" and "transient" in experiment else {}
-    assert other["behavior"] == {**mock["behavior"], **acting, "settle_s": other["behavior"]["settle_s"]}
-    assert on_the_mock_bench(other["devices"]) == mock["devices"]
+    mock, other = (read_source(f"{each}/{experiment}").data for each in ("mock", bench))
+    benches = [{**data, "devices": on_the_mock_bench(data["devices"])} for data in (mock, other)]
+    for section in same:
+        assert benches[0].get(section) == benches[1].get(section), section
+    own = emulated if bench == "emulated" else {"grasp"} if experiment == "centering" else set()
+    ours, theirs = mock["behavior"], other["behavior"]
+    assert {key for key in ours | theirs if ours.get(key) != theirs.get(key)} == own
+    if bench == "hardware" and experiment in ("weights", "pointer"):
+        assert other["trials"] == mock["trials"]
+    if bench == "emulated" and "devices" in same:
+        assert "shortened" in other["title"]
 
 
 @pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name.startswith("hardware/")])

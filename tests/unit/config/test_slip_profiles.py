@@ -41,14 +41,6 @@ def test_the_papers_detector_has_the_papers_blocks_and_thresholds():
     assert {entry.kind for name, entry in detectors.items() if name.endswith("_paper")} == {"slip.paper"}
 
 
-@pytest.mark.parametrize("bench", ["emulated", "hardware"])
-def test_other_benches_ask_the_same_of_sensors_detectors_and_limits(bench):
-    mock, other = read_source("mock/slip").data, read_source(f"{bench}/slip").data
-    for section in ("experiment", "signals", "detectors", "limits"):
-        assert other[section] == mock[section]
-    assert other["behavior"]["sensors"] == mock["behavior"]["sensors"]
-
-
 def test_a_run_on_the_real_bench_is_of_one_sensor_as_no_run_asks_to_change_it():
     sensors = {trial.factors["sensor"] for trial in loaded("hardware/slip").trials(0)}
     assert sensors == {"fingertip"}
