@@ -15,9 +15,14 @@ class Axis:
 
     Args:
         settings: Of the arm.
+
+    Attributes:
+        settings: The same.
+        direction: Of the axis, in the base frame.
     """
 
     def __init__(self, settings: ArmSettings) -> None:
+        self.settings = settings
         length = math.hypot(*settings.approach_axis)
         self.direction = tuple(part / length for part in settings.approach_axis)
         self._start = settings.start_pose

@@ -23,45 +23,29 @@ ARRIVED_M = 5e-5
 """Distance before its limit at which a `MoveAt` has arrived: near the arm's repeatability of 30 um."""
 
 
-class Guidance:
-    """Bounds of one arm's tool speeds.
+def approach_twist(axis: Axis, goal: MoveAt, row: ArmRow, now_s: float) -> Pose | None:
+    """The twist that brings the tool to its limit, or None where it is there.
 
-    Args:
-        settings: Of the arm.
+    It slows down towards the limit, so that the tool comes to rest before it whatever a cycle takes.
     """
+    sign = math.copysign(1.0, goal.velocity_m_s)
+    left_m = sign * (goal.limit_m - axis.position_m(_ahead(row, now_s)))
+    if left_m <= ARRIVED_M:
+        return None
+    # Half of the acceleration brakes in time; the other half is for what comes late.
+    braking_m_s = math.sqrt(axis.settings.acceleration_m_s2 * left_m)
+    return axis.twist(sign * min(abs(goal.velocity_m_s), braking_m_s, left_m / SETTLE_S))
 
-    def __init__(self, settings: ArmSettings) -> None:
-        self._settings = settings
-        self._axis = Axis(settings)
 
-    def approach(self, goal: MoveAt, row: ArmRow, now_s: float) -> Pose | None:
-        """The twist that brings the tool to its limit, or None where it is there.
-
-        It slows down towards the limit, so that the tool comes to rest before it whatever a cycle takes.
-        """
-        sign = math.copysign(1.0, goal.velocity_m_s)
-        left_m = sign * (goal.limit_m - self._axis.position_m(_ahead(row, now_s)))
-        if left_m <= ARRIVED_M:
-            return None
-        speed_m_s = min(
-            abs(goal.velocity_m_s),
-            # Half of the acceleration brakes in time; the other half is for what comes late.
-            math.sqrt(self._settings.acceleration_m_s2 * left_m),
-            left_m / SETTLE_S,
-        )
-        return self._axis.twist(sign * speed_m_s)
-
-    def fence(self, row: ArmRow, now_s: float) -> str:
-        """Which bound a free motion runs over unless it brakes now, or ""; the way back in is free."""
-        settings, axis = self._settings, self._axis
-        braking_s = 0.5 * math.hypot(*row.twist[:3]) / settings.stop_m_s2
-        ahead, here_m = _ahead(row, now_s + braking_s), axis.position_m(row.pose)
-        if axis.away_m(ahead) > max(settings.leash_m, axis.away_m(row.pose)):
-            return leash_end(settings)
-        lowest_m, highest_m = min(settings.travel_min_m, here_m), max(settings.travel_max_m, here_m)
-        if not lowest_m <= axis.position_m(ahead) <= highest_m:
-            return travel_end(here_m)
-        return ""
+def bound_ahead(axis: Axis, row: ArmRow, now_s: float) -> str:
+    """Which bound a free motion runs over unless it brakes now, or ""; the way back in is free."""
+    settings, here_m = axis.settings, axis.position_m(row.pose)
+    braking_s = 0.5 * math.hypot(*row.twist[:3]) / settings.stop_m_s2
+    ahead = _ahead(row, now_s + braking_s)
+    if axis.away_m(ahead) > max(settings.leash_m, axis.away_m(row.pose)):
+        return leash_end(settings)
+    lowest_m, highest_m = min(settings.travel_min_m, here_m), max(settings.travel_max_m, here_m)
+    return "" if lowest_m <= axis.position_m(ahead) <= highest_m else travel_end(here_m)
 
 
 class FreeMotion:

@@ -12,7 +12,15 @@ from collections.abc import Callable
 from enum import Enum, auto
 
 from drivers.arm.axis import Axis, way
-from drivers.arm.guidance import CYCLE_S, MISSED_M, MISSED_RAD, FreeMotion, Guidance, line_speed
+from drivers.arm.guidance import (
+    CYCLE_S,
+    MISSED_M,
+    MISSED_RAD,
+    FreeMotion,
+    approach_twist,
+    bound_ahead,
+    line_speed,
+)
 from drivers.arm.link import Client, Seen
 from drivers.arm.settings import ArmSettings, Pose
 from drivers.core.messages import (
@@ -92,7 +100,6 @@ class MotionControl:
         self._name = name
         self._settings = settings
         self._axis = Axis(settings)
-        self._guidance = Guidance(settings)
         self._client = client
         self._now = now
         self._report = report
@@ -360,7 +367,7 @@ class MotionControl:
     def _guided(self, goal: Command | None) -> Pose | None:
         """The twist of this cycle; None where the motion is over, and the tool brakes."""
         if isinstance(goal, MoveAt):
-            twist = self._guidance.approach(goal, self._seen.row, self._now())
+            twist = approach_twist(self._axis, goal, self._seen.row, self._now())
             if twist is None:
                 self._brake(self._reached)
             return twist
@@ -370,8 +377,8 @@ class MotionControl:
         if twist is None:
             self._brake(self._reached)
             return None
-        if fence := self._guidance.fence(self._seen.row, self._now()):
-            self._brake(lambda: self._stalled(fence))
+        if bound := bound_ahead(self._axis, self._seen.row, self._now()):
+            self._brake(lambda: self._stalled(bound))
             return None
         return twist
 

@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from drivers.arm.link import CALLS_S, LinkError
+from drivers.arm.link import CALLS_S, ArmRow, LinkError
 from drivers.arm.settings import Pose
 from drivers.core.clock import Clock, rest
 from drivers.core.errors import RefusedError, SilentError
-from drivers.ur_arm.controller import PROTECTIVE_STOP, ControllerState
+from drivers.ur_arm.controller import PROTECTIVE_STOP, STOPPED
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.settings import UrArmSettings
 
@@ -80,7 +80,7 @@ class RtdeClient:
         settings: Of the arm.
         dashboard: A connection of our own.
         clock: For what takes too long.
-        latest: The controller as its latest row shows it.
+        latest: The arm's latest row.
         receiving: The receive interface's link.
 
     Attributes:
@@ -95,7 +95,7 @@ class RtdeClient:
         settings: UrArmSettings,
         dashboard: Dashboard,
         clock: Clock,
-        latest: Callable[[], ControllerState],
+        latest: Callable[[], ArmRow],
         receiving: RtdeSockets,
     ) -> None:
         from rtde_control import RTDEControlInterface
@@ -165,7 +165,7 @@ class RtdeClient:
         # script runs again. Where no program runs, this clears them.
         control.kickWatchdog()
         control.reuploadScript()
-        while not self._latest().playing:
+        while not self._latest().running:
             if self._clock.monotonic_s() > deadline_s:
                 return self._latest().fault or "the controller does not run the script"
             rest(LOOK_S)
@@ -181,8 +181,8 @@ class RtdeClient:
         self._control.stopScript()
 
     def _unlock(self, deadline_s: float) -> str:
-        while reason := self._latest().danger:
-            if not self._latest().safety_bits & PROTECTIVE_STOP or self._clock.monotonic_s() > deadline_s:
+        while (reason := self._latest().fault) not in ("", STOPPED):
+            if reason != PROTECTIVE_STOP or self._clock.monotonic_s() > deadline_s:
                 return reason
             self._dashboard.ask("close safety popup")
             self._dashboard.ask("unlock protective stop")

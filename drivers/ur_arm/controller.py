@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 PLAYING = 2
 """`runtime_state` of a running program (RTDE guide)."""
+
+PROTECTIVE_STOP = "the arm is in a protective stop"
+
+STOPPED = "the controller's program has stopped"
 
 SAFETY = {
     7: "the emergency stop is pressed",
@@ -14,30 +16,12 @@ SAFETY = {
     9: "the arm reports a fault",
     8: "the arm reports a safety violation",
     4: "the safeguard stop is on",
-    2: "the arm is in a protective stop",
+    2: PROTECTIVE_STOP,
 }
 """Bits of `safety_status_bits` that forbid motion, gravest first (RTDE guide)."""
 
-PROTECTIVE_STOP = 1 << 2
 
-
-class ControllerState(NamedTuple):
-    """Of one row: `safety_status_bits` and `runtime_state`."""
-
-    safety_bits: int
-    runtime: int
-
-    @property
-    def playing(self) -> bool:
-        """Whether its program runs."""
-        return self.runtime == PLAYING
-
-    @property
-    def danger(self) -> str:
-        """Which safety function forbids motion, or ""."""
-        return next((reason for bit, reason in SAFETY.items() if self.safety_bits >> bit & 1), "")
-
-    @property
-    def fault(self) -> str:
-        """Why the arm will not move, or ""."""
-        return self.danger or ("" if self.playing else "the controller's program has stopped")
+def fault_of(safety_bits: int, running: bool) -> str:
+    """Why the arm will not move, or "": a safety function, else its program has stopped."""
+    danger = next((reason for bit, reason in SAFETY.items() if safety_bits >> bit & 1), "")
+    return danger or ("" if running else STOPPED)

@@ -11,7 +11,7 @@ from drivers.arm.link import LOOK_S, ArmRow, LinkError, Opened
 from drivers.core.clock import Clock, rest
 from drivers.core.errors import PortError, RefusedError, SilentError
 from drivers.ur_arm.client import CONTROL_GONE, RtdeClient, RtdeSockets
-from drivers.ur_arm.controller import ControllerState
+from drivers.ur_arm.controller import PLAYING, STOPPED, fault_of
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.settings import UrArmSettings
 from drivers.ur_arm.tool import PENDANT, Tool, disagreement
@@ -53,8 +53,7 @@ class UrLink:
     def __init__(self, settings: UrArmSettings, clock: Clock) -> None:
         self._settings = settings
         self._clock = clock
-        self._row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
-        self._state = ControllerState(0, 0)
+        self._row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6, STOPPED, running=False)
 
     def open(self, again: bool) -> Opened:
         """See `ArmLink.open`."""
@@ -63,8 +62,8 @@ class UrLink:
         self._connect()
         self._check_readiness(dashboard, again)
         model, serial = dashboard.ask("get robot model"), dashboard.ask("get serial number")
-        self.client = RtdeClient(self._settings, dashboard, self._clock, lambda: self._state, self._sockets)
-        self._await_row(lambda: self._state.playing)
+        self.client = RtdeClient(self._settings, dashboard, self._clock, lambda: self._row, self._sockets)
+        self._await_row(lambda: self._row.running)
         tool = self._checked_tool()
         details = {**tool.details(self._settings), "watchdog_hz": self._settings.watchdog_hz}
         return Opened(model, serial, polyscope, self._row, details)
@@ -76,19 +75,19 @@ class UrLink:
         if device_s == self._row.device_s:
             return None
         arrival_s = self._clock.monotonic_s()
-        state = ControllerState(receive.getSafetyStatusBits(), receive.getRuntimeState())
+        running = receive.getRuntimeState() == PLAYING
         row = ArmRow(
             arrival_s,
             device_s,
             tuple(receive.getActualTCPPose()),
             tuple(receive.getActualTCPSpeed()),
             tuple(receive.getActualTCPForce()),
-            state.fault,
-            state.playing,
+            fault_of(receive.getSafetyStatusBits(), running),
+            running,
         )
         if receive.getTimestamp() != device_s:
             return None
-        self._row, self._state = row, state
+        self._row = row
         return row
 
     def check(self) -> None:
@@ -139,11 +138,11 @@ class UrLink:
     def _check_readiness(self, dashboard: Dashboard, again: bool) -> None:
         if dashboard.ask("is in remote control") == "false":
             raise LinkError(RefusedError, "remote control is off", "switch it on at the pendant")
-        if reason := self._state.danger:
+        if (reason := self._row.fault) not in ("", STOPPED):
             raise LinkError(RefusedError, reason, "look at the arm, and release it at the pendant")
-        if again and self._state.playing:
+        if again and self._row.running:
             dashboard.ask("stop")
-        if not self._await_row(lambda: not self._state.playing):
+        if not self._await_row(lambda: not self._row.running):
             raise LinkError(
                 RefusedError, "another program runs on the controller", "stop it at the pendant, or its host"
             )

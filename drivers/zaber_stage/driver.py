@@ -14,6 +14,9 @@ from drivers.core.messages import (
     Command,
     DeviceInfo,
     Failed,
+    Home,
+    MoveAt,
+    MoveTo,
     Reached,
     SampleBlock,
     Stalled,
@@ -24,7 +27,6 @@ from drivers.core.messages import (
 from drivers.core.numbering import Samples
 from drivers.core.wire import WireDriver
 from drivers.zaber_stage import codec
-from drivers.zaber_stage.commands import doing, valid
 from drivers.zaber_stage.dialogue import StageDialogue, StageQuestion
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
 from drivers.zaber_stage.procedures import SETS_OUT, Moving, Procedures, RejectedError, StageWay
@@ -118,7 +120,7 @@ class ZaberStage(WireDriver[SerialLink]):
         return True
 
     def _valid(self, command: Command) -> Command:
-        return valid(self.name, self._settings, command)
+        return self._settings.valid(self.name, command)
 
     def _carry_out(self, command: Command) -> None:
         self._abandon()
@@ -166,7 +168,7 @@ class ZaberStage(WireDriver[SerialLink]):
         for question in dialogue.turn():
             self._receive(dialogue, question)
         if dialogue.fault is not None:
-            what = doing(self._command or self._motion)
+            what = _doing(self._command or self._motion)
             self._fail(f"{dialogue.fault} while {what}; is the cable in {self._settings.port}?")
         elif not (self._halt or self._poll or self._question or self._renewal):
             self._proceed(dialogue)
@@ -324,3 +326,12 @@ class ZaberStage(WireDriver[SerialLink]):
             result: T = end.value
             return result
         return None
+
+
+def _doing(command: Command | None) -> str:
+    match command:
+        case MoveAt(limit_m=target_m) | MoveTo(position_m=target_m):
+            return f"moving to {target_m:g} m"
+        case Home():
+            return "homing"
+    return "standing"

@@ -1,4 +1,6 @@
-"""Where the stage is, how it is mounted, how far and fast it may go; approach axis ⇄ device counts."""
+"""Where the stage is, how far and fast it may go, which commands it takes; approach axis ⇄ device counts. Pure.
+
+For driver and mock alike."""
 
 from __future__ import annotations
 
@@ -8,9 +10,16 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from drivers.core.axis import AxisLimits
+from drivers.core.errors import CommandError
 from drivers.core.links import SerialPort
-from drivers.core.messages import MoveAt, MoveTo
+from drivers.core.messages import Command, Home, Listen, MoveAt, MoveTo, Stop
 from drivers.zaber_stage import codec
+
+RENEWAL_S = 0.05
+"""How long a stage at speed must be able to go on before it is sent on: five looks at its position (assumption)."""
+
+NOT_HOMED = "it does not know where it is; send Home first"
+"""Why a stage that has lost its reference refuses every motion but `Home`."""
 
 ROUNDING = 1e-6
 """Microsteps that a length may be off by arithmetic alone and still count as whole."""
@@ -52,6 +61,19 @@ class StageLimits(AxisLimits):
                 " origin_m, forward and the data sheet"
             )
         return self
+
+    def valid(self, device: str, command: Command) -> Command:
+        """The command as it will be sent: too great a speed is clamped.
+
+        Raises:
+            CommandError: not for a stage, not finite or out of range.
+        """
+        match command:
+            case Home() | Stop() | Listen():
+                return command
+            case MoveAt() | MoveTo():
+                return self.checked(device, command)
+        raise CommandError(device, f"applying {command}", "a stage only moves", "send it to another device")
 
 
 class ZaberStageSettings(SerialPort, StageLimits):
@@ -125,3 +147,24 @@ class Mounting:
         """The device's limit settings for the travel."""
         ends = sorted((self.device(self.lowest), self.device(self.highest)))
         return {"limit.min": ends[0], "limit.max": ends[1]}
+
+    def refusal(self, command: MoveAt | MoveTo, here: int, acceleration_m_s2: float) -> str:
+        """Why a stage that knows where it is refuses a valid motion, or "".
+
+        Args:
+            command: The motion.
+            here: Where it is, in counts.
+            acceleration_m_s2: At which it brakes.
+        """
+        target = self.target(command)
+        speed_m_s = abs(command.velocity_m_s) if isinstance(command, MoveAt) else command.speed_m_s
+        forward = isinstance(command, MoveTo) or command.velocity_m_s > 0.0
+        if isinstance(command, MoveAt) and (here > target if forward else here < target):
+            return f"it is beyond the limit already, at {self.position_m(here):.6f} m"
+        needed_m = speed_m_s**2 / (2.0 * acceleration_m_s2) + speed_m_s * RENEWAL_S
+        if self.ahead(here, target, command.blind_travel_m) != target and needed_m > command.blind_travel_m:
+            return (
+                f"a stage at {speed_m_s:g} m/s needs {needed_m:.2g} m to brake and be sent on in time, but"
+                f" limits.blind_travel_m is {command.blind_travel_m:g}; give it more, or go slower"
+            )
+        return ""

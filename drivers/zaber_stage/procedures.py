@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 from drivers.core.messages import Command, MoveAt, MoveTo
 from drivers.zaber_stage import codec
-from drivers.zaber_stage.commands import NOT_HOMED, refusal
-from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
+from drivers.zaber_stage.mounting import NOT_HOMED, Mounting, ZaberStageSettings
 
 SETS_OUT = ("home", "move")
 
@@ -145,7 +144,7 @@ class Procedures:
         target = mounting.target(command)
         velocity_m_s = command.velocity_m_s if isinstance(command, MoveAt) else command.speed_m_s
         here = mounting.counts((yield from _asked("pos")))
-        reason = refusal(mounting, command, here, self._acceleration_m_s2)
+        reason = mounting.refusal(command, here, self._acceleration_m_s2)
         if reason:
             raise RejectedError(reason)
         speed = max(1, codec.velocity_data(abs(velocity_m_s), self._settings.microstep_m))

@@ -26,8 +26,7 @@ from drivers.core.messages import (
     StreamInfo,
 )
 from drivers.zaber_stage.codec import LONGEST_S
-from drivers.zaber_stage.commands import NOT_HOMED, refusal, valid
-from drivers.zaber_stage.mounting import Mounting, StageLimits
+from drivers.zaber_stage.mounting import NOT_HOMED, Mounting, StageLimits
 from simulator.devices.faults import Fault
 from simulator.mocks.base import MockDriver
 from simulator.physics.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
@@ -99,7 +98,7 @@ class MockZaberStage(MockDriver):
         Raises:
             CommandError: not for a stage, not finite or out of range.
         """
-        command = valid(self.name, self._settings, command)
+        command = self._settings.valid(self.name, command)
         now_s = self._clock.now()
         self._look(now_s)
         if isinstance(command, Listen):
@@ -130,7 +129,7 @@ class MockZaberStage(MockDriver):
         if not self._homed:
             return NOT_HOMED
         here = round(self.axis.position(now_s) / self._settings.microstep_m)
-        return refusal(self._mounting, command, here, self._settings.acceleration_m_s2)
+        return self._mounting.refusal(command, here, self._settings.acceleration_m_s2)
 
     def _move(self, command: Command, now_s: float) -> None:
         self._commanded_s, self._command = now_s, command

@@ -8,7 +8,7 @@ from drivers.arm.axis import Axis
 from drivers.arm.link import ArmRow, Seen
 from drivers.arm.motion import MotionControl
 from drivers.core.messages import Command, Status
-from drivers.ur_arm.controller import ControllerState
+from drivers.ur_arm.controller import fault_of
 from drivers.ur_arm.settings import UrArmSettings
 from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
 from simulator.physics.arm_motion import StiffPlane
@@ -145,15 +145,15 @@ class Rig:
 
     def _row(self) -> ArmRow:
         controller = self.controller
-        state = ControllerState(controller.safety.bits, int(controller.runtime))
+        running = controller.runtime is Runtime.PLAYING
         return ArmRow(
             self.now(),
             controller.t_s,
             tuple(controller.arm.pose),
             tuple(controller.arm.twist),
             tuple(controller.force),
-            state.fault,
-            state.playing,
+            fault_of(controller.safety.bits, running),
+            running,
         )
 
     def run(self, duration_s: float, cycle_steps: int = 4, old_steps: int = 0) -> None:

@@ -4,9 +4,17 @@ import math
 
 import pytest
 
-from drivers.arm.axis import way
+from drivers.arm.axis import Axis, way
 from drivers.arm.commands import valid
-from drivers.arm.guidance import ARRIVED_M, CYCLE_S, SETTLE_S, FreeMotion, Guidance, line_speed
+from drivers.arm.guidance import (
+    ARRIVED_M,
+    CYCLE_S,
+    SETTLE_S,
+    FreeMotion,
+    approach_twist,
+    bound_ahead,
+    line_speed,
+)
 from drivers.arm.link import ArmRow
 from drivers.arm.settings import ArmSettings
 from drivers.core.errors import CommandError
@@ -112,7 +120,9 @@ def approach(velocity_m_s, left_m, speed_m_s=0.0, later_s=-CYCLE_S):
     """The speed along the axis; `later_s` after the row, by default when the next command acts at the row's time."""
     goal = MoveAt("arm", velocity_m_s, 0.03)
     z = 0.2 - 0.03 + math.copysign(left_m, velocity_m_s)
-    twist = Guidance(SETTINGS).approach(goal, row(z, (0.0, 0.0, -speed_m_s, 0.0, 0.0, 0.0)), NOW_S + later_s)
+    twist = approach_twist(
+        Axis(SETTINGS), goal, row(z, (0.0, 0.0, -speed_m_s, 0.0, 0.0, 0.0)), NOW_S + later_s
+    )
     if twist is None:
         return None
     assert twist[:2] == twist[3:5] == (0.0, 0.0)
@@ -135,7 +145,7 @@ def test_what_is_left_is_seen_from_where_the_tool_will_be_a_cycle_later():
 
 
 def fence(z=0.2, twist=REST, x=0.4, later_s=-CYCLE_S):
-    return Guidance(SETTINGS).fence(row(z, twist, x), NOW_S + later_s)
+    return bound_ahead(Axis(SETTINGS), row(z, twist, x), NOW_S + later_s)
 
 
 def going(x=0.0, z=0.0):
@@ -156,11 +166,11 @@ def test_the_fence_is_seen_in_time_to_brake_and_named():
 
 def test_the_way_to_brake_is_as_long_as_the_deceleration_makes_it_and_no_turn_adds_to_it():
     """0.1 m/s at 2 m/s2 takes a quarter of 0.1 s at full speed: 2.5 mm."""
-    guidance = Guidance(SETTINGS.model_copy(update={"stop_m_s2": 2.0}))
+    axis = Axis(SETTINGS.model_copy(update={"stop_m_s2": 2.0}))
     for turn_rad_s in (0.0, 3.0):
         twist = (0.0, 0.0, -0.1, turn_rad_s, 0.0, 0.0)
-        assert guidance.fence(row(0.1626, twist), NOW_S - CYCLE_S) == ""
-        assert "travel" in guidance.fence(row(0.1624, twist), NOW_S - CYCLE_S)
+        assert bound_ahead(axis, row(0.1626, twist), NOW_S - CYCLE_S) == ""
+        assert "travel" in bound_ahead(axis, row(0.1624, twist), NOW_S - CYCLE_S)
 
 
 def test_a_turn_alone_brakes_no_way():

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from drivers.arm.link import ArmRow
 from drivers.core.clock import VirtualClock
 from drivers.ur_arm.client import RtdeClient, RtdeSockets
-from drivers.ur_arm.controller import PLAYING, ControllerState
 from drivers.ur_arm.settings import UrArmSettings
 
 SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=(0.3, 0.0, 0.3, 0.0, 3.14, 0.0))
@@ -42,9 +42,9 @@ def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch
     module = SimpleNamespace(RTDEControlInterface=lambda host: control)
     monkeypatch.setitem(sys.modules, "rtde_control", module)
     dashboard = SimpleNamespace(ask=lambda question: "true")
-    state = ControllerState(1, PLAYING)
+    row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
 
-    client = RtdeClient(SETTINGS, dashboard, NotedClock(done), lambda: state, RtdeSockets())
+    client = RtdeClient(SETTINGS, dashboard, NotedClock(done), lambda: row, RtdeSockets())
     assert done == ["hold", "setWatchdog"]
     assert client.tcp_offset == (0.1,) * 6
     done.clear()

@@ -122,7 +122,7 @@ class Opening:
         return self.receive
 
     def upload(self, settings, dashboard, clock, latest, receiving):
-        assert latest() == (self.receive.safety, self.receive.runtime)
+        assert (latest().fault, latest().running) == ("the controller's program has stopped", False)
         self.uploads.append((settings, dashboard, clock, receiving))
         self.rest(3.0)
         self.plays_s = self.clock.monotonic_s() + 0.05

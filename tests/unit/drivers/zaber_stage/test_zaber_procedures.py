@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from drivers.core.errors import CommandError
-from drivers.core.messages import Command, Excite, Home, MoveAt, MoveTo
+from drivers.core.messages import Excite, Home, MoveAt, MoveTo
 from drivers.zaber_stage.codec import StageReply, acceleration_m_s2
-from drivers.zaber_stage.commands import doing, refusal, valid
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
 from drivers.zaber_stage.procedures import Procedures, RejectedError, StageWay
 from tests.refusals import refused
@@ -218,27 +217,14 @@ def test_a_rejection_without_a_known_reason_and_a_setting_that_is_no_number_are_
 
 def test_a_stage_only_moves_and_at_its_limit_stays() -> None:
     with refused(CommandError, "stage: a stage only moves", "another device"):
-        valid("stage", SETTINGS, Excite("stage", True))
+        SETTINGS.valid("stage", Excite("stage", True))
     for speed_m_s in (0.01, -0.01):
         here = MoveAt("stage", speed_m_s, 10000 * STEP_M)
-        assert refusal(Mounting(SETTINGS), here, 10000, 0.5) == ""
+        assert Mounting(SETTINGS).refusal(here, 10000, 0.5) == ""
 
 
 @pytest.mark.parametrize(("acceleration_m_s2", "refused"), [(0.5, True), (2.0, False)])
 def test_a_stage_that_brakes_harder_needs_less_blind_travel(acceleration_m_s2: float, refused: bool) -> None:
     """v^2 / 2a and 50 ms at v: 1.9 mm at 0.5 m/s^2, 1.4 mm at 2."""
     fast = MoveAt("stage", 0.025, 0.012, blind_travel_m=0.0018)
-    assert bool(refusal(Mounting(SETTINGS), fast, 0, acceleration_m_s2)) is refused
-
-
-@pytest.mark.parametrize(
-    ("command", "text"),
-    [
-        (MoveTo("stage", 0.01, 0.02), "moving to 0.01 m"),
-        (MoveAt("stage", 0.02, 0.01), "moving to 0.01 m"),
-        (Home("stage"), "homing"),
-        (None, "standing"),
-    ],
-)
-def test_what_a_stage_does_has_a_text(command: Command | None, text: str) -> None:
-    assert doing(command) == text
+    assert bool(Mounting(SETTINGS).refusal(fast, 0, acceleration_m_s2)) is refused

@@ -475,10 +475,16 @@ def test_silence_is_a_failure_that_names_what_went_on_and_the_port() -> None:
     assert b.expect(Refused).reason == reason
 
 
-def test_a_stage_that_stands_and_falls_silent_is_noticed_without_a_command() -> None:
+@pytest.mark.parametrize(("command", "doing"), [(None, "standing"), (Home("stage"), "homing")])
+def test_a_stage_that_falls_silent_is_noticed_with_and_without_a_command(
+    command: Command | None, doing: str
+) -> None:
     b = Bench(reply_timeout_s=0.2, idle_interval_s=0.05)
+    b.wire.axis.place(b.clock.now(), 0.005)
+    if command is not None:
+        b.begin(command)
     b.inject("silent")
-    assert "while standing" in b.expect(Failed).reason
+    assert f"while {doing}" in b.expect(Failed).reason
 
 
 def test_closing_stops_a_stage_that_moves() -> None:
