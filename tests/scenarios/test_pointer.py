@@ -79,13 +79,6 @@ def test_without_a_table_there_is_no_contact(tmp_path):
     assert run.trials[0]["touches"] == 0
 
 
-def test_beyond_ten_newtons_the_guard_stops_the_arm(tmp_path):
-    outcome, run = run_pointer(tmp_path, force_n=20.0)
-    assert outcome.exit_code == 4
-    assert run.trials[0]["outcome"] == "guard"
-    assert "signals.tip is beyond its range" in outcome.line
-
-
 def test_a_fingertip_that_falls_silent_while_it_turns_in_the_air_stops_the_arm(tmp_path):
     fault = '[{ device = "board", kind = "silent", at_s = 1.0 }]'
     outcome, run = run_pointer(tmp_path, faults=fault, behavior__angles_rad="[-1.2, 0.0]")

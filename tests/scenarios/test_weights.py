@@ -89,8 +89,3 @@ def test_a_person_who_says_no_ends_the_run(tmp_path):
     assert outcome.exit_code == 3
     assert run.trials[0]["outcome"] == "fault"
     assert "operator refused" in outcome.line
-
-
-def test_one_seed_gives_one_file_to_the_byte(tmp_path):
-    rows = [run_weights(tmp_path / name)[1].folder.trials_path.read_bytes() for name in ("a", "b")]
-    assert rows[0] == rows[1]
