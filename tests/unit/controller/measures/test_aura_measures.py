@@ -56,28 +56,42 @@ def near(t_s, method="ours"):
 TOUCH = ((6.0, True), (9.5, False))
 
 
-def test_undulations_are_counted_along_the_way():
-    assert row_of([])["undulations_per_cm"] == pytest.approx(2.33, abs=0.02)
-    assert row_of([], per_cm=1.5)["undulations_per_cm"] == pytest.approx(1.5, abs=0.02)
+def made(t_s, method="ours"):
+    return Contact(t_s, f"contact_{method}", 9.0, 5.0)
 
 
-def test_pre_touch_in_time_is_seen_and_its_distance_is_to_the_touch():
-    row = row_of([near(4.0)], TOUCH)
-    assert (row["seen_ours"], row["alarms_ours"]) == (1, 0)
-    assert row["distance_m_ours"] == pytest.approx(0.02, abs=1e-4)
-    assert row["seen_paper"] == 0, "it reported nothing"
-    assert row_of([near(4.0)], TOUCH, methods=("ours",))["seen_paper"] is None, "it was not asked"
+def held(t_s):
+    return ContactHeld(t_s, "contact_ours", 9.0, 5.0)
 
 
-def test_without_a_touch_the_distance_counts_from_beyond_the_ways_end():
-    row = row_of([near(4.0)], end_gap_m=0.004)
-    assert row["distance_m_ours"] == pytest.approx(0.034, abs=1e-4)
+def lost(t_s, method="ours"):
+    return ContactLost(t_s, f"contact_{method}", 1.0, 5.0)
 
 
-def test_pre_touch_after_the_touch_or_before_the_approach_is_not_seen():
-    assert row_of([near(6.5)], TOUCH)["seen_ours"] == 0
-    early = row_of([near(1.0)], TOUCH)
-    assert (early["seen_ours"], early["alarms_ours"]) == (0, 1)
+@pytest.mark.parametrize("per_cm", [2.33, 1.5])
+def test_undulations_are_counted_along_the_way(per_cm):
+    assert row_of([], per_cm=per_cm)["undulations_per_cm"] == pytest.approx(per_cm, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("t_s", "given", "seen", "alarms", "distance_m"),
+    [
+        pytest.param(4.0, {"truth": TOUCH}, 1, 0, 0.02, id="in time: the distance is to the touch"),
+        pytest.param(4.0, {"end_gap_m": 0.004}, 1, 0, 0.034, id="no touch: from beyond the way's end"),
+        pytest.param(6.5, {"truth": TOUCH}, 0, 0, None, id="after the touch"),
+        pytest.param(1.0, {"truth": TOUCH}, 0, 1, None, id="before the approach"),
+        pytest.param(4.0, {"thing": "none"}, None, 1, None, id="before nothing"),
+    ],
+)
+def test_pre_touch_is_seen_or_an_alarm(t_s, given, seen, alarms, distance_m):
+    row = row_of([near(t_s)], **given)
+    assert (row["seen_ours"], row["alarms_ours"]) == (seen, alarms)
+    assert row["distance_m_ours"] == (distance_m and pytest.approx(distance_m, abs=1e-4))
+
+
+def test_a_detector_that_reported_nothing_saw_nothing_and_one_that_was_not_asked_has_no_column():
+    assert row_of([near(4.0)], TOUCH)["seen_paper"] == 0
+    assert row_of([near(4.0)], TOUCH, methods=("ours",))["seen_paper"] is None
 
 
 def test_an_approach_that_a_pause_broke_off_is_no_approach_and_the_next_one_is_one():
@@ -92,68 +106,39 @@ def test_an_approach_that_a_pause_broke_off_is_no_approach_and_the_next_one_is_o
     assert row["approaches"] == 0
 
 
-def test_pre_touch_before_nothing_is_an_alarm():
-    row = row_of([near(4.0)], thing="none")
-    assert (row["alarms_ours"], row["seen_ours"]) == (1, None)
-
-
-def test_a_touch_is_felt_held_and_ended():
-    events = [
-        Contact(6.02, "contact_ours", 9.0, 5.0),
-        ContactHeld(7.0, "contact_ours", 9.0, 5.0),
-        ContactLost(9.6, "contact_ours", 1.0, 5.0),
-    ]
-    row = row_of(events, TOUCH)
-    assert (row["touches"], row["felt_ours"], row["held_ours"], row["ended_ours"]) == (1, 1, 1, 1)
-    assert row["delay_s_ours"] == pytest.approx(0.02)
-    assert row["false_ours"] == 0
-
-
 @pytest.mark.parametrize(
-    ("before_s", "felt", "false"), [(-0.02, 1, 0), (0.0, 1, 0), (0.0009, 1, 0), (0.0011, 0, 1), (0.05, 0, 1)]
+    ("events", "counts", "delay_s"),
+    [
+        pytest.param([made(6.02), held(7.0), lost(9.6)], (1, 0, 1, 1), 0.02, id="felt, held and ended"),
+        pytest.param([made(6.0)], (1, 0, 0, 0), 0.0, id="at the touch"),
+        pytest.param([made(5.9991)], (1, 0, 0, 0), 0.0, id="within a step before it"),
+        pytest.param([made(5.9989)], (0, 1, 0, 0), None, id="more than a step before it"),
+        pytest.param([made(4.0)], (0, 1, 0, 0), None, id="where nothing touches"),
+        pytest.param([made(6.9)], (0, 0, 0, 0), None, id="late, yet true"),
+        pytest.param([made(9.49)], (0, 0, 0, 0), None, id="while there is force"),
+        pytest.param([made(9.51)], (0, 1, 0, 0), None, id="after the force is gone"),
+        pytest.param(
+            [made(1.0), made(6.01)],
+            (1, 1, 0, 0),
+            0.01,
+            id="after a false one in the rest, which stops nothing",
+        ),
+        pytest.param([made(5.99), made(6.01)], (0, 1, 0, 0), None, id="after a false one on the way"),
+        pytest.param([made(6.02), held(6.5), lost(7.5)], (1, 0, 0, 0), 0.02, id="taken back too soon"),
+        pytest.param(
+            [made(6.02), held(6.5), lost(8.99)], (1, 0, 0, 0), 0.02, id="taken back before the return"
+        ),
+        pytest.param(
+            [made(6.02), held(6.5), lost(9.0)], (1, 0, 1, 1), 0.02, id="ended while the foam unloads"
+        ),
+        pytest.param([made(6.02), held(6.5), lost(10.1)], (1, 0, 1, 0), 0.02, id="ended too late"),
+    ],
 )
-def test_a_contact_more_than_a_step_before_the_touch_is_false_and_no_hit(before_s, felt, false):
-    row = row_of([Contact(6.0 - before_s, "contact_ours", 9.0, 5.0)], TOUCH)
-    assert (row["felt_ours"], row["false_ours"]) == (felt, false)
-    assert row["delay_s_ours"] == (pytest.approx(max(0.0, -before_s)) if felt else None)
-
-
-def test_a_touch_that_follows_a_false_contact_of_its_approach_is_no_hit():
-    touch = Contact(6.01, "contact_ours", 9.0, 5.0)
-    in_the_rest, on_the_way = (
-        row_of([Contact(t_s, "contact_ours", 9.0, 5.0), touch], TOUCH) for t_s in (1.0, 5.99)
-    )
-    assert (in_the_rest["felt_ours"], in_the_rest["false_ours"]) == (1, 1), "it stops nothing"
-    assert (on_the_way["felt_ours"], on_the_way["false_ours"]) == (0, 1)
-
-
-def test_a_contact_reported_after_the_force_is_gone_is_false():
-    within, after = (row_of([Contact(t_s, "contact_ours", 9.0, 5.0)], TOUCH) for t_s in (9.49, 9.51))
-    assert (within["false_ours"], after["false_ours"]) == (0, 1)
-
-
-def test_a_contact_may_end_from_the_return_on_while_the_foam_unloads():
-    felt = [Contact(6.02, "contact_ours", 9.0, 5.0), ContactHeld(6.5, "contact_ours", 9.0, 5.0)]
-    for lost_s, counts in ((8.99, (0, 0)), (9.0, (1, 1)), (9.45, (1, 1)), (10.1, (1, 0))):
-        row = row_of([*felt, ContactLost(lost_s, "contact_ours", 1.0, 5.0)], TOUCH)
-        assert (row["held_ours"], row["ended_ours"]) == counts, lost_s
-    assert (row["truth_contact_s"], row["truth_release_s"]) == (6.0, 9.5)
-
-
-def test_a_contact_that_is_taken_back_too_soon_is_not_held():
-    events = [
-        Contact(6.02, "contact_ours", 9.0, 5.0),
-        ContactHeld(6.5, "contact_ours", 9.0, 5.0),
-        ContactLost(7.5, "contact_ours", 1.0, 5.0),
-    ]
+def test_contacts_are_felt_false_held_and_ended(events, counts, delay_s):
     row = row_of(events, TOUCH)
-    assert (row["felt_ours"], row["held_ours"], row["ended_ours"]) == (1, 0, 0)
-
-
-def test_contact_where_nothing_touches_is_false():
-    assert row_of([Contact(4.0, "contact_ours", 9.0, 5.0)], TOUCH)["false_ours"] == 1
-    late = row_of([Contact(6.9, "contact_ours", 9.0, 5.0)], TOUCH)
-    assert (late["felt_ours"], late["false_ours"]) == (0, 0), "late, yet true"
+    assert tuple(row[f"{name}_ours"] for name in ("felt", "false", "held", "ended")) == counts
+    assert row["delay_s_ours"] == (delay_s if delay_s is None else pytest.approx(delay_s))
+    assert (row["touches"], row["truth_contact_s"], row["truth_release_s"]) == (1, 6.0, 9.5)
 
 
 REPORTED = ("reported", "reported_held", "reported_ended", "reports", "reported_of_nothing")
@@ -164,49 +149,21 @@ def reported(row, method="ours"):
 
 
 def test_where_no_touch_is_known_the_reported_contacts_are_counted():
-    events = [
-        Contact(6.02, "contact_ours", 9.0, 5.0),
-        ContactHeld(7.0, "contact_ours", 9.0, 5.0),
-        ContactLost(9.6, "contact_ours", 1.0, 5.0),
-        Contact(9.7, "contact_ours", 9.0, 5.0),
-        Contact(1.0, "contact_paper", 9.0, 5.0),
-        ContactLost(2.5, "contact_paper", 1.0, 5.0),
-    ]
+    events = [made(6.02), held(7.0), lost(9.6), made(9.7), made(1.0, "paper"), lost(2.5, "paper")]
     row = row_of(events, truth=None)
     assert reported(row) == (1, 1, 1, 2, 0)
     assert reported(row, "paper") == (0, 0, 0, 0, 1), "in the rest before nothing can touch"
     unknown = ("touches", *(f"{name}_ours" for name in ("felt", "delay_s", "false", "held", "ended")))
     assert [row[name] for name in unknown] == [None] * 6
     assert reported(row_of(events, TOUCH)) == reported(row), "a known touch does not change the reports"
-
-
-def test_persistence_and_end_are_those_of_a_contact_reported_in_this_approach():
-    events = [
-        ContactLost(2.5, "contact_ours", 1.0, 5.0),
-        ContactHeld(3.0, "contact_ours", 9.0, 5.0),
-        Contact(6.0, "contact_ours", 9.0, 5.0),
-    ]
-    assert reported(row_of(events, truth=None)) == (1, 0, 0, 1, 0)
-
-
-def test_contact_without_an_object_is_counted():
-    assert reported(row_of([Contact(4.0, "contact_ours", 9.0, 5.0)], truth=None, thing="none")) == (
-        1,
-        0,
-        0,
-        1,
-        1,
-    )
+    # persistence and end are those of a contact reported in this approach
+    assert reported(row_of([lost(2.5), held(3.0), made(6.0)], truth=None)) == (1, 0, 0, 1, 0)
+    assert reported(row_of([made(4.0)], truth=None, thing="none")) == (1, 0, 0, 1, 1)
 
 
 def test_reports_are_counted_by_approach():
     """A second approach like the first, 14 s later, in which contact is reported but not its end."""
-    events = [
-        Contact(6.0, "contact_ours", 9.0, 5.0),
-        ContactLost(9.6, "contact_ours", 1.0, 5.0),
-        Contact(20.0, "contact_ours", 9.0, 5.0),
-    ]
-    evidence = approach(events, None, until_s=28.0)
+    evidence = approach([made(6.0), lost(9.6), made(20.0)], None, until_s=28.0)
     first = [*evidence.visits[:-1], ("BASELINE", 14.0)]
     evidence.visits = [*first, *((state, t_s + 14.0) for state, t_s in evidence.visits[1:])]
     _, row = aura.measure(evidence, AuraSettings(paths=PATHS), "approached")
@@ -214,9 +171,12 @@ def test_reports_are_counted_by_approach():
     assert reported(row) == (2, 0, 1, 2, 0)
 
 
-def search(events, visits, truth=(), **factors):
-    given = {"object_x_m": 0.002, "method": "ours", **factors}
-    return TrialEvidence(given, TrialRecording(1), list(events), dict(visits), list(visits), list(truth))
+def found(events, visits, truth=(), outcome="centered"):
+    factors = {"object_x_m": 0.002, "method": "ours"}
+    evidence = TrialEvidence(
+        factors, TrialRecording(1), list(events), dict(visits), list(visits), list(truth)
+    )
+    return centering.measure(evidence, CenteringSettings(), outcome)[1]
 
 
 VISITS = [("SEEKING_FORWARD", 6.0), ("SEEKING_BACKWARD", 6.6), ("CENTERING", 8.1), ("RESTING", 9.0)]
@@ -229,7 +189,7 @@ def test_the_error_is_where_it_stands_less_where_the_object_is():
         Standstill(8.1, "arm", -0.0016),
         Reached(9.0, "arm", 0.0017),
     ]
-    _, row = centering.measure(search(events, VISITS), CenteringSettings(), "centered")
+    row = found(events, VISITS)
     assert row["error_m"] == pytest.approx(-0.0003)
     assert (row["left_m"], row["right_m"]) == (0.005, -0.0016)
     assert row["search_s"] == pytest.approx(2.1)
@@ -238,9 +198,7 @@ def test_the_error_is_where_it_stands_less_where_the_object_is():
 
 def test_a_search_that_never_ended_has_no_error_and_counts_touches():
     truth = [(5.0, True), (5.5, False), (6.2, True)]
-    _, row = centering.measure(
-        search([], [("SEEKING_FORWARD", 6.0), ("LEAVING", 7.0)], truth), CenteringSettings(), "touched"
-    )
+    row = found([], [("SEEKING_FORWARD", 6.0), ("LEAVING", 7.0)], truth, outcome="touched")
     assert (row["error_m"], row["touched"]) == (None, 1)
 
 
@@ -248,11 +206,7 @@ def test_the_result_of_a_search_before_a_pause_is_discarded():
     """Paused on its way to the middle, the search restarts and detects nothing."""
     events = [PreTouch(6.5, "left_ours", 1.0, 0.5, 0.005), PreTouch(8.0, "right_ours", 1.0, 0.5, -0.003)]
     again = [("SEEKING_FORWARD", 20.0), ("LEAVING", 24.0)]
-    _, row = centering.measure(
-        search([*events, Reached(24.0, "arm", 0.03)], [*VISITS[:3], *again]),
-        CenteringSettings(),
-        "centered",
-    )
+    row = found([*events, Reached(24.0, "arm", 0.03)], [*VISITS[:3], *again])
     assert all(row[name] is None for name in ("error_m", "middle_m", "left_m", "right_m", "search_s"))
 
 
@@ -263,7 +217,7 @@ def test_a_grasp_reports_when_each_finger_felt_it():
         Gripped(12.0, "gripper", True, 0.019, 10.0),
     ]
     visits = [*VISITS, ("CLOSING", 11.0), ("RELEASING", 14.0)]
-    _, row = centering.measure(search(events, visits), CenteringSettings(), "centered")
+    row = found(events, visits)
     assert row["gripped"] == 1
     assert row["contact_left_s"] == pytest.approx(0.4)
     assert row["contact_right_s"] is None
@@ -277,8 +231,7 @@ def test_the_stops_are_timed_from_the_samples_that_saw_the_object():
         Sent(8.02, "arm", Stop("arm")),
     ]
     visits = [("SEEKING_FORWARD", 6.0), ("TURNING", 6.5), ("SEEKING_BACKWARD", 6.6), ("STOPPING", 8.0)]
-    _, row = centering.measure(search(events, visits), CenteringSettings(), "centered")
+    row = found(events, visits)
     assert row["seen_to_stop_left_s"] == pytest.approx(0.012)
     assert row["seen_to_stop_right_s"] == pytest.approx(0.02)
-    _, unseen = centering.measure(search(events, visits[:1]), CenteringSettings(), "centered")
-    assert unseen["seen_to_stop_left_s"] is None
+    assert found(events, visits[:1])["seen_to_stop_left_s"] is None

@@ -94,11 +94,128 @@ def test_no_two_elements_of_the_page_bear_one_identifier(campaign):
     assert set(re.findall(r"url\(#([^)]+)\)", page)) <= set(names)
 
 
-def test_table_1_stands_beside_the_papers_with_the_difference(campaign):
+SAID = {
+    "Table I beside the paper's, with the difference": (
+        "back a 19.05 3.785 1 0 0.33 (–) 0.33 (0.15) 0.00",
+        "pad d 0.00 4.487 2 0 0.38 (0.03) 0.37 (0.06) +0.01",
+        "pad f 12.70 4.843 1 1 0.17 (–) 0.17 (0.12) 0.00",
+    ),
+    "a bound that is missed, with its worst approach": (
+        "largest 0.200 N, 1.3 times above the paper's 0.150 N (IV.B).",
+        "largest force 0.150 N 0.200 N 1.3 times above not judged Largest: 0.200 N in trial 5, location f",
+    ),
+    "the stop certificates": (
+        "detection to stop command, ms 5.00 5.00 5.00",
+        "command to standstill, ms 25.0 25.0 25.0",
+        "peak force of true contacts, N",
+    ),
+    "the guard's stop": ("Trial 7, 93.500 s after it began, in APPROACH: force 2.1 N above 2 N.",),
+}
+
+
+@pytest.mark.parametrize("what", SAID)
+def test_the_page_has(campaign, what):
     text = text_of(campaign[1])
-    assert "back a 19.05 3.785 1 0 0.33 (–) 0.33 (0.15) 0.00" in text
-    assert "pad d 0.00 4.487 2 0 0.38 (0.03) 0.37 (0.06) +0.01" in text
-    assert "pad f 12.70 4.843 1 1 0.17 (–) 0.17 (0.12) 0.00" in text
+    assert [phrase for phrase in SAID[what] if phrase not in text] == []
+
+
+def test_the_guards_stop_comes_before_anything_else_and_nothing_is_judged(campaign):
+    text, page = text_of(campaign[1]), campaign[1].read_text("utf-8")
+    stop = "The guard stopped every mover 2026-11-20T12-00-00Z_mock-transient_"
+    assert 0 < text.index(stop) < text.index("7 approaches: 5 stopped at a contact")
+    assert "missed" not in re.findall(r'class="(?:verdict )?(met|missed|neither)"', page)
+    assert "<h1>A &lt;title&gt;</h1>" in page, "a title cannot break the page"
+    assert f'title="delay_s: {COLUMNS["delay_s"].meaning}"' in page
+
+
+def test_figures_are_saved_beside_the_page_their_panels_with_letters(campaign):
+    folder = campaign[0].folder.path / "figures"
+    expected = ("fig_5_trial", "fig_7_pad", "fig_8_back", "fig_9_speed")
+    assert {path.name for path in folder.iterdir()} == {f"{name}.svg" for name in expected}
+    figure = (folder / "fig_7_pad.svg").read_text("utf-8")
+    assert [letter for letter in "abc" if f">{letter}</tspan>" in figure] == ["a", "b"]
+
+
+CONTACT = {"kind": "resonance.paper", "average_samples": 10, "sample_hz": 15.0, "baseline_s": 1.0}
+OTHER = {**CONTACT, "baseline_s": 10.0, "sample_hz": 28.0, "threshold_sigma": 5.0}
+
+PAGES = {
+    "a shortened settling": (
+        lambda root: write_transient(root, CAMPAIGN[:1], settle_s=5.0),
+        (
+            "behavior.settle_s is 5 where the paper has 90 (III.B).",
+            "behavior.settle_s 5 90 (III.B)",
+            "simulated",
+        ),
+        (),
+    ),
+    "an emulated bench": (
+        lambda root: write_transient(root, CAMPAIGN[:1], bench="emulated"),
+        ("simulated",),
+        (),
+    ),
+    "a real bench": (lambda root: write_transient(root, CAMPAIGN[:1], bench="hardware"), (), ("simulated",)),
+    "the profile of the manifest": (
+        lambda root: with_settings(
+            write_transient(root, [Given()] * 10),
+            detectors={"contact": OTHER},
+            limits={"force_n": 1.5},
+            title="",
+        ),
+        (
+            "A baseline of 10 s of 10-sample averages at 28 a second holds some 28.0 independent values",
+            "detectors.contact.baseline_s 10 1 (III.B)",
+            "detectors.contact.threshold_sigma is 5 where the paper has 3 (III.B).",
+            "limits force_n 1.5 –",
+        ),
+        ("one second", "three trials"),
+    ),
+    "what falls, and how erratic light contact is": (
+        lambda root: write_static(root, {"none": 28.0, "light": 30.0, "full": 50.0}),
+        (
+            "Amplitude of motion 6.4 times smaller with full contact than without; it falls from none",
+            "that of the acceleration as well",
+            "wanders 20 times as much",
+        ),
+        (),
+    ),
+    "a frequency that is the paper's": (
+        lambda root: write_static(root, {"none": 27.98, "light": 30.2, "full": 49.0}),
+        (
+            "No contact: the same as the paper's 28 Hz, at 28.0 Hz",
+            "Light contact: 0.2 Hz above the paper's 30 Hz",
+        ),
+        (),
+    ),
+}
+
+
+@pytest.mark.parametrize("what", PAGES)
+def test_a_page_says(tmp_path, undrawn, what):
+    write, said, unsaid = PAGES[what]
+    text = text_of(build_report([write(tmp_path)]))
+    assert [phrase for phrase in said if phrase not in text] == []
+    assert [phrase for phrase in unsaid if phrase in text] == []
+
+
+def test_what_is_rounded_to_zero_has_no_sign(tmp_path, undrawn):
+    text = text_of(build_report([write_transient(tmp_path, [Given("d", 0.004487, 0.3, -4e-6)])]))
+    assert " 0.000 (–) " in text
+    assert not re.search(r"[-−]0(\.0+)?(?![.\d])", text)
+
+
+@pytest.mark.parametrize(
+    ("status", "heading"), [("fault", "A fault ended the run"), ("aborted", "The run was interrupted")]
+)
+def test_a_run_that_ended_early_is_reported_at_the_top(tmp_path, undrawn, status, heading):
+    run = write_transient(tmp_path, [Given()])
+    ended = {"trials": 9, "exit": {"status": status, "reason": "stage: no reply"}}
+    run.folder.write_manifest({**run.folder.read_manifest(), **ended})
+    text = text_of(build_report([open_run(run.folder.path)]))
+    places = [
+        text.index(each) for each in (heading, ": stage: no reply", "1 of 9 planned trials were measured")
+    ]
+    assert places == sorted(places)
 
 
 def test_a_terminal_of_80_columns_has_table_1_for_both_detectors_beside_the_papers(tmp_path, undrawn):
@@ -112,40 +229,6 @@ def test_a_terminal_of_80_columns_has_table_1_for_both_detectors_beside_the_pape
     assert max(map(len, lines[head - 1 : row + 1])) <= 80
 
 
-def test_a_column_of_the_table_of_trials_says_what_it_means(campaign):
-    page = campaign[1].read_text("utf-8")
-    assert f'title="delay_s: {COLUMNS["delay_s"].meaning}"' in page
-
-
-def test_a_bound_that_is_missed_is_reported_with_its_worst_approach(campaign):
-    text = text_of(campaign[1])
-    assert "largest 0.200 N, 1.3 times above the paper's 0.150 N (IV.B)." in text
-    row = "largest force 0.150 N 0.200 N 1.3 times above not judged Largest: 0.200 N in trial 5, location f"
-    assert row in text
-
-
-def test_the_guards_stop_and_the_stop_certificates_are_reported(campaign):
-    text = text_of(campaign[1])
-    stop = "The guard stopped every mover 2026-11-20T12-00-00Z_mock-transient_"
-    assert 0 < text.index(stop) < text.index("7 approaches: 5 stopped at a contact"), "before anything else"
-    assert "Trial 7, 93.500 s after it began, in APPROACH: force 2.1 N above 2 N." in text
-    assert "missed" not in re.findall(
-        r'class="(?:verdict )?(met|missed|neither)"', campaign[1].read_text("utf-8")
-    )
-    assert "detection to stop command, ms 5.00 5.00 5.00" in text
-    assert "command to standstill, ms 25.0 25.0 25.0" in text
-    assert "peak force of true contacts, N" in text, "an approach that a false contact ended never pressed"
-
-
-def test_simulated_numbers_are_called_simulated_and_real_ones_are_not(tmp_path, undrawn):
-    pages = {}
-    for bench in ("mock", "emulated", "hardware"):
-        pages[bench] = text_of(build_report([write_transient(tmp_path, CAMPAIGN[:2], bench=bench)]))
-    assert "simulated" in pages["mock"]
-    assert "simulated" in pages["emulated"]
-    assert "simulated" not in pages["hardware"]
-
-
 def test_a_figure_of_a_simulated_bench_is_marked_as_such(tmp_path):
     drawn = {}
     for simulated in (True, False):
@@ -154,11 +237,6 @@ def test_a_figure_of_a_simulated_bench_is_marked_as_such(tmp_path):
             drawing.save("a")
             drawn[simulated] = [text.get_text() for text in drawing.figure.texts]
     assert drawn == {True: ["simulated"], False: []}
-
-
-def test_panels_bear_letters(campaign):
-    figure = (campaign[0].folder.path / "figures" / "fig_7_pad.svg").read_text("utf-8")
-    assert [letter for letter in "abc" if f">{letter}</tspan>" in figure] == ["a", "b"]
 
 
 def test_no_error_bar_is_cut_even_where_the_spread_is_larger_than_the_mean(tmp_path, monkeypatch):
@@ -179,47 +257,26 @@ def test_no_error_bar_is_cut_even_where_the_spread_is_larger_than_the_mean(tmp_p
     assert all(inside)
 
 
-def test_figures_are_saved_beside_the_page(campaign):
-    names = {path.name for path in (campaign[0].folder.path / "figures").iterdir()}
-    expected = ("fig_5_trial", "fig_7_pad", "fig_8_back", "fig_9_speed")
-    assert names == {f"{name}.svg" for name in expected}
-
-
-def test_a_shortened_settling_is_reported(tmp_path, undrawn):
-    run = write_transient(tmp_path, CAMPAIGN[:1], settle_s=5.0)
-    text = text_of(build_report([run]))
-    assert "behavior.settle_s is 5 where the paper has 90 (III.B)." in text
-    assert "behavior.settle_s 5 90 (III.B)" in text
-
-
-def test_a_title_cannot_break_the_page(campaign):
-    page = campaign[1].read_text("utf-8")
-    assert "<h1>A &lt;title&gt;</h1>" in page
-
-
-def test_a_run_that_was_killed_is_reported_as_cut_off(campaign, tmp_path, undrawn):
+def test_a_run_that_was_killed_is_reported_as_far_as_it_came(campaign, tmp_path, undrawn):
     killed = tmp_path / "killed"
     shutil.copytree(campaign[0].folder.path, killed)
     folder = open_run(killed).folder
-    manifest = folder.read_manifest()
-    folder.write_manifest({**manifest, "exit": {"status": "running"}})
+    folder.write_manifest({**folder.read_manifest(), "exit": {"status": "running"}})
     for path, kept in ((folder.trials_path, 0.6), (folder.events_path, 0.7), (folder.recordings[0], 0.5)):
         path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+    row = "back a 19.05 3.785 1 0 0.33"
+    said = (
+        "killed was cut off or damaged",
+        "read up to its last whole chunk",
+        "its end was not recorded",
+        row,
+    )
     text = text_of(build_report([open_run(killed)]))
-    assert "killed was cut off or damaged" in text
-    assert "read up to its last whole chunk" in text
-    assert "back a 19.05 3.785 1 0 0.33" in text
-    assert "cut off: its end was not recorded" in text
-
-
-def test_a_run_without_its_recording_is_reported_as_such(campaign, tmp_path, undrawn):
-    bare = tmp_path / "bare"
-    shutil.copytree(campaign[0].folder.path, bare)
-    for path in open_run(bare).folder.recordings:
-        path.unlink()
-    text = text_of(build_report([open_run(bare)]))
+    assert [phrase for phrase in said if phrase not in text] == []
+    folder.recordings[0].unlink()
+    text = text_of(build_report([open_run(killed)]))
     assert "There is no recording.mcap: nothing that was sampled can be shown." in text
-    assert "back a 19.05 3.785 1 0 0.33" in text
+    assert row in text
 
 
 def flip(path, bit):
@@ -307,9 +364,6 @@ def with_settings(run, **settings):
     return open_run(run.folder.path)
 
 
-CONTACT = {"kind": "resonance.paper", "average_samples": 10, "sample_hz": 15.0, "baseline_s": 1.0}
-
-
 def test_runs_of_different_settings_stand_apart_and_the_page_says_what_differs(tmp_path, undrawn):
     usual, same = (write_transient(tmp_path, [Given(delay_s=delay_s)]) for delay_s in (0.2, 0.4))
     other = with_settings(
@@ -357,31 +411,6 @@ def test_trials_in_which_a_setting_was_varied_are_in_no_row_of_the_others(tmp_pa
     assert "plant.wander 0 1" in text
 
 
-def test_the_profile_on_the_page_is_the_manifests(tmp_path, undrawn):
-    detector = {
-        **CONTACT,
-        "kind": "resonance.paper",
-        "baseline_s": 10.0,
-        "sample_hz": 28.0,
-        "threshold_sigma": 5.0,
-    }
-    run = with_settings(
-        write_transient(tmp_path, [Given()] * 10),
-        detectors={"contact": detector},
-        limits={"force_n": 1.5},
-        title="",
-    )
-    text = text_of(build_report([run]))
-    assert (
-        "A baseline of 10 s of 10-sample averages at 28 a second holds some 28.0 independent values" in text
-    )
-    assert "detectors.contact.baseline_s 10 1 (III.B)" in text
-    assert "detectors.contact.threshold_sigma is 5 where the paper has 3 (III.B)." in text
-    assert "limits force_n 1.5 –" in text
-    assert "one second" not in text
-    assert "three trials" not in text
-
-
 def test_no_title_of_a_profile_states_a_number_that_another_profile_may_change():
     numbers = r"\b(one|two|three|four|five|six|ten|hour|\d[\d.]*)\b"
     for path in (Path(report.__file__).parents[2] / "config" / "profiles").rglob("*.toml"):
@@ -403,23 +432,6 @@ def test_what_was_put_in_or_assumed_has_no_mark_on_a_simulated_bench_and_has_one
         ("met", "predicted"),
     ]
     assert marks["hardware"] == [(mark, "measured") for mark in ("met", "met", "missed", "met")]
-
-
-@pytest.mark.parametrize(
-    ("status", "heading"), [("fault", "A fault ended the run"), ("aborted", "The run was interrupted")]
-)
-def test_a_run_that_ended_early_is_reported_at_the_top(tmp_path, undrawn, status, heading):
-    run = write_transient(tmp_path, [Given()])
-    manifest = run.folder.read_manifest()
-    run.folder.write_manifest(
-        {**manifest, "trials": 9, "exit": {"status": status, "reason": "stage: no reply"}}
-    )
-    text = text_of(build_report([open_run(run.folder.path)]))
-    assert (
-        text.index(heading)
-        < text.index(": stage: no reply")
-        < text.index("1 of 9 planned trials were measured")
-    )
 
 
 def test_a_new_experiment_has_its_columns_means_spreads_and_a_plot_without_any_code(tmp_path):
@@ -479,14 +491,6 @@ def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_
     assert [result.met for result in found.summary][:3] == [True, True, False]
 
 
-def test_the_static_page_says_what_falls_and_how_erratic_light_contact_is(tmp_path, undrawn):
-    run = write_static(tmp_path, {"none": 28.0, "light": 30.0, "full": 50.0})
-    text = text_of(build_report([run]))
-    assert "Amplitude of motion 6.4 times smaller with full contact than without; it falls from none" in text
-    assert "that of the acceleration as well" in text
-    assert "wanders 20 times as much" in text
-
-
 def own(run, loss=None, **devices):
     """The run as one of an experiment of the user's own, with these devices."""
     profile = run.manifest["profile"]
@@ -506,6 +510,17 @@ def unsectioned(monkeypatch, undrawn):
     monkeypatch.setattr(report, "experiment_of", lambda *_: ExperimentKind(""))
 
 
+def test_what_a_simulated_bench_measured_and_lost_is_said(tmp_path, unsectioned):
+    """A device at a port of its own is real."""
+    devices = {"stage": {"port": "emulated"}, "scale": {"port": "/dev/ttyUSB0"}}
+    run = write_transient(tmp_path, [Given()], bench="emulated")
+    page, lines = build_report_with_summary([own(run, {"scale.force": 12, "stage.position": 0}, **devices)])
+    text = text_of(page)
+    assert "partly simulated" in text
+    assert "What scale sent came through a port of its own and is measured." in text
+    assert lines[-1] == "Samples lost: 12 of scale.force."
+
+
 def test_the_page_of_ones_own_experiment_has_its_title_and_nothing_of_a_paper(tmp_path, unsectioned):
     run = write_transient(tmp_path, [Given()])
     page, lines = build_report_with_summary([own(run)])
@@ -518,20 +533,6 @@ def test_the_page_of_ones_own_experiment_has_its_title_and_nothing_of_a_paper(tm
     assert "Fitted" not in text
     assert ">the paper</th>" not in page.read_text("utf-8")
     assert "partly simulated" not in text
-
-
-def test_a_device_at_a_port_of_its_own_on_a_simulated_bench_is_called_measured(tmp_path, unsectioned):
-    devices = {"stage": {"port": "emulated"}, "scale": {"port": "/dev/ttyUSB0"}}
-    run = own(write_transient(tmp_path, [Given()], bench="emulated"), **devices)
-    text = text_of(build_report([run]))
-    assert "partly simulated" in text
-    assert "What scale sent came through a port of its own and is measured." in text
-
-
-def test_samples_lost_stand_at_the_terminals_end(tmp_path, unsectioned):
-    run = own(write_transient(tmp_path, [Given()]), loss={"scale.force": 12, "stage.position": 0})
-    *_, last = build_report_with_summary([run])[1]
-    assert last == "Samples lost: 12 of scale.force."
 
 
 def test_a_page_of_two_runs_leaves_the_page_of_each_alone(tmp_path, undrawn):
@@ -566,15 +567,3 @@ def test_an_onset_that_was_noise_is_said_to_lengthen_the_time(tmp_path, undrawn)
     late = [{**run.trials[0], "truth_contact_s": ONSET_S + 0.01}, *run.trials[1:]]
     text = text_of(build_report([replace(run, trials=late)]))
     assert "In 1 of 2 contacts the load cell's noise reached 0.005 N before the probe touched" in text
-
-
-def test_what_is_rounded_to_zero_has_no_sign(tmp_path, undrawn):
-    text = text_of(build_report([write_transient(tmp_path, [Given("d", 0.004487, 0.3, -4e-6)])]))
-    assert " 0.000 (–) " in text
-    assert not re.search(r"[-−]0(\.0+)?(?![.\d])", text)
-
-
-def test_a_frequency_that_is_the_papers_is_neither_below_nor_above_it(tmp_path, undrawn):
-    text = text_of(build_report([write_static(tmp_path, {"none": 27.98, "light": 30.2, "full": 49.0})]))
-    assert "No contact: the same as the paper's 28 Hz, at 28.0 Hz" in text
-    assert "Light contact: 0.2 Hz above the paper's 30 Hz" in text
