@@ -123,28 +123,17 @@ def errors_of(touches: Sequence[Touch]) -> Errors:
     if not touches:
         return Errors(*[math.nan] * 5)
     errors = np.array([touch.error_rad for touch in touches])
+    # the two touches of an angle stand at mirrored places of the sweep
+    up = [touch.error_rad for touch in touches if touch.going == "up"]
+    down = [touch.error_rad for touch in touches if touch.going == "down"][::-1]
+    loop = [abs(there - back) for there, back in zip(up, down, strict=True)] if len(up) == len(down) else []
     return Errors(
         bias=float(errors.mean()),
         sd=float(errors.std(ddof=1)) if len(errors) > 1 else math.nan,
         rms=float(np.sqrt(np.mean(errors**2))),
         largest=float(np.abs(errors).max()),
-        hysteresis=max((abs(width) for _, width in loop_of(touches)), default=math.nan),
+        hysteresis=max(loop, default=math.nan),
     )
-
-
-def loop_of(touches: Sequence[Touch]) -> list[tuple[float, float]]:
-    """For each angle that was touched both ways: the angle, and the error going down less that going up, rad.
-
-    The two touches of an angle stand at mirrored places of the sweep.
-    """
-    up = [touch for touch in touches if touch.going == "up"]
-    down = [touch for touch in touches if touch.going == "down"][::-1]
-    if len(up) != len(down):
-        return []
-    return [
-        ((one.true_rad + other.true_rad) / 2.0, other.error_rad - one.error_rad)
-        for one, other in zip(up, down, strict=True)
-    ]
 
 
 def _mean_vector(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

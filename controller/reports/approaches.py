@@ -12,7 +12,7 @@ import numpy as np
 
 from controller.measures.truth import not_before
 from controller.recording.reader import Run
-from controller.reports.counts import Comparison, Mean, Row, mean_of, over_rows
+from controller.reports.counts import Comparison, Mean, Row, grouped, mean_of, over_rows
 from controller.reports.papers import table
 from controller.reports.run_account import acting_of
 from controller.reports.settings import varied_of
@@ -217,33 +217,19 @@ def figure_rows(side: str) -> list[dict[str, Any]]:
 # --- what was varied, and other detectors ------------------------------------------------------------
 
 
-class StudyCell(NamedTuple):
-    """The trials in which the same settings were varied to the same values."""
-
-    varied: Mapping[str, Any]
-    delay_s: Mean
-    false_contacts: int
-    n: int
-
-
-def study_cells(approaches: Sequence[Approach]) -> list[StudyCell]:
-    """Delay and false contacts by what was varied, sorted; empty where no run varied anything but speed and place."""
-
-    def key(approach: Approach) -> list[tuple[Any, ...]]:
-        order = {BASELINE_S: 0, NOISE: 1, SAMPLE_HZ: 2}
-        return sorted(
-            (order.get(name, 3), name, value if isinstance(value, int | float) else math.inf, str(value))
-            for name, value in approach.varied.items()
-        )
-
-    cells = []
-    for _, group in groupby(sorted((each for each in approaches if each.varied), key=key), key=key):
-        members = list(group)
-        delay = mean_of(each["delay_s"] for each in members if each.detected)
-        cells.append(
-            StudyCell(members[0].varied, delay, sum(each.false_contacts for each in members), len(members))
-        )
-    return cells
+def study_rows(approaches: Sequence[Approach]) -> list[dict[str, Any]]:
+    """Approaches in which a setting was varied, by its values, sorted: these, the mean `delay_s`, `false` contacts and
+    how many there are (`n`); none where no run varied anything but speed and place."""
+    varied = [{**each.varied, "": each} for each in approaches if each.varied]
+    names = [BASELINE_S, NOISE, SAMPLE_HZ]
+    names = [*names, *sorted({name for row in varied for name in row} - {"", *names})]
+    rows = []
+    for values, group in grouped(varied, *names).items():
+        own: list[Approach] = [row[""] for row in group]
+        row = {name: value for name, value in zip(names, values, strict=True) if value is not None}
+        row["delay_s"] = mean_of(each["delay_s"] for each in own if each.detected)
+        rows.append(row | {"false": sum(each.false_contacts for each in own), "n": len(own)})
+    return rows
 
 
 class DetectorScore(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     felt = [row for row in felt if row["object"] not in SOFT] or felt
     half_wave_m = _half_wave_m(run)
     several = len(objects) > 1 or nothing
+    contact = several and total(there, "touches")
     named = _named(there, objects)
     by = "object" if len({row["object"] for row in unknown}) > 1 else "side"
     whence = WHENCE[any(row.get("touches") is not None for row in rows)]
@@ -84,12 +85,10 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "all_objects": any(row["object"] != PIPE for row in hard),
             "way_ends": bool(unknown),
             "pre_touch": list(_pre_touch(named, nothing)) if several else [],
-            "contact": list(_contact([*named, ("nothing", nothing)]))
-            if several and total(there, "touches")
-            else [],
+            "contact": _of_each(named | {"nothing": nothing}, "object", _contact) if contact else [],
             "touches": list(_touches(felt)),
             "by": by,
-            "reported": list(_reported(unknown, by)),
+            "reported": _of_each(_by(unknown, by), by, _reported),
             "papers": {"pre_touch": [*map(percent, PRE_TOUCH)], "contact": [*map(percent, CONTACT)]},
             "deaf": DEAF,
             "figure": _draw(runs, figures),
@@ -137,15 +136,14 @@ def _sides(rows: Rows) -> Iterator[Row]:
         yield line
 
 
-def _named(there: Rows, objects: set[str]) -> list[tuple[str, Rows]]:
+def _named(there: Rows, objects: set[str]) -> dict[str, Rows]:
     """Trials by object, soft ones last, then those that are compared with the paper's rates."""
-    named: list[tuple[str, Rows]] = [
-        (title(name) + (" (soft)" if name in SOFT else ""), own)
-        for (name,), own in _by(there, "object").items()
-    ]
+    named: dict[str, Rows] = {
+        title(name) + " (soft)" * (name in SOFT): own for (name,), own in _by(there, "object").items()
+    }
     others = ["the soft ones"] * bool(objects & set(SOFT)) + ["the pipe"] * (PIPE in objects)
     counted = _papers(there)
-    return [*named, (f"all but {' and '.join(others)}" if others else "all", counted)] if counted else named
+    return named | ({f"all but {' and '.join(others)}" if others else "all": counted} if counted else {})
 
 
 def _papers(there: Rows) -> list[Row]:
@@ -153,8 +151,8 @@ def _papers(there: Rows) -> list[Row]:
     return [row for row in there if row["object"] not in (*SOFT, PIPE)]
 
 
-def _pre_touch(named: Sequence[tuple[str, Rows]], nothing: Rows) -> Iterator[Row]:
-    for name, own in named:
+def _pre_touch(named: Mapping[str, Rows], nothing: Rows) -> Iterator[Row]:
+    for name, own in named.items():
         n = total(own, "approaches")
         rates = {whose: rate(total(own, f"seen_{method}"), n) for method, whose in METHODS.items()}
         yield {"object": name, "approaches": n, **rates}
@@ -172,17 +170,22 @@ def _counts(own: Rows) -> Iterator[tuple[str, dict[str, int], float | None]]:
         yield whose, sums, median(own, f"delay_s_{method}")
 
 
-def _contact(named: Sequence[tuple[str, Rows]]) -> Iterator[Row]:
-    for name, own in named:
-        for whose, n, _ in _counts(own) if own else ():
-            yield {
-                "object": name,
-                "detector": whose,
-                "touches": n["touches"],
-                "detected": rate(n["felt"], n["touches"]),
-                "approaches": n["approaches"],
-                "without a false one": rate(n["approaches"] - n["false"], n["approaches"]),
-            }
+def _of_each(groups: Mapping[Any, Rows], head: str, cells: Callable[[dict[str, int]], Row]) -> list[Row]:
+    """A line for each group of trials and detector, with the cells that are made of its counts."""
+    return [
+        {head: name if isinstance(name, str) else title(name[0]), "detector": whose, **cells(n)}
+        for name, own in groups.items()
+        for whose, n, _ in (_counts(own) if own else ())
+    ]
+
+
+def _contact(n: dict[str, int]) -> Row:
+    return {
+        "touches": n["touches"],
+        "detected": rate(n["felt"], n["touches"]),
+        "approaches": n["approaches"],
+        "without a false one": rate(n["approaches"] - n["false"], n["approaches"]),
+    }
 
 
 def _touches(rows: Rows) -> Iterator[Row]:
@@ -193,26 +196,22 @@ def _touches(rows: Rows) -> Iterator[Row]:
                 "detector": whose,
                 "touches": n["touches"],
                 "detected": rate(n["felt"], n["touches"]),
-                **under("delay_s", delay_s, digits=3),
+                **under("delay_s", delay_s, digits=OURS_AND_PAPERS["delay_s"].digits),
                 "persistence": n["held"],
                 "end": n["ended"],
                 "false": f"{n['false']} of {n['approaches']}",
             }
 
 
-def _reported(rows: Rows, by: str) -> Iterator[Row]:
-    for (name,), own in _by(rows, by).items():
-        for whose, n, _ in _counts(own):
-            yield {
-                by: title(name),
-                "detector": whose,
-                "approaches": n["approaches"],
-                "reported": n["reported"],
-                "times": n["reports"],
-                "persistence": n["reported_held"],
-                "end": n["reported_ended"],
-                "where nothing can": n["reported_of_nothing"],
-            }
+def _reported(n: dict[str, int]) -> Row:
+    return {
+        "approaches": n["approaches"],
+        "reported": n["reported"],
+        "times": n["reports"],
+        "persistence": n["reported_held"],
+        "end": n["reported_ended"],
+        "where nothing can": n["reported_of_nothing"],
+    }
 
 
 def _undulations(rows: Rows) -> Iterator[str]:

@@ -20,12 +20,11 @@ from controller.reports.approaches import (
     Bounded,
     Correlation,
     DetectorScore,
-    StudyCell,
     TableRow,
     compare_columns,
     read_approaches,
     score_detectors,
-    study_cells,
+    study_rows,
     table_rows,
     trends,
 )
@@ -75,7 +74,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "detectors": [_score(name, score) for name, score in scores.items()],
             "stops": list(_stops(approaches)),
             **_figures(figures, approaches, plain, rows),
-            **_study(figures, study_cells(approaches)),
+            **_study(figures, study_rows(approaches)),
         },
         template="transient",
         citation=CITATION["backus"],
@@ -296,23 +295,24 @@ def _figures(
     return found
 
 
-def _study(figures: Figures, cells: Sequence[StudyCell]) -> dict[str, Any]:
+MADE = ("delay_s", "false", "n")
+"""What a row of the study has beside the settings that were varied."""
+
+
+def _study(figures: Figures, cells: Sequence[Row]) -> dict[str, Any]:
     """What varied settings do: a table with a column for each, and a figure where noise and rate are among them."""
-    names = list(dict.fromkeys(name for cell in cells for name in cell.varied))
+    names = list(dict.fromkeys(name for cell in cells for name in cell if name not in MADE))
     rows = []
     for cell in cells:
         line: dict[str, Any] = {}
         for name in names:
-            line |= under(name, cell.varied.get(name))
-        rows.append(
-            line
-            | under("delay_s", cell.delay_s, "delay, mean (σ)")
-            | {"false contacts": share(cell.false_contacts, cell.n)}
-        )
+            line |= under(name, cell.get(name))
+        line |= under("delay_s", cell["delay_s"], "delay, mean (σ)")
+        rows.append(line | {"false contacts": share(cell["false"], cell["n"])})
     drawn = [
-        (cell, {name: value for name, value in cell.varied.items() if name not in (NOISE, SAMPLE_HZ)})
+        (cell, {name: value for name, value in cell.items() if name not in (NOISE, SAMPLE_HZ, *MADE)})
         for cell in cells
-        if NOISE in cell.varied and SAMPLE_HZ in cell.varied
+        if NOISE in cell and SAMPLE_HZ in cell
     ]
     like = [cell for cell, rest in drawn if rest == drawn[0][1]]
     rest = ", ".join(f"{name} {shown(value)}" for name, value in drawn[0][1].items()) if drawn else ""

@@ -14,7 +14,6 @@ from controller.reports.approaches import (
     SAMPLE_HZ,
     TABLE_1,
     Approach,
-    StudyCell,
     TableRow,
     figure_rows,
 )
@@ -202,25 +201,25 @@ def _draw_pair(
         return drawing.save(name)
 
 
-def draw_study(figures: Figures, cells: Sequence[StudyCell]) -> str:
+def draw_study(figures: Figures, cells: Sequence[Row]) -> str:
     """Delay and false contacts against noise, one line for each rate of frequency samples; all else alike."""
-    rates = sorted({cell.varied[SAMPLE_HZ] for cell in cells})
+    rates = sorted({cell[SAMPLE_HZ] for cell in cells})
     with figures.figure(2.7, columns=2) as drawing:
         left, right = drawing.axes
         for index, rate in enumerate(rates):
-            mine = [cell for cell in cells if cell.varied[SAMPLE_HZ] == rate]
+            mine = [cell for cell in cells if cell[SAMPLE_HZ] == rate]
             apart = 1.0 + 0.03 * (index - (len(rates) - 1) / 2.0)
-            x = np.array([cell.varied[NOISE] for cell in mine]) * apart
+            x = np.array([cell[NOISE] for cell in mine]) * apart
             style: Any = {
                 "color": OURS,
                 "alpha": 1.0 - 0.7 * index / len(rates),
                 "marker": "os^Dv"[index % 5],
                 "label": f"{rate:g} samples/s",
             }
-            sigmas = np.nan_to_num([cell.delay_s.sigma for cell in mine])
-            left.errorbar(x, [cell.delay_s.mean for cell in mine], sigmas, **style)
-            right.plot(x, [100.0 * cell.false_contacts / cell.n for cell in mine], **style)
-        scales = sorted({cell.varied[NOISE] for cell in cells})
+            sigmas = np.nan_to_num([cell["delay_s"].sigma for cell in mine])
+            left.errorbar(x, [cell["delay_s"].mean for cell in mine], sigmas, **style)
+            right.plot(x, [100.0 * cell["false"] / cell["n"] for cell in mine], **style)
+        scales = sorted({cell[NOISE] for cell in cells})
         for axes, label in ((left, "delay (s), mean ± σ"), (right, "false contacts (%)")):
             axes.set(xscale="log", xlabel="noise, relative to the plant's own", ylabel=label)
             axes.set_xticks(scales, [f"{scale:g}" for scale in scales])

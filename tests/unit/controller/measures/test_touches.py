@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from controller.measures.touches import Touch, errors_of, loop_of, spans_of, touches_of, turned_rad
+from controller.measures.touches import Touch, errors_of, spans_of, touches_of, turned_rad
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock
 
@@ -86,12 +86,6 @@ def test_the_errors_over_all_touches_are_their_mean_spread_and_largest():
     assert errors.hysteresis == pytest.approx(0.04, abs=1e-6), (
         "up 0.01 at -1.5 rad, up -0.03 and down 0.01 at 1.5 rad"
     )
-
-
-def test_an_angle_is_compared_with_itself_in_the_other_direction():
-    loop = loop_of(touches(ANGLES, ERRORS))
-    assert [angle for angle, _ in loop] == pytest.approx([-1.5, 0.0, 1.5], abs=1e-6)
-    assert [width for _, width in loop] == pytest.approx([-0.03, 0.02, 0.04], abs=1e-6)
 
 
 def test_a_sweep_that_was_not_finished_has_errors_and_no_hysteresis():

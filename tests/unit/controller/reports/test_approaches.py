@@ -3,12 +3,14 @@ import math
 import pytest
 
 from controller.reports.approaches import (
+    NOISE,
+    SAMPLE_HZ,
     TABLE_1,
     compare_columns,
     correlate,
     read_approaches,
     score_detectors,
-    study_cells,
+    study_rows,
     table_rows,
     trends,
 )
@@ -142,7 +144,7 @@ def test_trials_with_other_noise_stay_out_of_table_and_bounds(approaches_of):
 
 
 def test_the_study_groups_by_noise_and_rate(approaches_of):
-    cells = study_cells(
+    cells = study_rows(
         approaches_of(
             Given(noise_scale=2.0, sample_hz=10.0, delay_s=0.5),
             Given(noise_scale=0.5, sample_hz=28.0, delay_s=0.1),
@@ -150,9 +152,9 @@ def test_the_study_groups_by_noise_and_rate(approaches_of):
             Given(noise_scale=2.0, sample_hz=10.0, delay_s=0.7),
         )
     )
-    found = [(*cell.varied.values(), cell.n, cell.false_contacts) for cell in cells]
+    found = [(cell[NOISE], cell[SAMPLE_HZ], cell["n"], cell["false"]) for cell in cells]
     assert found == [(0.5, 28.0, 1, 0), (2.0, 10.0, 3, 1)]
-    assert cells[1].delay_s.mean == pytest.approx(0.6)
+    assert cells[1]["delay_s"].mean == pytest.approx(0.6)
 
 
 def test_a_detector_that_only_listened_is_scored_against_the_truth(approaches_of):
