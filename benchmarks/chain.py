@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from benchmarks.results import save, side_by_side_s
-from controller.signals.demodulation import Cic, Fused
-from controller.signals.lowpass import cic_taps, cosine_taps
-from controller.signals.oscillator import Oscillator
+from controller.signals.demodulation import Cic, Fused, Oscillator, cic_taps, cosine_taps
 from drivers.audio.codec import pack24, unpack24
 
 RATE_HZ, OUTPUT_HZ, DRIVE_HZ, FINGERS = 96_000, 1000, 40_000.0, 2

@@ -7,15 +7,14 @@ whatever order it is added, so that blocks and processors change nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.signals.demodulation_kernel import cic_counts, cic_packed, fused_counts, fused_packed
-from controller.signals.lowpass import CIC_DECIMATION_MAX, CIC_STAGES, cic_taps, cosine_taps
-from controller.signals.oscillator import TABLE_MAX, TWELFTHS, Oscillator
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,6 +30,111 @@ full-scale noise."""
 CHUNK: Final = 4800
 """Frames that are taken at once: 38 kB of work a finger, within the caches of a core."""
 
+SPAN: Final = 6
+"""Length of the low-pass in periods of the output: 6 ms at 1 kHz, 576 taps at 96 kHz."""
+
+COSINES: Final = (1.0, 1.99419295, 1.79909967, 1.05147552, 0.25617692, 0.00966375353, 0.000187100534)
+"""Amplitudes of the harmonics of the low-pass, relative to its mean. Found by minimax (weighted least squares, iterated
+on a grid of frequencies) for: flat up to a tenth of the output rate, nothing within a tenth of it around its multiples,
+which fold onto that band, and -130 dB beyond 10 times the output rate, where the mixer's images are. Whole harmonics of
+the window's length are nulls beyond the sixth: at 40 kHz the images fall on one."""
+
+CIC_STAGES: Final = 3
+
+CIC_DECIMATION_MAX: Final = 256
+"""Most frames an output of three sums: the mixer's whole numbers then still have an amplitude of 2^16."""
+
+STEPS_PER_HZ: Final = 1000
+"""Frequencies are whole millihertz, as the drive's are."""
+
+TABLE_MAX: Final = 96_000
+"""Longest period that is kept as a table, frames: any whole number of hertz at 96 kHz; 1.5 MB."""
+
+TWELFTHS: Final = 826_806
+"""Amplitude of the whole-number wave where the period divides 12: its half is whole, and its half times the square root
+of 3 is 716,035 less 7e-7 (413,403 / 716,035 is a convergent of 1 / sqrt 3), so that rounding leaves 1e-12."""
+
+
+def cosine_taps(decimation: int) -> Floats:
+    """The low-pass of `COSINES` for a decimation, sum 1, shape (6 decimation,).
+
+    At an output of 1 kHz: within 0.0006 dB from 0 to 100 Hz, -0.07 dB at 200 Hz, -5.6 dB at 500 Hz; what folds onto 0
+    to 100 Hz is down by at least 80 dB (93 dB from 3 kHz on, 130 dB from 10 kHz on).
+    """
+    n = SPAN * decimation
+    k = np.arange(n) - 0.5 * (n - 1)
+    taps = sum(a * np.cos(2.0 * np.pi * j / n * k) for j, a in enumerate(COSINES))
+    return np.asarray(taps / np.sum(taps))
+
+
+def cic_taps(decimation: int) -> NDArray[np.int64]:
+    """Impulse response of three sums over `decimation` frames in a row, whole numbers, shape (3 decimation - 2,)."""
+    taps = np.ones(1, np.int64)
+    for _ in range(CIC_STAGES):
+        taps = np.convolve(taps, np.ones(decimation, np.int64))
+    return taps
+
+
+class Oscillator:
+    """cos and sin of 2 pi f n / rate at frame n, zero phase at frame 0.
+
+    Args:
+        frequency_hz: Rounded to whole millihertz.
+        rate_hz: Frames a second, a whole number.
+
+    Attributes:
+        step: Of the phase from frame to frame, in steps.
+        whole: Steps of a cycle; also frames after which any such tone is where it began.
+        period: Frames after which this one is.
+
+    Raises:
+        ValueError: the frequency is not between 0 and half the rate, or the rate is no whole number.
+
+    Example:
+        >>> Oscillator(40_000.0, 96_000.0).period
+        12
+    """
+
+    def __init__(self, frequency_hz: float, rate_hz: float) -> None:
+        if not rate_hz > 0.0 or rate_hz != round(rate_hz):
+            raise ValueError(f"{rate_hz:g} frames a second are no whole number")
+        if not 0.0 < frequency_hz < 0.5 * rate_hz:
+            raise ValueError(f"{frequency_hz:g} Hz are not between 0 and half of {rate_hz:g} frames a second")
+        self.step = round(frequency_hz * STEPS_PER_HZ)
+        self.whole = round(rate_hz) * STEPS_PER_HZ
+        self.period = self.whole // math.gcd(self.step, self.whole)
+
+    def steps(self, frames: Ints) -> Ints:
+        """Phase at each frame, steps of 1/`whole` of a cycle, shape (n,)."""
+        # both factors are below 2^30 at any rate up to 1 MHz
+        return np.asarray(self.step * (frames % self.whole) % self.whole)
+
+    def wave(self, frames: Ints) -> NDArray[np.complex128]:
+        """cos + j sin at each frame, shape (n,)."""
+        return np.asarray(np.exp(2j * np.pi / self.whole * self.steps(frames)))
+
+    def table(self, amplitude: int) -> Ints:
+        """One period of cos and of minus sin in whole numbers, shape (2, period); the period is at most `TABLE_MAX`."""
+        return whole_numbers(self.wave(np.arange(self.period, dtype=np.int64)), amplitude)
+
+    def coarse_and_fine(self, amplitude: int) -> tuple[Ints, Ints]:
+        """Two tables whose product is the wave at any phase: of `amplitude`, and of 2^30.
+
+        The phase in steps is `a` times the length of the second, plus `b`: indices into the tables.
+
+        Returns:
+            cos and minus sin at the coarse phases, shape (2, A), and at the fine ones, shape (2, B); A B = `whole`.
+        """
+        fine = max(k for k in range(1, math.isqrt(self.whole) + 1) if self.whole % k == 0)
+        angle = 2j * np.pi / self.whole
+        coarse_wave = np.exp(angle * fine * np.arange(self.whole // fine))
+        return whole_numbers(coarse_wave, amplitude), whole_numbers(np.exp(angle * np.arange(fine)), 1 << 30)
+
+
+def whole_numbers(wave: NDArray[np.complex128], amplitude: int) -> Ints:
+    """cos and minus sin, times an amplitude, rounded, shape (2, n)."""
+    return np.rint(amplitude * np.stack([wave.real, -wave.imag])).astype(np.int64)
+
 
 class Thinned(NamedTuple):
     """Consecutive outputs.
@@ -44,33 +148,14 @@ class Thinned(NamedTuple):
     values: Floats | Ints
 
 
-class Demodulator(Protocol):
-    """Turns frames of fingers into I and Q at a lower rate.
+class Fused:
+    """A FIR of 6 periods of the output, 576 taps at 96 kHz and 1 kHz; see `cosine_taps` for its response.
 
     Where the tone is a cos(phase + p) and the drive cos(phase), I is a cos p and Q is a sin p.
-    """
 
-    delay_frames: float
-    """From the middle of an output's window to its last frame."""
-    scale: float
-    """Counts (of the input's own) per count of `values`."""
-
-    def push(self, counts: Counts, frame: int) -> Thinned:
-        """Process the next frames; `frame` is the number of the first, and a jump is loss.
-
-        Outputs with an incomplete window are omitted.
-
-        Args:
-            counts: int32, shape (n, channels), or packed little-endian 24-bit counts, uint8, shape (n, 3 channels).
-            frame: The drive's phase is zero at 0.
-        """
-
-    def reset(self) -> None:
-        """Drop all frames."""
-
-
-class Fused:
-    """A FIR of 6 periods of the output, 576 taps at 96 kHz and 1 kHz; see `lowpass.cosine_taps` for its response.
+    Attributes:
+        delay_frames: From the middle of an output's window to its last frame.
+        scale: Counts (of the input's own) per count of the outputs.
 
     Args:
         channels: Of the fingers, from 0; all are processed in one pass.
@@ -105,11 +190,18 @@ class Fused:
         self._next = self._first = self._fill = 0
 
     def reset(self) -> None:
-        """See `Demodulator.reset`."""
+        """Drop all frames."""
         self._begin(0)
 
     def push(self, counts: Counts, frame: int) -> Thinned:
-        """See `Demodulator.push`."""
+        """Process the next frames; `frame` is the number of the first, and a jump is loss.
+
+        Outputs with an incomplete window are omitted.
+
+        Args:
+            counts: int32, shape (n, channels), or packed little-endian 24-bit counts, uint8, shape (n, 3 channels).
+            frame: The drive's phase is zero at 0.
+        """
         if frame != self._next:
             self._begin(frame)
         self._next = frame + len(counts)
@@ -188,11 +280,11 @@ class Cic:
         self._begun = self._next = 0
 
     def reset(self) -> None:
-        """See `Demodulator.reset`."""
+        """See `Fused.reset`."""
         self._begin(0)
 
     def push(self, counts: Counts, frame: int) -> Thinned:
-        """See `Demodulator.push`."""
+        """See `Fused.push`."""
         if frame != self._next:
             self._begin(frame)
         n, decimation = len(counts), self._decimation

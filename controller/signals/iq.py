@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from controller.signals.beat import SEGMENT_S, Beat
-from controller.signals.lowpass import CIC_DECIMATION_MAX, SPAN
+from controller.signals.demodulation import CIC_DECIMATION_MAX, SPAN, Cic, Fused, Oscillator
+from controller.signals.demodulation_kernel import peak
 from drivers.core.messages import SampleBlock, Saturated, StreamInfo
 from drivers.core.settings import DriveHz, Mismatch, Settings, StreamName
-
-if TYPE_CHECKING:
-    from controller.signals.demodulation import Demodulator
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -121,18 +119,6 @@ class IqSettings(Settings):
         return "choose another drive"
 
 
-class FrameRun(NamedTuple):
-    """Frames without a gap.
-
-    Attributes:
-        frame: Number of the first.
-        counts: int32, shape (n, channels).
-    """
-
-    frame: int
-    counts: NDArray[np.int32]
-
-
 class Iq:
     """Sound → I and Q of one finger, full scale 1.0: a tone a cos(phase of the drive + p) is (a cos p, a sin p).
 
@@ -154,7 +140,7 @@ class Iq:
         channels = ("I",) if settings.variant == "in_phase" else ("I", "Q")
         self.info = StreamInfo(f"signals.{name}", channels, "FS")
         self._settings = settings
-        self._demodulator: Demodulator | None = None
+        self._demodulator: Fused | Cic | None = None
         self._rate_hz = math.nan
         self.reset()
 
@@ -204,39 +190,37 @@ class Iq:
             ValueError: the stream is at irregular times, has no such channel, or its rate does not suit drive and
                 output.
         """
-        if block.rate_hz is None:
+        rate_hz = block.rate_hz
+        if rate_hz is None:
             raise ValueError(f"{block.stream}: samples at irregular times have no I and Q; it needs sound")
         if not len(block):
             return ()
-        if block.rate_hz < CARRIER_FROM_HZ:
-            return self._envelope(block)
-        return self._carrier(block)
+        return (self._envelope if rate_hz < CARRIER_FROM_HZ else self._carrier)(block, rate_hz)
 
     # sound
 
-    def _carrier(self, block: SampleBlock) -> list[SampleBlock | Saturated]:
-        settings, rate_hz = self._settings, block.rate_hz
-        assert rate_hz is not None
+    def _carrier(self, block: SampleBlock, rate_hz: float) -> list[SampleBlock | Saturated]:
+        settings = self._settings
         if settings.channel >= block.values.shape[1]:
             raise self._missing(block, settings.channel + 1)
         if self._demodulator is None or rate_hz != self._rate_hz:
             self._demodulator, self._rate_hz = self._made(block.stream, rate_hz), rate_hz
         demodulator = self._demodulator
         decimation = round(rate_hz / settings.output_hz)
+        unit = block.scale if block.values.dtype.kind == "i" else 1.0 / FULL_SCALE
+        scale = unit * demodulator.scale
         made: list[SampleBlock | Saturated] = []
         for frame, counts in _runs(block, settings.channel):
-            thinned = demodulator.push(counts, frame)
-            if len(thinned.values):
-                middle = (thinned.first + 1) * decimation - 1 - demodulator.delay_frames
-                made += self._blocks(block, thinned.first, thinned.values, (middle - block.seq) / rate_hz)
-            made += self._excursions(block, frame, counts)
+            first, values = demodulator.push(counts, frame)
+            if len(values):
+                middle = (first + 1) * decimation - 1 - demodulator.delay_frames
+                later_s, whole = (middle - block.seq) / rate_hz, values.dtype.kind == "i"
+                out, out_scale = (values, scale) if whole else (np.asarray(values * scale, np.float64), 1.0)
+                made += self._blocks(block, first, out, out_scale, settings.output_hz, later_s)
+            made += self._excursions(block, rate_hz, frame, counts)
         return made
 
-    def _made(self, stream: str, rate_hz: float) -> Demodulator:
-        # numba loads where there is sound, and only there
-        from controller.signals.demodulation import Cic, Fused
-        from controller.signals.oscillator import Oscillator
-
+    def _made(self, stream: str, rate_hz: float) -> Fused | Cic:
         settings = self._settings
         misfit = settings.misfit(rate_hz)
         if misfit is not None:
@@ -247,28 +231,27 @@ class Iq:
             return Cic(settings.channel, oscillator, decimation)
         return Fused((settings.channel,), oscillator, decimation, settings.variant == "fused")
 
-    def _excursions(self, block: SampleBlock, frame: int, counts: NDArray[np.int32]) -> Iterator[Saturated]:
-        from controller.signals.demodulation_kernel import peak
-
+    def _excursions(
+        self, block: SampleBlock, rate_hz: float, frame: int, counts: NDArray[np.int32]
+    ) -> Iterator[Saturated]:
         full = round(1.0 / block.scale) if block.values.dtype.kind == "i" else FULL_SCALE
         if peak(counts, self._settings.channel) < full - 1:
             return
-        assert block.rate_hz is not None
         counts = counts[:, self._settings.channel]
-        clear = CLEAR_S * block.rate_hz
+        clear = CLEAR_S * rate_hz
         places = np.flatnonzero((counts >= full - 1) | (counts <= -full))
         before = np.concatenate(([self._clipped], frame + places[:-1]))
         self._clipped = frame + float(places[-1])
         for place in places[frame + places - before > clear].tolist():
-            t_s = block.t0_s + (frame + place - block.seq) / block.rate_hz
+            t_s = block.t0_s + (frame + place - block.seq) / rate_hz
             yield Saturated(t_s, "signals", self.info.name, float(counts[place]) / full)
 
     # an envelope
 
-    def _envelope(self, block: SampleBlock) -> list[SampleBlock | Saturated]:
+    def _envelope(self, block: SampleBlock, rate_hz: float) -> list[SampleBlock | Saturated]:
         if block.unit != self.info.unit:
             raise ValueError(
-                f"{block.stream}: {block.rate_hz:g} samples a second in {block.unit or 'no unit'} are neither sound"
+                f"{block.stream}: {rate_hz:g} samples a second in {block.unit or 'no unit'} are neither sound"
                 f" nor an envelope ({self.info.unit}); set the input of {self.info.name} to the fingers' stream"
             )
         pair = slice(2 * self._settings.channel, 2 * self._settings.channel + 2)
@@ -276,50 +259,41 @@ class Iq:
             raise self._missing(block, pair.stop)
         values = np.asarray(block.values[:, pair] * block.scale, np.float64)
         good = np.asarray(np.isfinite(values).all(axis=1))
-        if good.all():
-            return self._blocks(block, block.seq, values, 0.0)
         made: list[SampleBlock | Saturated] = []
-        for part in np.split(np.arange(len(values)), np.flatnonzero(np.diff(good)) + 1):
-            if good[part[0]]:
-                first = int(part[0])
-                made += self._blocks(block, block.seq + first, values[part], first / (block.rate_hz or 1.0))
+        for first, last in _stretches(good):
+            later_s = first / rate_hz
+            made += self._blocks(block, block.seq + first, values[first:last], 1.0, rate_hz, later_s)
         return made
 
     # both
 
     def _blocks(
-        self, block: SampleBlock, seq: int, values: Floats | Ints, later_s: float
+        self,
+        block: SampleBlock,
+        seq: int,
+        values: Floats | Ints,
+        scale: float,
+        rate_hz: float,
+        later_s: float,
     ) -> list[SampleBlock | Saturated]:
         """What comes out: `values` from number `seq` on, `later_s` after the block's first sample."""
         settings = self._settings
-        whole: Floats | Ints = values
-        scale = 1.0
-        rate_hz = block.rate_hz
-        assert rate_hz is not None
-        if rate_hz >= CARRIER_FROM_HZ:
-            assert self._demodulator is not None
-            unit = block.scale if block.values.dtype.kind == "i" else 1.0 / FULL_SCALE
-            scale = unit * self._demodulator.scale
-            rate_hz = settings.output_hz
-            if values.dtype.kind == "f":
-                whole, scale = np.asarray(values * scale, np.float64), 1.0
         if settings.clocks != "locked":
             if self._beat is None:
                 self._beat = Beat(rate_hz)
-            z = np.ascontiguousarray(whole * scale).view(np.complex128)[:, 0]
+            z = np.ascontiguousarray(values * scale).view(np.complex128)[:, 0]
             still = self._beat.push(z, seq)
             if settings.clocks == "tracked":
-                whole = still.view(np.float64).reshape(-1, 2)
-                scale = 1.0
+                values, scale = still.view(np.float64).reshape(-1, 2), 1.0
                 seq, later_s = seq + len(z) - len(still), later_s + (len(z) - len(still)) / rate_hz
-        if not len(whole):
+        if not len(values):
             return []
         return [
             SampleBlock(
                 self.info.name,
                 seq,
                 block.t0_s + later_s,
-                whole[:, : len(self.info.channels)],
+                values[:, : len(self.info.channels)],
                 rate_hz=rate_hz,
                 unit=self.info.unit,
                 scale=scale,
@@ -336,19 +310,22 @@ class Iq:
         )
 
 
-def _runs(block: SampleBlock, channel: int) -> Iterator[FrameRun]:
-    """A block's frames as counts, without those that are not finite in this channel."""
+def _stretches(good: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """Where runs of good samples begin, and end before."""
+    edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0))
+    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+
+
+def _runs(block: SampleBlock, channel: int) -> Iterator[tuple[int, NDArray[np.int32]]]:
+    """A block's frames without a gap, those that are finite in this channel: number of the first, and int32 counts."""
     values = block.values
     if values.dtype.kind == "i":
         if block.scale * FULL_SCALE < 1.0:
             raise ValueError(f"{block.stream}: counts of more than 24 bits; choose a 24-bit format")
-        yield FrameRun(block.seq, values)  # type: ignore[arg-type]
+        yield block.seq, values  # type: ignore[misc]
         return
     shares = values * block.scale
-    good = np.isfinite(shares[:, channel])
     limit = np.where(np.isfinite(shares), np.clip(shares, -1.0, 1.0 - 1.0 / FULL_SCALE), 0.0)
     counts = np.rint(limit * FULL_SCALE).astype(np.int32)
-    for part in np.split(np.arange(len(values)), np.flatnonzero(np.diff(good)) + 1):
-        if good[part[0]]:
-            first = int(part[0])
-            yield FrameRun(block.seq + first, counts[first : first + len(part)])
+    for first, last in _stretches(np.isfinite(shares[:, channel])):
+        yield block.seq + first, counts[first:last]

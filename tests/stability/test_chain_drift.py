@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.signals.demodulation import Cic, Fused
-from controller.signals.lowpass import cic_taps
-from controller.signals.oscillator import Oscillator
+from controller.signals.demodulation import Cic, Fused, Oscillator, cic_taps
 
 RATE_HZ, DECIMATION = 96_000, 96
 

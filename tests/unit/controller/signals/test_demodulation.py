@@ -7,9 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from controller.signals.demodulation import CHUNK, Cic, Fused
-from controller.signals.lowpass import cic_taps, cosine_taps
-from controller.signals.oscillator import Oscillator
+from controller.signals.demodulation import CHUNK, Cic, Fused, Oscillator, cic_taps, cosine_taps
 
 RATE_HZ = 96_000.0
 DECIMATION = 96
