@@ -11,7 +11,7 @@ from config.assemble import make_detector
 from config.hints import near_or_all
 from config.source import ProfileError, given_value
 from config.validation import validated
-from controller.detectors.protocol import Detector, EnvelopeDetector
+from controller.detectors.protocol import Detector, envelope_of
 from controller.own_modules import is_own, own_folders
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
@@ -83,8 +83,9 @@ def load(
     made = make_detector(kind, {**own, **overrides}, baseline, _folders(recording))
     notes: list[str] = []
     blocks = read_inputs(recording, made.inputs, columns=columns, rate_hz=rate_hz, trial=trial, notes=notes)
-    if isinstance(made, EnvelopeDetector):
-        blocks = enveloped(blocks, made.envelope, _chain_settings(made, chain))
+    envelope = envelope_of(made)
+    if envelope is not None:
+        blocks = enveloped(blocks, envelope, _chain_settings(made, chain))
     elif chain:
         raise ProfileError(f"--set {CHAIN}{min(chain)}: {asked} takes no envelope of a sound; leave it out")
     if baseline is not None:
@@ -181,7 +182,7 @@ def _was_recorded(path: Path, table: Mapping[str, Any], recording: TrialRecordin
     return set(make_detector(*_split(path, table)).inputs) <= set(recording.streams)
 
 
-def _chain_settings(detector: EnvelopeDetector, given: Mapping[str, str]) -> IqSettings:
+def _chain_settings(detector: Detector, given: Mapping[str, str]) -> IqSettings:
     """Settings of the chain before a detector: its drive must be the one that the detector is set to."""
     drive_hz = getattr(getattr(detector, "settings", None), "drive_hz", None)
     values = {key: given_value(f"--set {CHAIN}{key}", text) for key, text in given.items()}

@@ -157,9 +157,8 @@ class Compiled(Protocol):
         """Load the compiled code, compiling it on first use; leaves the state unchanged."""
 
 
-@runtime_checkable
-class EnvelopeDetector(Protocol):
-    """A detector whose input is a finger's envelope: raw sound is demodulated to I and Q first."""
-
-    envelope: str
-    """Which of its inputs is the envelope."""
+def envelope_of(detector: object) -> str | None:
+    """The detector's `envelope`, that of its inputs which is a finger's envelope: raw sound is demodulated to I and Q
+    first. Optional for user detectors."""
+    envelope = getattr(detector, "envelope", None)
+    return envelope if isinstance(envelope, str) else None

@@ -256,7 +256,7 @@ class Cic:
     """
 
     def __init__(self, channel: int, oscillator: Oscillator, decimation: int) -> None:
-        self._channel = channel
+        self._channels = np.array([channel], np.int64)
         self._decimation = decimation
         if decimation > CIC_DECIMATION_MAX:
             raise ValueError(f"{decimation} frames an output leave no room; {CIC_DECIMATION_MAX} at the most")
@@ -274,7 +274,7 @@ class Cic:
             self._coarse, self._fine = oscillator.coarse_and_fine(amplitude)
         self._span = len(cic_taps(decimation))
         self.delay_frames = 0.5 * (self._span - 1)
-        self._work = np.empty(CHUNK, np.int64)
+        self._work = np.empty((1, CHUNK), np.int64)
         self._mixed = np.empty((2, CHUNK), np.int64)
         self._state = np.zeros((2, 2, CIC_STAGES), np.int64)
         self._begun = self._next = 0
@@ -293,7 +293,7 @@ class Cic:
         kernel = cic_packed if counts.dtype == np.uint8 else cic_counts
         kernel(
             counts,
-            self._channel,
+            self._channels,
             self._work,
             self._mixed,
             self._table,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -14,32 +15,34 @@ ANY_ORDER: Final = {"reassoc", "contract"}
 
 
 @compiled(nogil=True)
-def take_counts(counts, start, n, channel, work, fill):  # type: ignore[no-untyped-def]
-    """Copy one channel of int32 frames, shape (frames, channels), to `work` from `fill` on."""
-    for i in range(n):
-        work[fill + i] = counts[start + i, channel]
+def take_counts(counts, start, n, channels, work, fill):  # type: ignore[no-untyped-def]
+    """Copy channels of int32 frames, shape (frames, channels), to a row of `work` each, from `fill` on."""
+    for row in range(channels.size):
+        for i in range(n):
+            work[row, fill + i] = counts[start + i, channels[row]]
 
 
 @compiled(nogil=True)
-def take_packed(packed, start, n, channel, work, fill):  # type: ignore[no-untyped-def]
+def take_packed(packed, start, n, channels, work, fill):  # type: ignore[no-untyped-def]
     """The same of packed little-endian 24-bit counts, uint8, shape (frames, 3 channels)."""
-    frames = packed[start : start + n, 3 * channel : 3 * channel + 3]
-    into = work[fill : fill + n]
-    for i in range(n):
-        # sums, not shifts: compilers make vectors of them; the sign is the highest byte's
-        low, middle, high = np.int32(frames[i, 0]), np.int32(frames[i, 1]), np.int32(np.int8(frames[i, 2]))
-        into[i] = low + 256 * middle + 65_536 * high
-
-
-@compiled(nogil=True)
-def take_packed_pair(packed, start, n, work, fill):  # type: ignore[no-untyped-def]
-    """The same of both channels of two, to `work`, shape (2, frames)."""
-    fours = n // 4
-    done, end = 4 * fours, fill + 4 * fours
-    words = packed[start : start + done].reshape(-1).view(np.int64)
-    _take_words(words, fours, work[0, fill:end], work[1, fill:end])
-    for row in range(2):
-        take_packed(packed, start + done, n - done, row, work[row], end)
+    done = 0
+    if packed.shape[1] == 6 and channels.size == 2 and channels[0] == 0 and channels[1] == 1:
+        fours = n // 4
+        done = 4 * fours
+        words = packed[start : start + done].reshape(-1).view(np.int64)
+        _take_words(words, fours, work[0, fill : fill + done], work[1, fill : fill + done])
+    for row in range(channels.size):
+        first = 3 * channels[row]
+        frames = packed[start + done : start + n, first : first + 3]
+        into = work[row, fill + done : fill + n]
+        for i in range(n - done):
+            # sums, not shifts: compilers make vectors of them; the sign is the highest byte's
+            low, middle, high = (
+                np.int32(frames[i, 0]),
+                np.int32(frames[i, 1]),
+                np.int32(np.int8(frames[i, 2])),
+            )
+            into[i] = low + 256 * middle + 65_536 * high
 
 
 @compiled(nogil=True)
@@ -214,95 +217,59 @@ def cascade(mixed, n, state, place, decimation, out):  # type: ignore[no-untyped
     return made
 
 
-@compiled(nogil=True)
-def fused_counts(  # type: ignore[no-untyped-def]
-    counts, start, channels, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
-):
-    """Process int32 frames from `start` on; `_fused`, `take_counts`, `sums` and `turn` explain the arguments."""
-    done = 0
-    while start < counts.shape[0]:
-        taken = min(work.shape[1] - fill, counts.shape[0] - start)
-        for row in range(channels.size):
-            take_counts(counts, start, taken, channels[row], work[row], fill)
-        start += taken
-        done, fill = _fused(
-            work, fill + taken, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done
-        )
+def _fused(take: Callable[..., None]) -> Callable[..., None]:
+    """The fused filter of frames that are copied by `take`."""
+
+    @compiled(nogil=True)
+    def fused(  # type: ignore[no-untyped-def]
+        counts, start, channels, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
+    ):
+        """Process frames from `start` on; `take_counts`, `sums` and `turn` explain the arguments.
+
+        `out` has two columns for each row of `work`; what the outputs leave moves to the beginning of `work`.
+        """
+        done = 0
+        while start < counts.shape[0]:
+            taken = min(work.shape[1] - fill, counts.shape[0] - start)
+            take(counts, start, taken, channels, work, fill)
+            start += taken
+            fill += taken
+            ready = max(0, (fill - i_taps.size) // decimation + 1)
+            passed = ready * decimation
+            for row in range(work.shape[0] if ready else 0):
+                part = out[done : done + ready, 2 * row : 2 * row + 2]
+                sums(work[row], i_taps, q_taps, decimation, part)
+                turn(part, (steps + done * jump) % whole, jump, whole, unit)
+                for k in range(fill - passed):
+                    work[row, k] = work[row, passed + k]
+            done += ready
+            fill -= passed
+
+    return fused
 
 
-@compiled(nogil=True)
-def fused_packed(  # type: ignore[no-untyped-def]
-    counts, start, channels, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out
-):
-    """The same of packed frames."""
-    pair = counts.shape[1] == 6 and channels.size == 2 and channels[0] == 0 and channels[1] == 1
-    done = 0
-    while start < counts.shape[0]:
-        taken = min(work.shape[1] - fill, counts.shape[0] - start)
-        if pair:
-            take_packed_pair(counts, start, taken, work, fill)
-        else:
-            for row in range(channels.size):
-                take_packed(counts, start, taken, channels[row], work[row], fill)
-        start += taken
-        done, fill = _fused(
-            work, fill + taken, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done
-        )
+def _cic(take: Callable[..., None]) -> Callable[..., None]:
+    """Mixer and cascade of frames that are copied by `take`."""
+
+    @compiled(nogil=True)
+    def cic(counts, channels, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
+        """Process frames, the first of them `frame`; `take_counts` and `cascade` explain the arguments.
+
+        A table without columns means the other two.
+        """
+        start, done = 0, 0
+        while start < counts.shape[0]:
+            taken, now = min(work.shape[1], counts.shape[0] - start), frame + start
+            take(counts, start, taken, channels, work, 0)
+            if table.shape[1] > 0:
+                mix_table(work[0], taken, table, now % table.shape[1], mixed)
+            else:
+                mix_tables(work[0], taken, coarse, fine, step * (now % whole) % whole, step, mixed)
+            done += cascade(mixed, taken, state, now % decimation, decimation, out[done:])
+            start += taken
+
+    return cic
 
 
-@compiled(nogil=True)
-def _fused(work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out, done):  # type: ignore[no-untyped-def]
-    """Fill the outputs that are ready after the first `done`, and move what they leave to the beginning of `work`.
-
-    Args:
-        work: Counts, a row for each finger; `out` has two columns for each.
-
-    Returns:
-        Outputs done, and frames that are left.
-    """
-    ready = max(0, (fill - i_taps.size) // decimation + 1)
-    passed = ready * decimation
-    if ready:
-        for row in range(work.shape[0]):
-            part = out[done : done + ready, 2 * row : 2 * row + 2]
-            sums(work[row], i_taps, q_taps, decimation, part)
-            turn(part, (steps + done * jump) % whole, jump, whole, unit)
-            for k in range(fill - passed):
-                work[row, k] = work[row, passed + k]
-    return done + ready, fill - passed
-
-
-@compiled(nogil=True)
-def cic_counts(counts, channel, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
-    """Process int32 frames; `_cic`, `take_counts` and `cascade` explain the arguments."""
-    start, done = 0, 0
-    while start < counts.shape[0]:
-        taken = min(work.size, counts.shape[0] - start)
-        take_counts(counts, start, taken, channel, work, 0)
-        done += _cic(
-            taken, work, mixed, table, coarse, fine, frame + start, step, whole, state, decimation, out[done:]
-        )
-        start += taken
-
-
-@compiled(nogil=True)
-def cic_packed(counts, channel, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
-    """The same of packed frames."""
-    start, done = 0, 0
-    while start < counts.shape[0]:
-        taken = min(work.size, counts.shape[0] - start)
-        take_packed(counts, start, taken, channel, work, 0)
-        done += _cic(
-            taken, work, mixed, table, coarse, fine, frame + start, step, whole, state, decimation, out[done:]
-        )
-        start += taken
-
-
-@compiled(nogil=True)
-def _cic(n, work, mixed, table, coarse, fine, frame, step, whole, state, decimation, out):  # type: ignore[no-untyped-def]
-    """Mix and thin `n` frames of `work`, the first of them `frame`; a table without columns means the other two."""
-    if table.shape[1] > 0:
-        mix_table(work, n, table, frame % table.shape[1], mixed)
-    else:
-        mix_tables(work, n, coarse, fine, step * (frame % whole) % whole, step, mixed)
-    return cascade(mixed, n, state, frame % decimation, decimation, out)
+fused_counts, fused_packed = _fused(take_counts), _fused(take_packed)
+cic_counts, cic_packed = _cic(take_counts), _cic(take_packed)

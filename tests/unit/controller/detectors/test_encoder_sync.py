@@ -82,9 +82,3 @@ def test_lost_samples_and_a_restarted_stream_are_reported():
     pair.push(envelope(0, 5))
     assert pair.push(envelope(8, 2)).missing.tolist() == [3, 0]
     assert pair.push(envelope(0, 2)).missing.tolist() == [UNKNOWN, 0]
-
-
-def test_an_envelope_at_irregular_times_is_refused_in_one_line():
-    block = SampleBlock("signals.right", 0, 0.0, np.zeros((2, 2)), times_s=np.array([0.0, 0.1]))
-    with pytest.raises(ValueError, match=r"signals\.right: samples at irregular times while testing"):
-        along().push(block)

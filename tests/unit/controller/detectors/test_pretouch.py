@@ -1,7 +1,6 @@
 """Pre-touch on envelopes that no plant made."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -121,51 +120,6 @@ def test_a_drifting_level_is_no_object():
     drifted = signal.values + np.linspace(0.0, 0.003, len(signal))[:, None]
     block = SampleBlock("signals.right", 0, 0.0, drifted, rate_hz=RATE_HZ)
     assert events_of(ours(), block, encoder) == []
-
-
-def test_events_do_not_depend_on_block_order_or_size():
-    rng = np.random.default_rng(4)
-    signal, encoder = blocks_of(trip((0.01, 4.0), (-0.03, 2.5)), sigma=2e-4)
-    expected = events_of(ours(), signal, encoder)
-    assert len(expected) >= 2
-    for _ in range(5):
-        pieces = []
-        for block in (signal, encoder):
-            cuts = np.sort(rng.integers(0, len(block), 30))
-            bounds = [0, *cuts.tolist(), len(block)]
-            own = []
-            for a, b in pairwise(bounds):
-                part = SampleBlock(
-                    block.stream, a, a / block.rate_hz, block.values[a:b], rate_hz=block.rate_hz
-                )
-                own.append(part)
-            pieces.append(own)
-        mixed = []
-        while pieces[0] or pieces[1]:
-            source = pieces[int(rng.random() < 0.5)] or pieces[0] or pieces[1]
-            mixed.append(source.pop(0))
-        events = events_of(ours(), *mixed)
-        assert [type(event) for event in events] == [type(event) for event in expected]
-        assert [event.t_s for event in events] == pytest.approx([event.t_s for event in expected], abs=1e-9)
-
-
-def test_no_events_for_a_time_that_the_encoder_has_not_reached():
-    signal, encoder = blocks_of(trip((0.01, 5.0)))
-    detector = ours()
-    assert events_of(detector, signal) == []
-    half = SampleBlock("arm.position", 0, 0.0, encoder.values[:1000], rate_hz=RATE_HZ / 2.0)
-    assert all(event.t_s <= half.last_s for event in events_of(detector, half))
-
-
-def test_a_pose_along_another_axis_serves_as_well():
-    signal, encoder = blocks_of(trip((0.01, 5.0)))
-    poses = np.zeros((len(encoder), 6))
-    poses[:, 1] = -encoder.values[:, 0]
-    block = SampleBlock("arm.pose", 0, 0.0, poses, rate_hz=RATE_HZ / 2.0)
-    turned = events_of(ours(position_input="arm.pose", direction=(0.0, -1.0, 0.0)), signal, block)
-    straight = events_of(ours(), signal, encoder)
-    assert [event.t_s for event in turned] == [event.t_s for event in straight]
-    assert turned[0].position_m == pytest.approx(straight[0].position_m)
 
 
 def test_calibrated_fingers_of_different_gain_detect_at_one_distance():

@@ -114,15 +114,6 @@ def test_a_gap_empties_the_average():
     assert not detector.push(high)  # nine samples do not fill an average of ten
 
 
-def test_reset_forgets_everything():
-    block = periods(np.concatenate([wandering(100), np.full(40, 31.0)]))
-    detector = ResonancePaperDetector("contact", ResonancePaperSettings())
-    first = detector.push(block)
-    detector.reset()
-    assert len(detector.readings) == 0
-    assert detector.push(block) == first
-
-
 def flexed(touched_from=10_000):
     """Periods of a finger whose frequency follows the tendon: swept once, then to and fro three times as fast."""
     frequencies, tendon_m, t_s = [], [], 0.0

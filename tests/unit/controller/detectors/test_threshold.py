@@ -36,20 +36,6 @@ def test_it_learns_the_level_then_reports_contact_and_its_end_with_the_running_m
     assert contact.threshold == 1.0
 
 
-@pytest.mark.parametrize("size", [1, 3, 10, 64, 400])
-def test_blocks_of_any_size_give_the_same_events_to_the_last_bit(size):
-    values = step() + 0.2 * np.random.default_rng(1).standard_normal(400)
-    whole, pieces = detector(), detector()
-    expected = whole.push(block(values, rate_hz=1024.0))  # times that floats hold exactly
-    events = [
-        event
-        for at in range(0, 400, size)
-        for event in pieces.push(block(values[at : at + size], seq=at, rate_hz=1024.0))
-    ]
-    assert len(expected) >= 3
-    assert events == list(expected)
-
-
 def test_several_channels_count_as_one_vector_and_the_others_do_not():
     values = np.zeros((300, 3))
     values[200:] = [0.8, 0.8, 99.0]
@@ -74,21 +60,6 @@ def test_nan_in_the_baseline_is_refused_and_later_left_out():
     later = step()
     later[150:250:7] = np.nan
     assert [type(e) for e in detector().push(block(later))] == [BaselineReady, Contact, ContactLost]
-
-
-def test_after_a_reset_it_learns_anew():
-    listener = detector()
-    listener.push(block(step()))
-    listener.reset()
-    assert [type(e) for e in listener.push(block(step(offset=7.0)))] == [BaselineReady, Contact, ContactLost]
-
-
-def test_a_channel_that_is_not_there_and_a_stream_without_a_rate_are_one_clear_line():
-    with pytest.raises(ValueError, match=r"no channel 3 .* it has 1; count from 0"):
-        detector(channels=[3]).push(block(step()))
-    irregular = SampleBlock("board.period", 0, 0.0, np.zeros((2, 1)), times_s=np.array([0.0, 0.1]))
-    with pytest.raises(ValueError, match="irregular times"):
-        detector().push(irregular)
 
 
 def test_a_baseline_in_contact_is_refused_with_the_reason_and_nothing_is_reported_after_it():
