@@ -71,6 +71,7 @@ from drivers.core.can_link import open_can as open_can
 from drivers.core.clock import Clock as Clock
 from drivers.core.clock import VirtualClock as VirtualClock
 from drivers.core.clock import WallClock as WallClock
+from drivers.core.clock_model import DeviceClock as DeviceClock
 from drivers.core.errors import CodecError as CodecError
 from drivers.core.errors import CommandError as CommandError
 from drivers.core.errors import DeviceError as DeviceError
@@ -117,7 +118,6 @@ from drivers.core.messages import StreamInfo as StreamInfo
 from drivers.core.messages import Tare as Tare
 from drivers.core.messages import Tone as Tone
 from drivers.core.messages import Twist as Twist
-from drivers.core.numbering import DeviceClock as DeviceClock
 from drivers.core.numbering import SampleStream as SampleStream
 from drivers.core.numbering import StreamTrack as StreamTrack
 from drivers.core.protocols import Device as Device

@@ -10,8 +10,9 @@ from drivers.arm.axis import Axis
 from drivers.arm.link import ArmRow
 from drivers.arm.settings import ArmSettings
 from drivers.core.clock import Clock
+from drivers.core.clock_model import DeviceClock
 from drivers.core.messages import Lost, SampleBlock, StreamInfo
-from drivers.core.numbering import DeviceClock, Samples, StreamTrack
+from drivers.core.numbering import Samples, StreamTrack
 
 MAX_DRIFT_PPM = 200.0
 """Bound on the drift between the controller's clock and the host's: two crystals of 100 ppm (assumption)."""

@@ -13,6 +13,7 @@ from drivers.audio.commands import checked, fingers_info
 from drivers.audio.quality import Excursions, Stillness, clipped, flaw
 from drivers.audio.settings import FINGERS, FULL_SCALE, RATE_HZ, AudioSettings
 from drivers.audio.source import SoundSource, SourceEvent, SourceFound, Swept, make_source
+from drivers.core.clock_model import DeviceClock
 from drivers.core.errors import PortError, ProtocolError, SilentError
 from drivers.core.messages import (
     Chirp,
@@ -26,7 +27,7 @@ from drivers.core.messages import (
     Status,
     Tone,
 )
-from drivers.core.numbering import ENDLESS, DeviceClock, StreamTrack
+from drivers.core.numbering import ENDLESS, StreamTrack
 from drivers.core.wire import WireDriver
 
 BITS_MIN: Final = 24
@@ -135,7 +136,7 @@ class Audio(WireDriver[SoundSource]):
             "frames": self._taken,
             "frames_lost": self._missing,
             "saturations": self._saturations,
-            "drift_ppm": self._converter.model.drift_ppm,
+            "drift_ppm": self._converter.drift_ppm,
             **self._link.account(),
         }
 
@@ -178,7 +179,7 @@ class Audio(WireDriver[SoundSource]):
             for one in source.receive():
                 if isinstance(one, Sound):
                     last = one.frame + len(one.counts) - 1
-                    self._converter.model.observe(last / RATE_HZ, one.arrival_s)
+                    self._converter.observe(last / RATE_HZ, one.arrival_s)
                     received.append(one.counts)
         source.listen(False)
         doing = f"listening to {found.what}"
@@ -214,9 +215,9 @@ class Audio(WireDriver[SoundSource]):
 
     def _take(self, event: SourceEvent) -> None:
         if isinstance(event, Swept):
-            arrival_s, model = event.arrival_s, self._converter.model
-            if model.ready:
-                arrival_s = min(model.host_s(event.frame / RATE_HZ), arrival_s)
+            arrival_s = event.arrival_s
+            if self._converter.ready:
+                arrival_s = min(self._converter.host_s(event.frame / RATE_HZ), arrival_s)
             t_s = self._clock.from_monotonic(arrival_s)
             self._report(Reached(t_s, self.name, 0.0, command_id=self._driven))
         elif isinstance(event, Refused):

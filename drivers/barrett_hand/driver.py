@@ -11,9 +11,10 @@ from pydantic import Field, Strict
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.core.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can, strange_frames
+from drivers.core.clock_model import HostClock
 from drivers.core.errors import CodecError, check_streams, wrong
 from drivers.core.messages import Command, DeviceInfo, Listen, Tare
-from drivers.core.numbering import ENDLESS, Samples, StreamTrack, host_clock
+from drivers.core.numbering import ENDLESS, Samples, StreamTrack
 from drivers.core.wire import Inquiry, WireDriver
 
 OPEN_ATTEMPTS = 10
@@ -58,7 +59,7 @@ class BarrettHand(WireDriver[CanLink]):
         self._subscribed: frozenset[int] = frozenset()
         self._received_s = self._clock.monotonic_s()
         self._tracks = {
-            finger: StreamTrack(host_clock(), self._settings.poll_hz, ENDLESS)
+            finger: StreamTrack(HostClock(), self._settings.poll_hz, ENDLESS)
             for finger in self._settings.fingers
         }
 

@@ -111,15 +111,31 @@ class _Hull:
         return expected + (mean_s - x0_s) / stiffness
 
 
-class ClockModel:
-    """A line under the arrivals. Pure: it asks no clock; an arrival takes constant time on average.
+class DeviceClock:
+    """The clock of a device, shared by all its streams: a line under the arrivals.
+
+    Pure: it asks no other clock; an arrival takes constant time on average.
 
     Args:
         max_drift_ppm: Bound on the drift. A crystal is within 100 ppm; the default allows for two of them.
+        wrap_s: When the clock wraps to zero; None where it never does.
+
+    Attributes:
+        restarts: How often it restarted.
     """
 
-    def __init__(self, max_drift_ppm: float = 200.0) -> None:
+    def __init__(self, max_drift_ppm: float = 200.0, wrap_s: float | None = None) -> None:
+        self.restarts = 0
         self._max_slope = max_drift_ppm * 1e-6
+        self._wrap_s = wrap_s
+        self._forget()
+
+    def restart(self) -> None:
+        """The clock has restarted: nothing is known of it."""
+        self.restarts += 1
+        self._forget()
+
+    def _forget(self) -> None:
         self._anchor: Point | None = None
         self._hulls: list[_Hull] = []
         self._begun_s = self._latest_s = self._quick_s = self._fitted_s = 0.0
@@ -146,6 +162,15 @@ class ClockModel:
     def drift_ppm(self) -> float:
         """By how much the device's clock runs faster than the host's, in ppm; 0 until it is known."""
         return -self._slope / (1.0 + self._slope) * 1e6
+
+    def extended(self, shown_s: float, arrival_s: float) -> tuple[float, float]:
+        """Device time with wraps undone, and by how much it is ahead of the time expected from the arrival (s)."""
+        if not self.ready:
+            return shown_s, 0.0
+        expected_s = self.device_s(arrival_s)
+        if self._wrap_s is not None:
+            shown_s += self._wrap_s * round((expected_s - shown_s) / self._wrap_s)
+        return shown_s, shown_s - expected_s
 
     def observe(self, device_s: float, arrival_s: float) -> None:
         """Learn from one arrival; one that is no newer than those before is ignored.
@@ -208,6 +233,17 @@ class ClockModel:
         self._late_s = max(LATE_S, LATE_DELAYS * hull.delay_s)
 
 
+class HostClock(DeviceClock):
+    """The host's own clock, of samples that it asks for at times that it knows: nothing is to be learnt."""
+
+    def observe(self, device_s: float, arrival_s: float) -> None:
+        """Nothing to observe: it shows the host's time."""
+
+    def host_s(self, device_s: float) -> float:
+        """What it shows."""
+        return device_s
+
+
 class Timeline:
     """Host times of one stream: they ascend, and follow the model of its clock by steps too small to see.
 
@@ -223,19 +259,19 @@ class Timeline:
         self._first: Point = (0.0, 0.0)
         self._last_s = -math.inf
 
-    def date(self, model: ClockModel, first_s: float, goes_on: bool) -> float:
+    def date(self, clock: DeviceClock, first_s: float, goes_on: bool) -> float:
         """Monotonic host time in seconds of a block's first sample, at extended device time `first_s`.
 
         Args:
-            model: Of the device's clock.
+            clock: Of the device.
             first_s: In seconds.
             goes_on: The stream does, by the same clock; else, and after a gap of `SETTLING_S`, nothing but the order
                 of times binds it to the block before.
         """
-        host_s = model.host_s(first_s)
+        host_s = clock.host_s(first_s)
         since_s = first_s - self._first[0]
-        if goes_on and model.settled and since_s < SETTLING_S:
-            carried_s = self._first[1] + since_s * model.pace
+        if goes_on and clock.settled and since_s < SETTLING_S:
+            carried_s = self._first[1] + since_s * clock.pace
             limit_s = min(STEP_MAX_S, SLEW * since_s)
             host_s = min(max(host_s, carried_s - limit_s), carried_s + limit_s)
         host_s = max(host_s, self._last_s + self._gap_s)

@@ -118,9 +118,10 @@ class _Kept(_Cache):
                 file.write(hashlib.sha256(made).digest() + made)
             Path(file.name).replace(path)
         except OSError as error:
-            _progress.unkept(path, error)
+            reason = f"{path.parent}: {error.strerror}"
+            _progress.once(f"{reason}; compiled code is not kept, set NUMBA_CACHE_DIR to a folder")
         else:
-            tidy(path.parent, Path(self._kernel.py_func.__code__.co_filename).parent)
+            tidy(path.parent)
 
     def _path(self, signature: Any, codegen: Any) -> Path:
         arguments, returned = sigutils.normalize_signature(signature)
@@ -139,21 +140,16 @@ def reached(kernel: Any) -> list[Any]:
     return found
 
 
-def tidy(folder: Path, sources: Path) -> None:
-    """Remove what is no longer loaded; another run may do the same at the same moment.
+def tidy(folder: Path) -> None:
+    """Remove what has not been loaded for `KEPT_S`, of a folder of compiled code and of other versions beside it.
 
-    Args:
-        folder: Of compiled code: what has not been loaded for `KEPT_S` goes, of this and of other versions beside it.
-        sources: Folder of a kernel's file: numba's own cache goes, which versions before this one left there.
+    Another run may do the same at the same moment.
     """
     for old in folder.parent.glob("*/*"):
         with suppress(OSError):
             if time.time() - old.stat().st_mtime > KEPT_S:
                 old.unlink()
                 old.parent.rmdir()  # unless there is more in it
-    for old in sources.glob("__pycache__/*.nb[ic]"):
-        with suppress(OSError):
-            old.unlink()
 
 
 def _called(kernel: Any) -> str:
@@ -254,63 +250,35 @@ def _typed(kind: Any) -> str:
 
 
 class _Progress:
-    """Reports what compiles: a line for what takes long, a count meanwhile on a terminal."""
+    """Reports what compiles, so that a person knows why nothing happens: that it begins, and what took long."""
 
     def __init__(self) -> None:
         self._outermost: Any = None
-        self._all: list[Any] = []
-        self._done: set[Any] = set()
         self._since_s = 0.0
-        self._announced = self._warned = False
+        self._said: set[str] = set()
 
     def begin(self, kernel: Any) -> None:
         """A kernel is not there yet and will now be compiled."""
         if self._outermost is None:
-            self._outermost = kernel
-            self._all = [k for k in reached(kernel) if k.targetoptions.get("inline") != "always"]
-            self._done = {k for k in self._all if k.overloads}
-            self._since_s = time.perf_counter()
-            if not self._announced:
-                self._write(
-                    f"compiling what this machine has not compiled before, once (kept in {kept_in()})\n"
-                )
-                self._announced = True
+            self._outermost, self._since_s = kernel, time.perf_counter()
+            self.once(f"compiling what this machine has not compiled before, once (kept in {kept_in()})")
 
     def end(self, kernel: Any) -> None:
         """It is compiled, or was kept."""
-        if self._outermost is None:
-            return
-        self._done.add(kernel)
-        taken_s = time.perf_counter() - self._since_s
-        count = f"{_called(self._outermost)}: {len(self._done)} of {len(self._all)} kernels, {taken_s:.1f} s"
-        if self._live():
-            self._write(f"\r  {count}")
         if kernel is self._outermost:
             self._outermost = None
-            if self._live():
-                self._write("\n")
-            elif taken_s > REPORTED_S:
-                self._write(f"  {count}\n")
+            taken_s = time.perf_counter() - self._since_s
+            if taken_s > REPORTED_S:
+                self.once(f"  {_called(kernel)}: {taken_s:.1f} s")
 
-    def unkept(self, path: Path, error: OSError) -> None:
-        """Compiled code cannot be kept: reported once, for all else goes on."""
-        if not self._warned:
-            self._write(
-                f"{path.parent}: {error.strerror}; compiled code is not kept, set NUMBA_CACHE_DIR to a folder\n"
-            )
-            self._warned = True
-
-    @staticmethod
-    def _live() -> bool:
-        """Whether standard error is a terminal."""
-        return not sys.stderr.closed and sys.stderr.isatty()
-
-    @staticmethod
-    def _write(text: str) -> None:
-        # a program whose standard error is closed or full still compiles
-        with suppress(OSError, ValueError):
-            sys.stderr.write(text)
-            sys.stderr.flush()
+    def once(self, line: str) -> None:
+        """Write a line to standard error, the first time that it is said."""
+        if line not in self._said:
+            self._said.add(line)
+            # a program whose standard error is closed or full still compiles
+            with suppress(OSError, ValueError):
+                sys.stderr.write(f"{line}\n")
+                sys.stderr.flush()
 
 
 _progress = _Progress()

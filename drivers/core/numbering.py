@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from drivers.core.clock import Clock
-from drivers.core.clock_model import ClockModel, Timeline
+from drivers.core.clock_model import DeviceClock, Timeline
 from drivers.core.messages import SampleBlock, StreamInfo
 
 ENDLESS: Final = 1 << 64
@@ -26,57 +26,6 @@ LATE_S: Final = 0.1
 
 ASTRAY_S: Final = 5.0
 """A device time this far from its arrival is another clock's. Assumption: no first frame is so late."""
-
-
-class DeviceClock:
-    """The clock of a device, shared by all its streams.
-
-    Args:
-        max_drift_ppm: Bound on its drift.
-        wrap_s: When it wraps to zero; None where it never does.
-
-    Attributes:
-        model: Of the clock, since its last restart.
-        restarts: How often it restarted.
-    """
-
-    def __init__(self, max_drift_ppm: float, wrap_s: float | None = None) -> None:
-        self.restarts = 0
-        self._max_drift_ppm = max_drift_ppm
-        self._wrap_s = wrap_s
-        self.model = ClockModel(max_drift_ppm)
-
-    def restart(self) -> None:
-        """The clock has restarted."""
-        self.restarts += 1
-        self.model = ClockModel(self._max_drift_ppm)
-
-    def extended(self, shown_s: float, arrival_s: float) -> tuple[float, float]:
-        """Device time with wraps undone, and by how much it is ahead of the time expected from the arrival (s)."""
-        if not self.model.ready:
-            return shown_s, 0.0
-        expected_s = self.model.device_s(arrival_s)
-        if self._wrap_s is not None:
-            shown_s += self._wrap_s * round((expected_s - shown_s) / self._wrap_s)
-        return shown_s, shown_s - expected_s
-
-
-class _Host(ClockModel):
-    """The model of a clock that is the host's own: nothing is to be learnt."""
-
-    def observe(self, device_s: float, arrival_s: float) -> None:
-        """Nothing to observe: it shows the host's time."""
-
-    def host_s(self, device_s: float) -> float:
-        """What it shows."""
-        return device_s
-
-
-def host_clock() -> DeviceClock:
-    """The clock of samples that the host asks for at times that it knows."""
-    clock = DeviceClock(max_drift_ppm=0.0)
-    clock.model = _Host(max_drift_ppm=0.0)
-    return clock
 
 
 class Placed(NamedTuple):
@@ -161,12 +110,12 @@ class StreamTrack:
         if self._restarted(goes_on, missing, first_s, ahead_s + span_s):
             clock.restart()
             first_s, missing, goes_on = shown_s, None, False
-        clock.model.observe(first_s + span_s, arrival_s)
+        clock.observe(first_s + span_s, arrival_s)
         joined = missing == 0 and joins
-        host_s = self._host_s if joined else self._timeline.date(clock.model, first_s, goes_on)
+        host_s = self._host_s if joined else self._timeline.date(clock, first_s, goes_on)
         seq = self._number(counter, missing, host_s)
         lost = None if self._begins else 0 if missing is None else missing or None
-        last_s = host_s + span_s * (1.0 if self._rate_hz else clock.model.pace)
+        last_s = host_s + span_s * (1.0 if self._rate_hz else clock.pace)
         self._timeline.hold(last_s)
         self._begins, self._restarts = False, clock.restarts
         self._seq, self._counter = seq + n, (counter or 0) + n

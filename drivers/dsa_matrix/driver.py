@@ -8,10 +8,11 @@ from typing import TypeVar
 import numpy as np
 from pydantic import Field
 
+from drivers.core.clock_model import DeviceClock
 from drivers.core.errors import CodecError, ProtocolError, RefusedError, check_streams, wrong
 from drivers.core.links import SerialLink, SerialPort, open_serial
 from drivers.core.messages import Command, DeviceInfo, Listen, Saturated, StreamInfo
-from drivers.core.numbering import DeviceClock, SampleStream
+from drivers.core.numbering import SampleStream
 from drivers.core.wire import Inquiry, WireDriver
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
@@ -194,7 +195,7 @@ class DsaMatrix(WireDriver[SerialLink]):
             "bytes_passed_over": self._decoder.passed_over,
             "frames_wrong": self._wrong,
             "frames_lost": self._missing,
-            "drift_ppm": self._device_clock.model.drift_ppm,
+            "drift_ppm": self._device_clock.drift_ppm,
         }
 
     def _acquire(self, run: bool) -> MatrixPacket:

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.clock import Clock
+from drivers.core.clock_model import DeviceClock
 from drivers.core.errors import CodecError
 from drivers.core.messages import SampleBlock, StreamInfo
-from drivers.core.numbering import DeviceClock, StreamTrack
+from drivers.core.numbering import StreamTrack
 from drivers.sensor_board.codec import COUNTER_MODULUS, TIME_MODULUS, Samples
 
 PERIOD_S = 0.2
@@ -74,7 +75,7 @@ class BoardStreams:
             placed.seq,
             t0_s,
             values,
-            times_s=None if offsets_s is None else t0_s + offsets_s * self.clock.model.pace,
+            times_s=None if offsets_s is None else t0_s + offsets_s * self.clock.pace,
             device_t0_s=placed.device_s,
             arrival_s=arrival_s + bench_s,
         )

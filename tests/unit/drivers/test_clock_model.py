@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.core.clock_model import GAP, PATIENCE_S, SETTLING_S, WINDOW_S, ClockModel, Timeline
+from drivers.core.clock_model import GAP, PATIENCE_S, SETTLING_S, WINDOW_S, DeviceClock, Timeline
 
 Floats = NDArray[np.float64]
 
@@ -36,20 +36,20 @@ def bench(
     return device_s, uptime_s + true_s, uptime_s + arrivals_s
 
 
-def fed(device_s: Floats, arrivals_s: Floats, model: ClockModel | None = None) -> ClockModel:
-    model = model or ClockModel()
+def fed(device_s: Floats, arrivals_s: Floats, model: DeviceClock | None = None) -> DeviceClock:
+    model = model or DeviceClock()
     for shown_s, arrival_s in zip(device_s.tolist(), arrivals_s.tolist(), strict=True):
         model.observe(shown_s, arrival_s)
     return model
 
 
-def errors_s(model: ClockModel, device_s: Floats, true_s: Floats) -> Floats:
+def errors_s(model: DeviceClock, device_s: Floats, true_s: Floats) -> Floats:
     return np.array([model.host_s(shown_s) for shown_s in device_s.tolist()]) - true_s
 
 
 def dated(device_s: Floats, arrivals_s: Floats) -> Floats:
     """Host times of frames of ten samples, by the last of which the arrivals are: of each frame's first."""
-    model, timeline = ClockModel(), Timeline(PERIOD_S)
+    model, timeline = DeviceClock(), Timeline(PERIOD_S)
     times_s = []
     for at, (shown_s, arrival_s) in enumerate(zip(device_s.tolist(), arrivals_s.tolist(), strict=True)):
         model.observe(shown_s, arrival_s)
@@ -69,7 +69,7 @@ def test_the_simulated_delays_have_the_measured_quantiles() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_the_stated_bounds_hold_under_the_measured_jitter(drift_ppm: float, seed: int) -> None:
     device_s, true_s, arrivals_s = bench(drift_ppm, 20.0, seed=seed)
-    model = ClockModel()
+    model = DeviceClock()
     for at in range(len(device_s)):
         model.observe(float(device_s[at]), float(arrivals_s[at]))
         error_s = abs(model.host_s(float(device_s[at])) - true_s[at])
@@ -102,7 +102,7 @@ def test_uptimes_of_seventy_days_cost_no_precision() -> None:
 
 
 def test_the_first_arrival_gives_a_time_at_once() -> None:
-    model = ClockModel()
+    model = DeviceClock()
     assert not model.ready
     model.observe(5.0, 100.0)
     assert model.ready
@@ -111,7 +111,7 @@ def test_the_first_arrival_gives_a_time_at_once() -> None:
 
 
 def test_a_late_first_arrival_is_forgotten_as_soon_as_a_quick_one_comes() -> None:
-    model = ClockModel()
+    model = DeviceClock()
     model.observe(0.0, 10.016)
     model.observe(0.01, 10.010)
     assert model.host_s(0.01) == pytest.approx(10.010)
@@ -122,7 +122,7 @@ def test_a_host_that_stalls_for_two_seconds_moves_nothing(drift_ppm: float) -> N
     device_s, true_s, arrivals_s = bench(drift_ppm, 10.0)
     stall = (true_s > true_s[0] + 5.0) & (true_s < true_s[0] + 7.0)
     arrivals_s[stall] = true_s[0] + 7.0 + 1e-3
-    model = ClockModel()
+    model = DeviceClock()
     for at in range(len(device_s)):
         model.observe(float(device_s[at]), float(arrivals_s[at]))
         assert at < 100 or abs(model.host_s(float(device_s[at])) - true_s[at]) < 2e-5
@@ -156,7 +156,7 @@ def test_where_all_arrivals_are_quicker_for_good_the_line_follows_at_once() -> N
 
 def test_the_drift_stays_within_its_bound_whatever_comes() -> None:
     rng = np.random.default_rng(5)
-    model = ClockModel(max_drift_ppm=150.0)
+    model = DeviceClock(max_drift_ppm=150.0)
     for at in range(400):
         model.observe(at * 0.01, 50.0 + at * 0.01 + float(rng.exponential(0.5)))
         assert abs(model.drift_ppm) < 150.1
@@ -197,7 +197,7 @@ def test_the_inverse_gives_the_device_time_back() -> None:
 
 def test_no_sample_is_dated_after_its_arrival() -> None:
     device_s, _, arrivals_s = bench(70.0, 10.0, seed=9)
-    model = ClockModel()
+    model = DeviceClock()
     for shown_s, arrival_s in zip(device_s.tolist(), arrivals_s.tolist(), strict=True):
         model.observe(shown_s, arrival_s)
         assert model.host_s(shown_s) <= arrival_s + 1e-9

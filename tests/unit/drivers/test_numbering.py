@@ -10,8 +10,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from drivers.core.clock_model import DeviceClock, HostClock
 from drivers.core.messages import StreamInfo
-from drivers.core.numbering import ENDLESS, DeviceClock, Placed, Samples, StreamTrack, host_clock
+from drivers.core.numbering import ENDLESS, Placed, Samples, StreamTrack
 
 RATE_HZ = 1000.0
 COUNTER_MODULUS = 1 << 16
@@ -243,7 +244,7 @@ def test_times_of_samples_that_join_one_block_go_on_by_its_rate() -> None:
 
 
 def test_on_the_hosts_own_clock_times_are_as_they_are() -> None:
-    track = StreamTrack(host_clock(), 1000.0, ENDLESS)
+    track = StreamTrack(HostClock(), 1000.0, ENDLESS)
     assert track.place(5000.0, 5000.4, counter=0) == (0, 5000.0, 5000.0, None)
     assert track.place(5000.003, 5000.5, counter=3)[:2] == (3, 5000.003)
     # Another question has another grid, and counts from zero.
