@@ -81,6 +81,11 @@ from drivers.core.errors import RefusedError as RefusedError
 from drivers.core.errors import SilentError as SilentError
 from drivers.core.errors import check_streams as check_streams
 from drivers.core.errors import wrong as wrong
+from drivers.core.line_sensor import LineIdentity as LineIdentity
+from drivers.core.line_sensor import LineSample as LineSample
+from drivers.core.line_sensor import LineSensor as LineSensor
+from drivers.core.line_sensor import LineSensorSettings as LineSensorSettings
+from drivers.core.links import LineBuffer as LineBuffer
 from drivers.core.links import SerialLink as SerialLink
 from drivers.core.links import SerialPort as SerialPort
 from drivers.core.links import open_serial as open_serial

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from touchbench import OverMemory
+from touchbench import LineBuffer, OverMemory
 
-from . import codec
-from .driver import ForceSensor
+from .driver import COUNTER_MODULUS, ForceSensor, encode, text_of
 
 RATE_HZ = 100.0
 
@@ -25,7 +24,7 @@ class EmulatedForceSensor:
 
     def __init__(self, settings: object, bench: Any) -> None:
         self._bench = bench
-        self._lines = codec.Lines()
+        self._lines = LineBuffer(64)
         self._next: int | None = None
 
     @property
@@ -37,13 +36,13 @@ class EmulatedForceSensor:
         """Take bytes from the host at `t_s`; returns its answers."""
         sent = self.step(t_s)
         for line in self._lines.feed(data):
-            command = codec.text_of(line)
+            command = text_of(line)
             if command == "id":
-                sent += codec.encode_message(codec.Identity("0042", RATE_HZ, NEWTON_PER_COUNT))
+                sent += encode(f"id FS1 0042 {RATE_HZ:g} {NEWTON_PER_COUNT:g}")
             else:
                 self._bench.feel(command == "go")
                 self._next = math.floor(t_s * RATE_HZ) + 1 if command == "go" else None
-                sent += codec.encode_message(codec.Done(command))
+                sent += encode(f"ok {command}")
         return sent
 
     def step(self, t_s: float) -> bytes:
@@ -52,11 +51,8 @@ class EmulatedForceSensor:
         while self._next is not None and self.due_s <= t_s:
             self._bench.advance(self.due_s)
             force_n = self._bench.wrench(np.array([self.due_s]), TOWARDS)[0, 0]
-            counts = round(force_n / NEWTON_PER_COUNT)
-            sample = codec.Sample(
-                self._next % codec.COUNTER_MODULUS, round(self._next * 1e3 / RATE_HZ), counts
-            )
-            sent += codec.encode_message(sample)
+            counter, time_ms = self._next % COUNTER_MODULUS, round(self._next * 1e3 / RATE_HZ)
+            sent += encode(f"s {counter} {time_ms} {round(force_n / NEWTON_PER_COUNT)}")
             self._next += 1
         return sent
 

@@ -1,120 +1,55 @@
-"""A small force sensor on a serial port."""
+"""A small force sensor on a serial port.
+
+Its lines are text, a space, `*` and the XOR of the text's bytes in hexadecimal, a line feed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from functools import reduce
+from operator import xor
 
-import numpy as np
-from pydantic import Field
+from touchbench import CodecError, LineIdentity, LineSample, LineSensor, LineSensorSettings, StreamInfo
 
-from touchbench import (
-    CodecError,
-    Command,
-    DeviceClock,
-    DeviceInfo,
-    Inquiry,
-    Listen,
-    SampleStream,
-    SerialLink,
-    SerialPort,
-    StreamInfo,
-    WireDriver,
-    check_streams,
-    open_serial,
-    wrong,
-)
+COUNTER_MODULUS = 1 << 16
+"""It counts its samples in a u16."""
 
-from . import codec
+TIME_MODULUS = 1 << 32
+"""Its milliseconds are a u32."""
 
 
-class ForceSensorSettings(SerialPort):
+def encode(text: str) -> bytes:
+    """A line."""
+    return b"%b *%02X\n" % (text.encode(), reduce(xor, text.encode(), 0))
+
+
+def text_of(line: bytes) -> str:
+    """The text of a line without its end; raises `CodecError` where its check fails."""
+    text, star, _ = line.decode("ascii", "replace").partition(" *")
+    if not star or encode(text) != line + b"\n":
+        raise CodecError(f"{line[:24]!r} has no sound check")
+    return text
+
+
+class ForceSensorSettings(LineSensorSettings):
     """The force sensor."""
 
-    reply_timeout_s: float = Field(default=0.2, gt=0.0, le=10.0)
-    """How long an answer may take (assumption)."""
-    silence_timeout_s: float = Field(default=0.5, gt=0.0, le=60.0)
-    """Silence after which it has failed (assumption: fifty samples)."""
 
-
-class ForceSensor(WireDriver[SerialLink]):
+class ForceSensor(LineSensor):
     """A force sensor; a `touchbench.Device`. Its stream is `<name>.force`, in N."""
 
-    _settings: ForceSensorSettings
-    _opens = staticmethod(open_serial)
+    channel = "force"
+    query, start, stop = encode("id"), encode("go"), encode("halt")
 
-    def _prepare(self) -> None:
-        self._name = f"{self.name}.force"
-        self._forget()
-
-    def _forget(self) -> None:
-        self._lines = codec.Lines()
-        self._malformed = 0
-        self._listening = False
-        self._received_s = 0.0
-
-    def _identify(self, link: SerialLink) -> DeviceInfo:
-        s = self._settings
-        inquiry = Inquiry(
-            self.name,
-            f"asking who is at {s.port}",
-            link,
-            self._clock,
-            s.reply_timeout_s,
-            strange=lambda: f"{self._malformed} lines that are not its own arrived" * bool(self._malformed),
-            stranger="is another device at this port, or the baud rate wrong?",
-            silent="is it powered, and is this its port?",
-        )
-        link.send(codec.encode("halt"))  # an earlier host may have left it on
-        found: codec.Identity = inquiry.ask(lambda: link.send(codec.encode("id")), self._identity, 3)
-        info = StreamInfo(self._name, ("force",), "N", found.newton_per_count, found.rate_hz, noisy=True)
-        clock = DeviceClock(max_drift_ppm=200.0, wrap_s=codec.TIME_MODULUS * 1e-3)
-        self._stream = SampleStream(info, clock, self._clock, np.int32, codec.COUNTER_MODULUS)
-        streams, ticks = {info.name: info}, f"{self.name} milliseconds"
-        return DeviceInfo(self.name, "FS1", found.serial, streams=streams, clock=ticks)
-
-    def _leave(self, link: SerialLink, failure: str | None) -> None:
-        link.send(codec.encode("halt"))
-
-    def account(self) -> Mapping[str, object]:
-        """Lines that made no sense."""
-        return {"malformed": self._malformed}
-
-    def _valid(self, command: Command) -> Command:
-        if not isinstance(command, Listen):
-            raise wrong(self.name, command, "it has no such command", "a force sensor can Listen")
-        check_streams(self.name, command, command.streams, (self._name,))
-        return command
-
-    def _carry_out(self, command: Command) -> None:
-        wanted = isinstance(command, Listen) and bool(command.streams)
-        if wanted != self._listening and self._link is not None:
-            self._listening, self._received_s = wanted, self._clock.monotonic_s()
-            self._stream.begin()
-            self._sent(command, self._link.send(codec.encode("go" if wanted else "halt")))
-
-    def _update(self, link: SerialLink) -> str | None:
-        for arrival_s, message in self._messages(link.receive()):
-            if isinstance(message, codec.Sample) and self._listening:
-                self._received_s = arrival_s
-                sample, shown_s = (message.counts,), message.time_ms * 1e-3
-                t_s, lost = self._stream.push(sample, shown_s, arrival_s, message.counter)
-                if lost is not None:
-                    self._lost(t_s, self._name, lost)
-        self._blocks += self._stream.take()
-        limit_s, silent_s = self._settings.silence_timeout_s, self._clock.monotonic_s() - self._received_s
-        silent = self._listening and silent_s > limit_s
-        return f"no sample in {limit_s:g} s; is it powered?" if silent else None
-
-    def _identity(self, arrived: tuple[float, bytes]) -> codec.Identity | None:
-        messages = (message for _, message in self._messages([arrived]))
-        return next((message for message in messages if isinstance(message, codec.Identity)), None)
-
-    def _messages(self, arrived: list[tuple[float, bytes]]) -> list[tuple[float, codec.Message]]:
-        messages = []
-        for arrival_s, data in arrived:
-            for line in self._lines.feed(data):
-                try:
-                    messages.append((arrival_s, codec.decode(line)))
-                except CodecError:
-                    self._malformed += 1
-        return messages
+    def parse(self, line: bytes) -> LineIdentity | LineSample | None:
+        """See `LineSensor.parse`."""
+        match text_of(line).split():
+            case ["id", "FS1", serial, rate_hz, newton_per_count]:
+                scale, rate = float(newton_per_count), float(rate_hz)
+                stream = StreamInfo(f"{self.name}.force", ("force",), "N", scale, rate, noisy=True)
+                return LineIdentity("FS1", serial, stream, TIME_MODULUS * 1e-3, COUNTER_MODULUS)
+            case ["ok", _]:
+                return None
+            case ["s", *numbers] if len(numbers) == 3 and all(n.lstrip("-").isdecimal() for n in numbers):
+                counter, time_ms, counts = map(int, numbers)
+                return LineSample((counts,), time_ms * 1e-3, counter)
+        raise CodecError(f"{line[:24]!r} is no message of the sensor")

@@ -1,0 +1,168 @@
+"""The base of sensors on a serial port that send a line for each sample."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field
+
+from drivers.core.errors import CodecError, check_streams, wrong
+from drivers.core.links import LineBuffer, SerialLink, SerialPort, open_serial
+from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo
+from drivers.core.numbering import DeviceClock, SampleStream
+from drivers.core.wire import Inquiry, WireDriver
+
+ATTEMPTS = 3
+"""How often a sensor is asked who it is (assumption)."""
+
+LONGEST_LINE = 1024
+"""Bytes; what is longer is no line of a sensor (assumption)."""
+
+
+class LineSensorSettings(SerialPort):
+    """A sensor that sends lines."""
+
+    reply_timeout_s: float = Field(default=0.2, gt=0.0, le=10.0)
+    """How long an answer may take (assumption)."""
+    silence_timeout_s: float = Field(default=0.5, gt=0.0, le=60.0)
+    """Silence after which it has failed (assumption: tens of samples)."""
+    max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
+    """Bound on the drift between its clock and the host's. Assumption: two crystals of 100 ppm."""
+
+
+class LineIdentity(NamedTuple):
+    """What a sensor says of itself.
+
+    Attributes:
+        model: As it is named.
+        serial: Its own number.
+        stream: Its samples; the name as in `<device>.force`, the unit and scale of a count.
+        wrap_s: After how long its clock is zero again; None never.
+        counter_modulus: At which its counter of samples is zero again; None where it counts none.
+    """
+
+    model: str
+    serial: str
+    stream: StreamInfo
+    wrap_s: float | None = None
+    counter_modulus: int | None = None
+
+
+class LineSample(NamedTuple):
+    """A sample: counts of each channel, what the sensor's clock showed (s), and its number by the sensor."""
+
+    counts: ArrayLike
+    shown_s: float
+    counter: int | None = None
+
+
+class LineSensor(WireDriver[SerialLink]):
+    """A sensor that sends a line for each sample; with `read` it implements `drivers.core.protocols.Device`.
+
+    A subclass names its stream, three orders, and reads its lines.
+
+    Attributes:
+        channel: Of its stream: `force` is `<device>.force`.
+        query: Asks who it is.
+        start: Has it send samples.
+        stop: Ends them.
+    """
+
+    channel: ClassVar[str]
+    query: ClassVar[bytes]
+    start: ClassVar[bytes]
+    stop: ClassVar[bytes]
+
+    _settings: LineSensorSettings
+    _opens = staticmethod(open_serial)
+
+    def parse(self, line: bytes) -> LineIdentity | LineSample | None:
+        """What a line says; None where it is an acknowledgement.
+
+        Raises:
+            CodecError: it is no line of this sensor.
+        """
+        raise NotImplementedError
+
+    def account(self) -> Mapping[str, object]:
+        """Lines that made no sense."""
+        return {"malformed": self._malformed}
+
+    def _prepare(self) -> None:
+        self._stream_name = f"{self.name}.{self.channel}"
+        self._forget()
+
+    def _forget(self) -> None:
+        self._lines = LineBuffer(LONGEST_LINE)
+        self._malformed = 0
+        self._listening = False
+        self._received_s = 0.0
+
+    def _identify(self, link: SerialLink) -> DeviceInfo:
+        s = self._settings
+        inquiry = Inquiry(
+            self.name,
+            f"asking who is at {s.port}",
+            link,
+            self._clock,
+            s.reply_timeout_s,
+            strange=lambda: f"{self._malformed} lines that are not its own arrived" * bool(self._malformed),
+            stranger="is another device at this port, or the baud rate wrong?",
+            silent="is it powered, and is this its port?",
+        )
+        link.send(self.stop)  # an earlier host may have left it on
+        found = inquiry.ask(lambda: link.send(self.query), self._identity, ATTEMPTS)
+        clock = DeviceClock(s.max_drift_ppm, wrap_s=found.wrap_s)
+        self._stream = SampleStream(found.stream, clock, self._clock, np.int32, found.counter_modulus)
+        streams = {found.stream.name: found.stream}
+        return DeviceInfo(
+            self.name,
+            found.model,
+            found.serial,
+            streams=streams,
+            clock=f"{self.name}'s own",
+            details={"port": s.port},
+        )
+
+    def _leave(self, link: SerialLink, failure: str | None) -> None:
+        link.send(self.stop)
+
+    def _valid(self, command: Command) -> Command:
+        if not isinstance(command, Listen):
+            raise wrong(self.name, command, "it has no such command", "a sensor can Listen")
+        check_streams(self.name, command, command.streams, (self._stream_name,))
+        return command
+
+    def _carry_out(self, command: Command) -> None:
+        wanted = isinstance(command, Listen) and bool(command.streams)
+        if wanted != self._listening and self._link is not None:
+            self._listening, self._received_s = wanted, self._clock.monotonic_s()
+            self._stream.begin()
+            self._sent(command, self._link.send(self.start if wanted else self.stop))
+
+    def _update(self, link: SerialLink) -> str | None:
+        for arrival_s, data in link.receive():
+            for message in self._messages(data):
+                if isinstance(message, LineSample) and self._listening:
+                    self._received_s = arrival_s
+                    t_s, lost = self._stream.push(message.counts, message.shown_s, arrival_s, message.counter)
+                    if lost is not None:
+                        self._lost(t_s, self._stream_name, lost)
+        self._blocks += self._stream.take()
+        limit_s, silent_s = self._settings.silence_timeout_s, self._clock.monotonic_s() - self._received_s
+        silent = self._listening and silent_s > limit_s
+        return f"no sample in {limit_s:g} s; is it powered?" if silent else None
+
+    def _identity(self, arrived: tuple[float, bytes]) -> LineIdentity | None:
+        return next((found for found in self._messages(arrived[1]) if isinstance(found, LineIdentity)), None)
+
+    def _messages(self, data: bytes) -> Iterator[LineIdentity | LineSample]:
+        for line in self._lines.feed(data):
+            try:
+                if (message := self.parse(line)) is not None:
+                    yield message
+            except CodecError:
+                self._malformed += 1
