@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
+from drivers.core.clock_model import DeviceClock
 from drivers.core.errors import CodecError, check_streams, wrong
 from drivers.core.links import LineBuffer, SerialLink, SerialPort, open_serial
 from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo
-from drivers.core.numbering import DeviceClock, SampleStream
+from drivers.core.numbering import SampleStream
 from drivers.core.wire import Inquiry, WireDriver
 
 ATTEMPTS = 3

@@ -78,7 +78,7 @@ ARGUMENTS: Final[Mapping[int, struct.Struct]] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Samples:
+class BoardSamples:
     """Consecutive samples of a stream; an irregular one has one channel and brings the time of each.
 
     Attributes:
@@ -167,7 +167,7 @@ class BoardReply:
     status: int
 
 
-Message = Samples | BoardHello | CommandFrame | BoardReply
+Message = BoardSamples | BoardHello | CommandFrame | BoardReply
 
 
 def encode(message: Message) -> bytes:
@@ -210,7 +210,7 @@ def _body(message: Message) -> bytes:
     if isinstance(message, BoardHello):
         return bytes([BoardKind.HELLO]) + message.model_dump_json().encode()
     try:
-        if isinstance(message, Samples):
+        if isinstance(message, BoardSamples):
             place = (message.stream, message.seq, message.t_us)
             if message.times_us is None:
                 values = _some(message.values).astype(_I32, copy=False)
@@ -233,14 +233,14 @@ def _some(values: NDArray[np.int32]) -> NDArray[np.int32]:
     return values
 
 
-def _decode_samples(body: bytes) -> Samples:
+def _decode_samples(body: bytes) -> BoardSamples:
     kind, stream, seq, t_us = _HEADER.unpack_from(body)
     if kind == BoardKind.SAMPLES:
         values = np.frombuffer(body, _I32, offset=_HEADER.size)
-        return Samples(stream, seq, t_us, _some(values.astype(np.int32)))
+        return BoardSamples(stream, seq, t_us, _some(values.astype(np.int32)))
     rows = np.frombuffer(body, _TIMED, offset=_HEADER.size)
     values, times_us = rows["value"].astype(np.int32), rows["t_us"].astype(np.uint32)
-    return Samples(stream, seq, t_us, _some(values), times_us)
+    return BoardSamples(stream, seq, t_us, _some(values), times_us)
 
 
 def _decode_command(body: bytes) -> CommandFrame:

@@ -16,9 +16,9 @@ from drivers.sensor_board.codec import (
     BoardHello,
     BoardKind,
     BoardReply,
+    BoardSamples,
     CommandFrame,
     ReplyStatus,
-    Samples,
     decode,
     encode,
 )
@@ -266,14 +266,14 @@ class SensorBoard(WireDriver[SerialLink]):
     def _receive(self, body: bytes, arrival_s: float) -> None:
         try:
             message = decode(body)
-            if isinstance(message, Samples):
+            if isinstance(message, BoardSamples):
                 self._take(message, arrival_s)
             elif isinstance(message, BoardReply):
                 self._settle(message)
         except CodecError:
             self._malformed += 1
 
-    def _take(self, frame: Samples, arrival_s: float) -> None:
+    def _take(self, frame: BoardSamples, arrival_s: float) -> None:
         block, lost = self._streams.push(frame, arrival_s)
         if lost is not None:
             self._lost(self._clock.from_monotonic(arrival_s), block.stream, lost)

@@ -12,7 +12,7 @@ from drivers.core.clock_model import DeviceClock
 from drivers.core.errors import CodecError
 from drivers.core.messages import SampleBlock, StreamInfo
 from drivers.core.numbering import StreamTrack
-from drivers.sensor_board.codec import COUNTER_MODULUS, TIME_MODULUS, Samples
+from drivers.sensor_board.codec import COUNTER_MODULUS, TIME_MODULUS, BoardSamples
 
 PERIOD_S = 0.2
 """Longest time between two samples of an irregular stream, s. Assumption: five periods of a finger at 28 Hz."""
@@ -56,7 +56,7 @@ class BoardStreams:
         for number in numbers:
             self._tracks[number].begin()
 
-    def push(self, frame: Samples, arrival_s: float) -> tuple[SampleBlock, int | None]:
+    def push(self, frame: BoardSamples, arrival_s: float) -> tuple[SampleBlock, int | None]:
         """The block in a frame that was in hand at monotonic time `arrival_s`, and what was lost before it (`Placed`).
 
         Raises:
@@ -82,7 +82,7 @@ class BoardStreams:
         return block, placed.lost
 
 
-def _content(frame: Samples, info: StreamInfo) -> tuple[NDArray[np.int32], NDArray[np.float64] | None]:
+def _content(frame: BoardSamples, info: StreamInfo) -> tuple[NDArray[np.int32], NDArray[np.float64] | None]:
     """Values, shape (n, channels); device time since the first in s, shape (n,), where samples are irregular."""
     channels, regular = len(info.channels), frame.times_us is None
     if regular is (info.rate_hz is None) or len(frame.values) % channels or not (regular or channels == 1):

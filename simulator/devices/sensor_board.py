@@ -16,10 +16,10 @@ from drivers.sensor_board.codec import (
     BoardCode,
     BoardHello,
     BoardReply,
+    BoardSamples,
     CommandFrame,
     HelloStream,
     ReplyStatus,
-    Samples,
     decode,
     encode,
 )
@@ -188,7 +188,7 @@ class EmulatedSensorBoard:
         first_tick = channel.tick - len(channel.waiting)
         values, channel.waiting = channel.waiting[:samples], channel.waiting[samples:]
         seq = channel.number_block(samples)
-        self._send(Samples(channel.number, seq, clock.tick_us(first_tick, rate_hz), values.reshape(-1)))
+        self._send(BoardSamples(channel.number, seq, clock.tick_us(first_tick, rate_hz), values.reshape(-1)))
 
     def _send_events(self, channel: Channel, clock: BoardClock) -> None:
         times_s, values = self._source.events(channel.spec.name)
@@ -197,11 +197,11 @@ class EmulatedSensorBoard:
         for start in range(0, len(counts), self._settings.block_samples):
             part = slice(start, start + self._settings.block_samples)
             seq = channel.number_block(len(counts[part]))
-            self._send(Samples(channel.number, seq, int(shown_us[start]), counts[part], shown_us[part]))
+            self._send(BoardSamples(channel.number, seq, int(shown_us[start]), counts[part], shown_us[part]))
 
     # the line
 
-    def _send(self, message: Samples) -> None:
+    def _send(self, message: BoardSamples) -> None:
         """Put a sample frame on the line, spoilt where a fault waits for one."""
         frame = encode(message)
         fault = self._spoil.pop(0) if self._spoil else None

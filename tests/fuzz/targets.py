@@ -107,7 +107,7 @@ def _board(data: bytes) -> None:
     for place, body in enumerate((*bodies, *data.split(b"\xff\x00\xff"))):
         with suppress(CodecError):
             message = board.decode(body)
-            if isinstance(message, board.Samples):
+            if isinstance(message, board.BoardSamples):
                 streams.push(message, 10.0 + 0.01 * place)
     device = EmulatedSensorBoard(EmulatedSensorBoardSettings(), Source())
     for body in (b"", *data.split(b"\xff\x00\xff")):
@@ -122,7 +122,7 @@ def _board_seeds() -> Iterable[bytes]:
     yield b"\xff\x00\xff".join(
         (
             bytes.fromhex("0100020140420f00 00c0ffff00000001".replace(" ", "")),
-            board.encode(board.Samples(2, 3, 7, counts, times_us))[1:-3],
+            board.encode(board.BoardSamples(2, 3, 7, counts, times_us))[1:-3],
         )
     )
     for code in (1, 2, 3, 4, 5, 6, 7):

@@ -11,10 +11,10 @@ from drivers.sensor_board.codec import (
     BoardCode,
     BoardHello,
     BoardReply,
+    BoardSamples,
     CommandFrame,
     Message,
     ReplyStatus,
-    Samples,
     decode,
     encode,
 )
@@ -61,7 +61,7 @@ class Line:
 
 
 def samples(messages: list[Any], stream: int) -> np.ndarray:
-    return np.concatenate([m.values for m in messages if isinstance(m, Samples) and m.stream == stream])
+    return np.concatenate([m.values for m in messages if isinstance(m, BoardSamples) and m.stream == stream])
 
 
 def test_a_client_that_has_just_connected_receives_the_first_hello() -> None:
@@ -92,7 +92,7 @@ def test_samples_lie_on_the_grid_of_a_clock_that_drifts() -> None:
     line = Line(drift_ppm=100.0, start_us=5)
     line.status(BoardCode.START, 1 << FORCE)
     messages = line.run(10.0, step_s=0.01)
-    frames = [message for message in messages if isinstance(message, Samples)]
+    frames = [message for message in messages if isinstance(message, BoardSamples)]
     assert [frame.t_us for frame in frames[:3]] == [1_005, 11_005, 21_005]
     assert samples(frames, FORCE).size == 10_000  # of 10,001 ticks of a fast clock, ten by ten
     # The force is its own true time: sample k was taken at k ms of a clock that runs 100 ppm fast.
@@ -102,7 +102,7 @@ def test_samples_lie_on_the_grid_of_a_clock_that_drifts() -> None:
 def test_the_clock_and_the_counter_wrap() -> None:
     line = Line(start_us=2**32 - 40_000_000, drift_ppm=0.0, block_samples=50)
     line.status(BoardCode.START, 1 << FORCE)
-    frames = [m for m in line.run(70.0, step_s=0.25) if isinstance(m, Samples)]
+    frames = [m for m in line.run(70.0, step_s=0.25) if isinstance(m, BoardSamples)]
     assert [frame.seq for frame in frames] == [50 * at % 65_536 for at in range(len(frames))]
     assert frames[-1].t_us == (frames[0].t_us + 50_000 * (len(frames) - 1)) % 2**32
     assert max(frame.seq for frame in frames) > 65_000 > frames[-1].seq
@@ -154,7 +154,7 @@ def test_a_stream_that_stays_in_the_mask_is_not_disturbed() -> None:
     messages = line.run(0.055)
     line.status(BoardCode.START, 1 << FORCE | 1 << PERIOD)
     messages += line.run(0.055)
-    frames = [m for m in messages if isinstance(m, Samples) and m.stream == FORCE]
+    frames = [m for m in messages if isinstance(m, BoardSamples) and m.stream == FORCE]
     assert [frame.seq for frame in frames] == list(range(0, 110, 10))
     assert np.diff([frame.t_us for frame in frames]).tolist() == [10_000] * 10
 

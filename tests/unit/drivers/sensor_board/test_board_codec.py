@@ -17,10 +17,10 @@ from drivers.sensor_board.codec import (
     BoardCode,
     BoardHello,
     BoardReply,
+    BoardSamples,
     CommandFrame,
     HelloStream,
     Message,
-    Samples,
     decode,
     encode,
 )
@@ -85,10 +85,10 @@ def test_a_golden_message_is_encoded_as_the_golden_frame(golden: dict[str, Any])
     message: Message
     if expected["kind"] == "samples":
         values = np.array(expected["values"], np.int32)
-        message = Samples(expected["stream"], expected["seq"], expected["t_us"], values)
+        message = BoardSamples(expected["stream"], expected["seq"], expected["t_us"], values)
     elif expected["kind"] == "times":
         times, values = np.array(expected["times_us"], np.uint32), np.array(expected["values"], np.int32)
-        message = Samples(expected["stream"], expected["seq"], expected["t_us"], values, times)
+        message = BoardSamples(expected["stream"], expected["seq"], expected["t_us"], values, times)
     elif expected["kind"] == "command":
         message = CommandFrame(expected["code"], expected["tag"], expected["argument"])
     else:
@@ -98,17 +98,17 @@ def test_a_golden_message_is_encoded_as_the_golden_frame(golden: dict[str, Any])
 
 @given(U8, U16, U32, st.lists(I32, min_size=1, max_size=200))
 def test_samples_come_back(number: int, seq: int, t_us: int, values: list[int]) -> None:
-    again = decode(body_of(Samples(number, seq, t_us, np.array(values, np.int32))))
-    assert isinstance(again, Samples)
+    again = decode(body_of(BoardSamples(number, seq, t_us, np.array(values, np.int32))))
+    assert isinstance(again, BoardSamples)
     assert (again.stream, again.seq, again.t_us, again.values.tolist()) == (number, seq, t_us, values)
 
 
 @given(U8, U16, U32, st.lists(st.tuples(U32, I32), min_size=1, max_size=100))
 def test_samples_with_times_come_back(number: int, seq: int, t_us: int, rows: list[tuple[int, int]]) -> None:
     times, values = map(list, zip(*rows, strict=True))
-    sent = Samples(number, seq, t_us, np.array(values, np.int32), np.array(times, np.uint32))
+    sent = BoardSamples(number, seq, t_us, np.array(values, np.int32), np.array(times, np.uint32))
     again = decode(body_of(sent))
-    assert isinstance(again, Samples)
+    assert isinstance(again, BoardSamples)
     assert again.times_us is not None
     assert (again.stream, again.seq, again.t_us) == (number, seq, t_us)
     assert (again.times_us.tolist(), again.values.tolist()) == (times, values)
@@ -158,7 +158,7 @@ def test_any_body_is_a_message_or_a_codec_error(body: bytes) -> None:
         message = decode(body)
     except CodecError:
         return
-    assert isinstance(message, Samples | BoardHello | CommandFrame | BoardReply)
+    assert isinstance(message, BoardSamples | BoardHello | CommandFrame | BoardReply)
 
 
 @pytest.mark.parametrize(
@@ -207,8 +207,8 @@ def test_a_command_that_is_not_known_keeps_its_code_and_tag_for_the_answer() -> 
         CommandFrame(BoardCode.STOP, 0, 1),
         CommandFrame(99, 0),
         BoardReply(4, 256, 0),
-        Samples(0, 65_536, 0, np.zeros(1, np.int32)),
-        Samples(0, 0, 0, np.zeros(0, np.int32)),
+        BoardSamples(0, 65_536, 0, np.zeros(1, np.int32)),
+        BoardSamples(0, 0, 0, np.zeros(0, np.int32)),
     ],
 )
 def test_what_does_not_fit_into_its_field_is_not_encoded(message: Message) -> None:

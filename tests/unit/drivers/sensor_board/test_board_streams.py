@@ -10,7 +10,7 @@ import pytest
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import CodecError
 from drivers.core.messages import SampleBlock, StreamInfo
-from drivers.sensor_board.codec import Samples
+from drivers.sensor_board.codec import BoardSamples
 from drivers.sensor_board.streams import BoardStreams
 
 FORCE, ACCELERATION, PERIOD = 0, 1, 2
@@ -32,7 +32,7 @@ class Board:
     start_s: float = 1001.0
 
     def force(self, sample: int, n: int = 10, late_s: float = 0.0) -> tuple[SampleBlock, int | None]:
-        frame = Samples(
+        frame = BoardSamples(
             FORCE,
             (self.start_seq + sample) % 2**16,
             (self.start_us + sample * 1000) % 2**32,
@@ -44,7 +44,7 @@ class Board:
         times_us = np.array([(self.start_us + round(t * 1e6)) % 2**32 for t in times_s], np.uint32)
         values = np.full(len(times_s), 357_143, np.int32)
         return self.streams.push(
-            Samples(PERIOD, seq % 2**16, int(times_us[0]), values, times_us),
+            BoardSamples(PERIOD, seq % 2**16, int(times_us[0]), values, times_us),
             self.start_s + times_s[-1] + late_s,
         )
 
@@ -69,7 +69,7 @@ def test_a_block_carries_raw_counts_and_all_its_times(board: Board) -> None:
 
 
 def test_channels_lie_side_by_side(board: Board) -> None:
-    frame = Samples(ACCELERATION, 0, 0, np.array([1, 2, 3, 4], np.int32))
+    frame = BoardSamples(ACCELERATION, 0, 0, np.array([1, 2, 3, 4], np.int32))
     assert board.streams.push(frame, 1001.0)[0].values.tolist() == [[1, 2], [3, 4]]
 
 
@@ -122,14 +122,14 @@ def test_a_stream_that_goes_on_after_a_silence_that_was_asked_for_has_lost_nothi
 @pytest.mark.parametrize(
     "frame",
     [
-        Samples(9, 0, 0, np.zeros(4, np.int32)),
-        Samples(ACCELERATION, 0, 0, np.zeros(3, np.int32)),
-        Samples(PERIOD, 0, 0, np.zeros(4, np.int32)),
-        Samples(FORCE, 0, 0, np.zeros(1, np.int32), np.zeros(1, np.uint32)),
-        Samples(PERIOD, 0, 5, np.zeros(1, np.int32), np.array([4], np.uint32)),
-        Samples(PERIOD, 0, 5, np.zeros(3, np.int32), np.array([5, 9, 8], np.uint32)),
+        BoardSamples(9, 0, 0, np.zeros(4, np.int32)),
+        BoardSamples(ACCELERATION, 0, 0, np.zeros(3, np.int32)),
+        BoardSamples(PERIOD, 0, 0, np.zeros(4, np.int32)),
+        BoardSamples(FORCE, 0, 0, np.zeros(1, np.int32), np.zeros(1, np.uint32)),
+        BoardSamples(PERIOD, 0, 5, np.zeros(1, np.int32), np.array([4], np.uint32)),
+        BoardSamples(PERIOD, 0, 5, np.zeros(3, np.int32), np.array([5, 9, 8], np.uint32)),
     ],
 )
-def test_a_frame_that_does_not_fit_the_hello_is_refused(board: Board, frame: Samples) -> None:
+def test_a_frame_that_does_not_fit_the_hello_is_refused(board: Board, frame: BoardSamples) -> None:
     with pytest.raises(CodecError):
         board.streams.push(frame, 1001.0)

@@ -25,7 +25,7 @@ from drivers.core.messages import (
     SetTendon,
     Tare,
 )
-from drivers.sensor_board.codec import BoardCode, BoardReply, CommandFrame, Samples, decode, encode
+from drivers.sensor_board.codec import BoardCode, BoardReply, BoardSamples, CommandFrame, decode, encode
 from drivers.sensor_board.framing import BoardFrameDecoder, frame
 from tests.refusals import refused
 from tests.unit.drivers.sensor_board.board_bench import Bench, Source
@@ -584,7 +584,7 @@ def test_frames_that_fit_no_stream_are_counted_and_those_beside_them_taken(make_
     bench.device.apply(listen(FORCE))
     bench.run(0.1)
     for _ in range(2):
-        bench.host.arrived.append((bench.host.t_s, encode(Samples(31, 0, 0, np.zeros(4, np.int32)))))
+        bench.host.arrived.append((bench.host.t_s, encode(BoardSamples(31, 0, 0, np.zeros(4, np.int32)))))
     blocks, statuses = bench.run(0.1)
     assert bench.device.account()["malformed"] == 2
     assert len(blocks) == pytest.approx(10, abs=1)
