@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from drivers.core.clock import VirtualClock
-from drivers.core.errors import CommandError, RefusedError
+from drivers.core.errors import RefusedError
 from drivers.core.messages import (
     Answered,
     Ask,
     Command,
-    Excite,
     Listen,
     Loaded,
     LoadWeight,
@@ -81,28 +79,6 @@ def test_a_weight_hangs_alone_and_is_reported_and_sampled(opened: Any) -> None:
         assert tip.hangs == hangs
     assert [block.values.tolist() for block in person.blocks] == [[[2.0, 0.0, 0.0]], [[0.0, 0.0, 1.5]]]
     assert np.diff([block.seq for block in person.blocks]).tolist() == [1]
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        Ask("operator", " "),
-        Ask("another", "wipe the tip"),
-        LoadWeight("operator", "z", 1.0),
-        LoadWeight("operator", "x", 10.1),
-        LoadWeight("operator", "y", -0.1),
-        LoadWeight("operator", "t", 1.6),
-        LoadWeight("operator", "t", math.nan),
-        Excite("operator", True),
-    ],
-)
-def test_what_makes_no_sense_is_an_error_in_one_line_and_nothing_hangs(opened: Any, command: Command) -> None:
-    person, tip = opened()
-    with pytest.raises(CommandError) as error:
-        person.device.apply(command)
-    assert "\n" not in str(error.value)
-    person.turn(1.0)
-    assert (person.statuses, tip.hangs) == ([], {})
 
 
 def test_a_newer_request_takes_an_older_one_s_place(opened: Any) -> None:

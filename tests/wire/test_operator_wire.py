@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.core.messages import Ask, Failed, Listen, Loaded, LoadWeight, Refused, Sent
+from drivers.core.messages import Ask, Failed, Listen, Loaded, LoadWeight, Sent
 from drivers.operator.driver import Person, PersonSettings
 from simulator.devices.operator import EmulatedPerson
 from simulator.physics.weight_set import HandSettings
@@ -74,26 +74,6 @@ def test_the_console_is_not_bothered_by_a_person_on_a_line(line):
     person = line[0]
     person.apply(Ask("operator", "shut the door"))
     assert person.question is None
-
-
-def test_a_newer_request_replaces_an_older_one_on_the_line_too(line):
-    person, bench, *_, clock = line
-    person.apply(LoadWeight("operator", "x", 1.0))
-    person.apply(LoadWeight("operator", "y", 2.0))
-    loaded, _, _ = until(person, Loaded, clock)
-    assert loaded.bridge == "y"
-    assert bench.loads["x"] == 0.0
-    clock.rest(0.1)
-    assert not [status for status in person.poll() if isinstance(status, Loaded)]
-
-
-def test_no_comes_back_with_its_reason(line):
-    person, _, device, serve, port, _, clock = line
-    with serve.lock(port):
-        device.inject("refuse", 0.0)
-    person.apply(LoadWeight("operator", "x", 1.0))
-    refused, *_ = until(person, Refused, clock)
-    assert refused.reason == "that cannot be done"
 
 
 def test_a_line_that_is_pulled_is_a_failure_reported_once(line):
