@@ -78,11 +78,6 @@ def test_an_axis_without_a_path_is_named():
         Aura(AuraSettings(paths=PATHS), AuraFactors(axis="z"), DETECTORS)
 
 
-def test_after_a_pause_near_the_object_it_backs_off_first():
-    behavior, _ = to("APPROACHING")
-    assert behavior.handle(Resumed(9.0)) == [go(0.0, 0.0, 0.01)]
-
-
 def test_a_sweep_is_silence_chirp_silence():
     sweep = ChirpSweep(ChirpSettings(), Settings(), frozenset())
     assert sweep.begin(0.0) == [Excite("audio", False)]
