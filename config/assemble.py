@@ -177,7 +177,7 @@ def _mock_rig(profile: Profile) -> Rig:
         slips=(lambda: bench.slips) if hasattr(bench, "slips") else None,
         lifts=(lambda: bench.lifts) if hasattr(bench, "lifts") else None,
         account=bench.account,
-        ahead=ahead,
+        ahead=ahead.skip,
     )
 
 

@@ -329,7 +329,7 @@ class Loop:
         watched = self._guard.in_contact_from_start or self.account.outcome or trial.paused_s is not None
         if self._rig.ahead is None or not stride or watched:
             return False
-        turns = self._rig.ahead.skip(
+        turns = self._rig.ahead(
             self._next(stride),
             stride,
             self._settings.rate_hz,

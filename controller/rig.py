@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from drivers.core.clock import Clock
 from drivers.core.protocols import Asking, Device
@@ -30,37 +30,6 @@ class TrialScene:
     plant: Mapping[str, Any] = field(default_factory=dict)
 
 
-class Ahead(Protocol):
-    """A bench in virtual time that can go back in it."""
-
-    def skip(
-        self,
-        first: int,
-        stride: int,
-        rate_hz: float,
-        until_s: float,
-        changed: Sequence[object],
-        look: Callable[[], float | None],
-        armed: bool,
-        events: int,
-    ) -> int:
-        """Let the next turns pass as one where nothing happens in them; where something does, all is put back.
-
-        Args:
-            first: Number of the next turn; turn k is due at k / rate_hz.
-            stride: From a turn's number to the next one's.
-            rate_hz: Of the turns' numbers.
-            until_s: Before it nothing happens by itself.
-            changed: What a look changes beside the bench.
-            look: Sees what has come by now; when the first thing happened in it, None where nothing did.
-            armed: Whether detectors listen.
-            events: How many there were in the trial so far.
-
-        Returns:
-            How many turns have passed; 0 where the next one is to be taken by itself.
-        """
-
-
 @dataclass(frozen=True)
 class Rig:
     """Devices wired together.
@@ -77,7 +46,8 @@ class Rig:
         account: What the plant did: tiers, what was skipped; for the manifest.
         close: Closes what is not a device (an emulator's process).
         time: Of the clock: it jumps, waits for a process that is late, or is the host's.
-        ahead: Lets turns in which nothing happens pass as one, where time may be tried and taken back.
+        ahead: Lets turns in which nothing happens pass as one, where time may be tried and taken back: see
+            `simulator.look_ahead.LookAhead.skip`.
     """
 
     kind: BenchKind
@@ -89,7 +59,7 @@ class Rig:
     lifts: Callable[[], Sequence[tuple[float, float, float]]] | None = None
     account: Callable[[], Mapping[str, Any]] = dict
     close: Callable[[], None] = lambda: None
-    ahead: Ahead | None = None
+    ahead: Callable[..., int] | None = None
     time: BenchTime = "virtual"
 
     @property

@@ -78,7 +78,21 @@ class LookAhead:
         armed: bool,
         events: int,
     ) -> int:
-        """See `controller.rig.Ahead`."""
+        """Let the next turns pass as one where nothing happens in them; where something does, all is put back.
+
+        Args:
+            first: Number of the next turn; turn k is due at k / rate_hz.
+            stride: From a turn's number to the next one's.
+            rate_hz: Of the turns' numbers.
+            until_s: Before it nothing happens by itself.
+            changed: What a look changes beside the bench.
+            look: Sees what has come by now; when the first thing happened in it, None where nothing did.
+            armed: Whether detectors listen.
+            events: How many there were in the trial so far.
+
+        Returns:
+            How many turns have passed; 0 where the next one is to be taken by itself.
+        """
         if events > self._events:
             self._turns, self._known = 1, False  # what follows from it comes in the next turn
         elif self._apart:

@@ -7,15 +7,34 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+from pydantic import Field
+
 from drivers.core.errors import CodecError, RefusedError
 from drivers.core.links import LineBuffer
+from drivers.core.settings import Settings
 from drivers.operator.codec import LINE_MAX, decode, encode
 from simulator.physics.bench import Bench, part
-from simulator.physics.weight_set import Hands, HandSettings
+
+STREAM_WEIGHTS = 64
+"""Number of the weights' errors among the bench's counter-based streams; plant, arm and idle sensors are below."""
+
+
+class HandSettings(Settings):
+    """A simulated person and their weights."""
+
+    answer_s: float = Field(default=0.4, ge=0.0, le=3600.0)
+    """How long they take for a request. Assumption: far less than a person's, which is not measured here."""
+
+    weight_error: float = Field(default=0.001, ge=0.0, le=0.1)
+    """Relative standard deviation of what a weight really pulls with. Assumption: a laboratory's slotted weights, local
+    gravity included."""
 
 
 class EmulatedPerson:
-    """Does what the latest request states.
+    """Does what the latest request states; hangs one load at a time.
+
+    A weight of a given size is the same piece in all trials of a run, with the same error.
 
     Args:
         settings: Of the person.
@@ -27,7 +46,7 @@ class EmulatedPerson:
 
     def __init__(self, settings: HandSettings, bench: Bench) -> None:
         self._settings = settings
-        self._hands = Hands(settings, bench)
+        self._bench = bench
         self._lines = LineBuffer(LINE_MAX)
         self._request: dict[str, Any] | None = None
         self.ready_s = math.inf
@@ -56,10 +75,26 @@ class EmulatedPerson:
             return encode({**no, "reason": "that cannot be done"})
         if "load" in request:
             try:
-                self._hands.hang(t_s, **request["load"])
+                self._hang(t_s, **request["load"])
             except RefusedError as error:
                 return encode({**no, "reason": f"{error.reason}; {error.advice}"})
         return encode({"answer": request["ask"], "done": True})
+
+    def _hang(self, t_s: float, bridge: str, force_n: float) -> None:
+        """Let this force hang, and nothing else, from `t_s` on; raises `RefusedError`."""
+        self._bench.advance(t_s)
+        for name in ("x", "y", "t"):
+            self._bench.load(name, self._true_n(force_n) if name == bridge else 0.0)
+
+    def _true_n(self, force_n: float) -> float:
+        """What pulls when this is written on the weight, N."""
+        from simulator.physics.noise import gaussian_at
+
+        if force_n == 0.0:
+            return 0.0
+        number = np.array([round(force_n * 1e6)])
+        deviate = float(gaussian_at((self._bench.key[0], 0), STREAM_WEIGHTS, number)[0])
+        return force_n * (1.0 + self._settings.weight_error * deviate)
 
     def inject(self, kind: str, t_s: float) -> None:
         """From now on it declines ("refuse").

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from drivers.operator.driver import Person, PersonSettings
-from simulator.devices.operator import EmulatedPerson
+from simulator.devices.operator import EmulatedPerson, HandSettings
 from simulator.mocks.base import OverMemory
-from simulator.physics.weight_set import HandSettings
 
 
 class MockPersonSettings(HandSettings, PersonSettings):

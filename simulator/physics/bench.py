@@ -87,6 +87,16 @@ class BenchPart:
         """What it does to the tool; see `Bench.wrench`."""
         return np.zeros((len(times_s), 6))
 
+    def excite(self, on: bool) -> None:
+        """The board switches what it excites: nothing."""
+
+    def set_tendon(self, position_m: float) -> None:
+        """The board sets a tendon: there is none."""
+
+    def events(self, stream: str) -> tuple[Floats, Floats]:
+        """Times and values of an irregular stream of the board since the last call, shapes (n,): it has none."""
+        return np.empty(0), np.empty(0)
+
     def scene(self, t_s: float) -> Mapping[str, float]:
         """Where things stand."""
         return {}

@@ -54,8 +54,7 @@ class FingertipPart(BenchPart):
         self._settings = settings
         self._plants: dict[SlipPlantSettings, SlipPlant] = {}
         self._computed = dict.fromkeys(PLANTS, 0)
-        self.fingers = Fingers(self)
-        self.taxels = Taxels(self)
+        self.fingers = self.taxels = Felt(self)
         self._begin("fingertip")
 
     def warm_up(self) -> None:
@@ -120,16 +119,6 @@ class FingertipPart(BenchPart):
     def streams(self) -> Sequence[StreamSpec]:
         """What the board has, in the order of its stream ids."""
         return STREAMS
-
-    def excite(self, on: bool) -> None:
-        """Nothing is excited on this bench."""
-
-    def set_tendon(self, position_m: float) -> None:
-        """There is no tendon on this bench."""
-
-    def events(self, stream: str) -> tuple[Floats, Floats]:
-        """No stream of this board is irregular."""
-        return np.empty(0), np.empty(0)
 
     def advance(self, t_s: float) -> None:
         """See `BenchPart`; the tip's own state is followed whatever is subscribed."""
@@ -238,8 +227,8 @@ _BEHIND = ("tangential_n", "normal_n", "roll_rad")
 """What is kept beside the bridges' values, in the last columns."""
 
 
-class Fingers:
-    """The hand's side of the bench: see `simulator.devices.barrett_hand.FingerForces`."""
+class Felt:
+    """What hand and matrices are wired to: see `simulator.devices.barrett_hand.FingerForces`, `dsa_matrix.Texels`."""
 
     def __init__(self, tip: FingertipPart) -> None:
         self._tip = tip
@@ -252,20 +241,9 @@ class Fingers:
         """Force at a fingertip, shape (n,)."""
         return self._tip.finger_n(finger, times_s)
 
-
-class Taxels:
-    """The matrices' side of the bench: see `simulator.devices.dsa_matrix.Texels`."""
-
-    def __init__(self, tip: FingertipPart) -> None:
-        self._tip = tip
-
     def matrices(self) -> Sequence[Matrix]:
         """One matrix: the tip has one fingertip."""
         return (MATRIX,)
-
-    def advance(self, t_s: float) -> None:
-        """Let time pass until `t_s`."""
-        self._tip.bench.advance(t_s)
 
     def texels_v(self, times_s: Floats) -> Floats:
         """What the texels read, shape (n, cells)."""

@@ -12,11 +12,12 @@ from pydantic import Field, Strict
 from drivers.core.clock import last_tick
 from drivers.core.errors import RefusedError
 from simulator.physics.aura import ENVELOPE_HZ, FINGERS
-from simulator.physics.aura_jaws import AuraJaws, fits, jaws_settings
 from simulator.physics.aura_objects import NOTHING, OBJECTS, AuraObject, Side
 from simulator.physics.aura_scene import FORCE, LOAD, TOOL, WIDTH, AuraScene, Layout, Lift, Weight
 from simulator.physics.aura_settings import AuraPlantSettings
 from simulator.physics.bench import Bench, BenchPart, Floats
+from simulator.physics.jaws import GripObject, JawsSettings
+from simulator.physics.jaws_drive import JawsDrive
 
 
 class AuraBenchSettings(AuraPlantSettings):
@@ -92,7 +93,7 @@ class GripperPart(BenchPart):
 
     def __init__(self, bench: Bench, settings: AuraBenchSettings) -> None:
         super().__init__(bench)
-        self.jaws = AuraJaws(jaws_settings(settings.closed_width_m), bench.advance)
+        self.jaws = JawsDrive(jaws_settings(settings.closed_width_m), bench.advance)
         self._begin(settings)
 
     def restart(self) -> None:
@@ -131,7 +132,7 @@ class GripperPart(BenchPart):
         )
         jaws, name = self.jaws.jaws, settings.object
         jaws.place(None)
-        fitting = self.thing is not None and fits(jaws.settings, name)
+        fitting = self.thing is not None and jaws.settings.fits(name)
         if fitting:
             jaws.show(name)
         tick = last_tick(self.bench.t_s, ENVELOPE_HZ)
@@ -189,6 +190,15 @@ class GripperPart(BenchPart):
     def account(self) -> Mapping[str, Any]:
         """What stands there."""
         return {"object": self._settings.object}
+
+
+def jaws_settings(closed_width_m: float) -> JawsSettings:
+    """Jaws on their brackets, and all that they may meet."""
+    objects = {
+        name: GripObject(width_m=thing.width_m, stiffness_n_m=thing.stiffness_n_m)
+        for name, thing in OBJECTS.items()
+    }
+    return JawsSettings(closed_width_m=closed_width_m, objects=objects)
 
 
 def ticks_of(times_s: Floats) -> NDArray[np.int64]:

@@ -70,6 +70,14 @@ class JawsSettings(Settings):
                 f" {lowest_m * 1e3:g} to {highest_m * 1e3:g} mm; choose closed_width_m to suit"
             )
 
+    def fits(self, name: str) -> bool:
+        """Whether the jaws on these brackets close on an object at all."""
+        try:
+            self.check(name)
+        except ValueError:
+            return False
+        return True
+
 
 def _number(place: int) -> Any:
     """A property that is kept in the state."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,14 +24,17 @@ class JawsDrive:
 
     Args:
         settings: Of jaws and scene.
+        follow: Lets the bench pass time, and this drive with it, where it matters to what the jaws hold; else it has a
+            time of its own.
 
     Attributes:
         jaws: What it moves.
         states: Its polled states, in order: parts of shape (m, 6), see `jaws_kernel.look`.
     """
 
-    def __init__(self, settings: JawsSettings) -> None:
+    def __init__(self, settings: JawsSettings, follow: Callable[[float], None] | None = None) -> None:
         self.jaws = Jaws(settings)
+        self._follow, self._start_m = follow, self.jaws.width_m
         self._x, self._flags = self.jaws.x, self.jaws.flags
         self._tick: int | None = None
         self.poll_at(0.0)
@@ -41,6 +46,13 @@ class JawsDrive:
         flags[:] = 0
         flags[kernel.PRESENT], flags[kernel.JAMMED] = present, jammed
         self._x[[kernel.INTEGRAL, kernel.CURRENT, kernel.LIMIT, kernel.SPEED]] = 0.0
+
+    def renew(self) -> None:
+        """Be as on the first day: open, without power, at time zero."""
+        self.jaws.place(None)
+        self.jaws.width_m, self.jaws.rate_m_s = self._start_m, 0.0
+        self._flags[:] = 0
+        self.power_up()
 
     def restart(self) -> None:
         """Time begins anew; all else stays as it is."""
@@ -136,6 +148,9 @@ class JawsDrive:
 
     def advance(self, t_s: float) -> None:
         """Let time pass until `t_s`; it begins where it is first called."""
+        if self._follow is not None:
+            self._follow(t_s)
+            return
         for poll_s in self.polls_until(t_s).tolist():
             self._pass(poll_s)
             self.states.append(np.empty((1, kernel.SEEN)))

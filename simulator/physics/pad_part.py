@@ -114,16 +114,6 @@ class PadPart(BenchPart):
         """What the pad's bridges show at recent instants, V, shape (n, 3)."""
         return self._track.at(times_s - self.bench.origin_s)
 
-    def events(self, stream: str) -> tuple[Floats, Floats]:
-        """No stream of this board is irregular."""
-        return np.empty(0), np.empty(0)
-
-    def excite(self, on: bool) -> None:
-        """Nothing is excited by this board."""
-
-    def set_tendon(self, position_m: float) -> None:
-        """There is no tendon."""
-
     @property
     def slips(self) -> Sequence[tuple[float, bool]]:
         """The truth: when the object began (True) and ceased (False) to slip."""

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from drivers.core.clock import Clock
 from simulator.devices.faults import FaultSchedule, inject_begun
 from simulator.devices.tcp_clients import TcpClients
+from simulator.wiring.far_ends import EmulatedDevice
 
 WAITING_BYTES = 1 << 19
 """Of what the network has not taken: beyond, the device has to drop what it cannot keep (assumption: a second of
@@ -21,7 +22,7 @@ UNREAD_BYTES = 1 << 20
 """Of the same: beyond, the host does not read the answers that it requested, and is disconnected (assumption)."""
 
 
-class NetworkDevice(Protocol):
+class NetworkDevice(EmulatedDevice, Protocol):
     """A device made of software, at the far end of a connection.
 
     Attributes:
@@ -30,21 +31,8 @@ class NetworkDevice(Protocol):
 
     lossy: bool
 
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        """Take bytes from the host; returns what is answered at once."""
-
-    def step(self, t_s: float) -> bytes:
-        """What the device sends by `t_s` on its own."""
-
     def hang_up(self, t_s: float) -> None:
         """The host is gone."""
-
-    def inject(self, kind: Any, t_s: float) -> None:
-        """Break something of the device's own: "refuse".
-
-        Raises:
-            ValueError: it cannot break in that way.
-        """
 
 
 class TcpLine:

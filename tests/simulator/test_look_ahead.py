@@ -68,8 +68,8 @@ def test_every_shipped_bench_and_what_listens_to_it_can_be_put_back(name):
     profile = load_profile(f"mock/{name}", {})
     rig = build_rig(profile)
     rig.begin_trial(TrialScene(1, 1, {}, {}))
-    assert isinstance(rig.ahead, LookAhead)
-    before = Snapshot([*rig.ahead.roots, *make_detectors(profile).values(), *make_signals(profile)])
+    ahead: Any = rig.ahead
+    before = Snapshot([*ahead.__self__.roots, *make_detectors(profile).values(), *make_signals(profile)])
     rig.clock.wait_until(0.1)
     before.restore()
     assert rig.clock.now() == 0.0

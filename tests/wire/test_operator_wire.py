@@ -6,8 +6,7 @@ import pytest
 
 from drivers.core.messages import Ask, Failed, Listen, Loaded, LoadWeight, Sent
 from drivers.operator.driver import Person, PersonSettings
-from simulator.devices.operator import EmulatedPerson
-from simulator.physics.weight_set import HandSettings
+from simulator.devices.operator import EmulatedPerson, HandSettings
 
 
 class Bench:

@@ -9,9 +9,8 @@ from drivers.core.clock import VirtualClock
 from drivers.core.errors import RefusedError
 from drivers.core.messages import Answered, Ask, Listen, Loaded, LoadWeight, Sent
 from simulator.devices.faults import Fault, FaultSchedule
-from simulator.devices.operator import EmulatedPerson
+from simulator.devices.operator import EmulatedPerson, HandSettings
 from simulator.mocks.operator import MockPerson, MockPersonSettings
-from simulator.physics.weight_set import HandSettings
 
 
 class Bench:

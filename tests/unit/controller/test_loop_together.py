@@ -221,7 +221,7 @@ class Bench:
     def run(self, *, together=True):
         devices = {"stage": self.stage, "board": self.board, "lamp": Device("lamp", self.clock)}
         ahead = LookAhead(self.clock, SimpleNamespace(age=1), list(devices.values())) if together else None
-        rig = Rig("mock", devices, self.clock, ahead=ahead)
+        rig = Rig("mock", devices, self.clock, ahead=ahead and ahead.skip)
         infos = {
             "stage": DeviceInfo("stage", "a mover", mover=True),
             "board": DeviceInfo("board", "a sensor", streams=STREAMS),
