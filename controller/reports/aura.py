@@ -26,7 +26,7 @@ from controller.reports.counts import (
     under,
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
-from controller.reports.papers import ASSUMED, BEST_HZ, CITATION, CONTACT, PRE_TOUCH, settings_in
+from controller.reports.papers import BEST_HZ, CONTACT, PRE_TOUCH
 from controller.reports.run_account import setting_of
 from controller.reports.section import Kind, Result, Section
 
@@ -45,14 +45,6 @@ SOFT = ("sponge", "cloth")
 
 PANELS = 10
 """Most approaches that are drawn."""
-
-WHENCE = {
-    True: "“Object”, “nothing” and what touched when are known because they are simulated: no detector has "
-    "access to them.",
-    False: "“Object” and “nothing” are what the trials state; what touched when is not known on this bench, so contact "
-    "is counted as it was reported.",
-}
-"""Where the truth about object and touch comes from, by whether there is one."""
 
 Rows = Sequence[Row]
 
@@ -74,11 +66,12 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     contact = several and total(there, "touches")
     named = _named(there, objects)
     by = "object" if len({row["object"] for row in unknown}) > 1 else "side"
-    whence = WHENCE[any(row.get("touches") is not None for row in rows)]
     what = "Contact (C4)" if setting_of(run, "behavior", "touch") else "Pre-touch (C2)"
     return Section(
         title="Objects (C5)" if len(objects) > 1 else what,
         content={
+            "approached": any(row.get("approaches") for row in rows),
+            "known": any(row.get("touches") is not None for row in rows),
             "sides": list(_sides(hard)),
             "half": quantity("half_wave_m", half_wave_m, 1),
             "expected": number(0.01 / half_wave_m, 2),
@@ -95,13 +88,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "undulations": list(_undulations(hard)),
         },
         template="aura",
-        citation=CITATION["rupavatharam"],
+        paper="rupavatharam",
         summary=_summary(hard, nothing, unknown, run.simulated),
-        not_the_papers=[
-            *([ASSUMED] if run.simulated else []),
-            *([whence] if any(row.get("approaches") for row in rows) else []),
-        ],
-        printed=settings_in("rupavatharam", run),
     )
 
 

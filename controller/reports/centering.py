@@ -26,7 +26,7 @@ from controller.reports.counts import (
     values,
 )
 from controller.reports.figures import FALSE, INK, OURS, PAPER, Figures
-from controller.reports.papers import ASSUMED, CITATION, WORST_CENTERING_M, settings_in
+from controller.reports.papers import WORST_CENTERING_M
 from controller.reports.section import Kind, Result, Section
 from controller.scales import scale_of
 
@@ -51,14 +51,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "worst": quantity("error_m", WORST_CENTERING_M, 0),
         },
         template="centering",
-        citation=CITATION["rupavatharam"],
+        paper="rupavatharam",
         summary=_summary(groups, Kind.PREDICTED if simulated else Kind.MEASURED),
-        not_the_papers=[
-            *([ASSUMED] if simulated else []),
-            "Only the finger ahead of the motion counts: the other one, from which the object moves away, would spoil "
-            "the average that the paper takes.",
-        ],
-        printed=settings_in("rupavatharam", runs[0]),
     )
 
 

@@ -13,7 +13,7 @@ from controller.measures.chirp import COLUMNS, LATENCY_UNSURE_S, STEP_HZ, beginn
 from controller.recording.reader import Run
 from controller.reports.counts import Comparison, number, quantity, under, values
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
-from controller.reports.papers import ASSUMED, BEST_HZ, CITATION
+from controller.reports.papers import BEST_HZ
 from controller.reports.run_account import entered_s, setting_of
 from controller.reports.section import Kind, Result, Section
 
@@ -45,10 +45,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         text = f"{off[:1].upper()}{off[1:]} the paper's {PRINTED}: {quantity('best_hz', beside.ours, 0)} transfers "
         text += f"best in {len(found)} {'sweep' if len(found) == 1 else 'sweeps'} (median)."
     put_in_hz = setting_of(runs[0], "plant", "resonance_hz")
-    ours = [ASSUMED] if runs[0].simulated else []
-    if put_in_hz:
-        hz = " and ".join(f"{hz:g}" for hz in put_in_hz)
-        ours.append(f"The fingers' resonance, {hz} Hz, is set in the plant: the sweep finds it again.")
     best = []
     for row in rows:
         line: dict[str, Any] = {"trial": row["trial"]}
@@ -59,15 +55,15 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     return Section(
         title="Chirp (C1)",
         content={
+            "put_in": " and ".join(f"{hz:g}" for hz in put_in_hz or ()),
             "step_hz": STEP_HZ,
             "unsure": quantity("latency_s", LATENCY_UNSURE_S, 3),
             "best": best,
             "figure": _draw(runs, figures),
         },
         template="chirp",
-        citation=CITATION["rupavatharam"],
+        paper="rupavatharam",
         summary=[Result(Kind.FITTED if runs[0].simulated else Kind.MEASURED, text, met)],
-        not_the_papers=ours,
     )
 
 

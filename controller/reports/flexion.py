@@ -10,7 +10,6 @@ from controller.measures.flexion import LISTENERS, curve
 from controller.recording.reader import Run
 from controller.reports.counts import Row, grouped, mean_of, number, quantity, rate, spread, under, values
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
-from controller.reports.papers import CITATION, settings_in
 from controller.reports.run_account import entered_s, setting_of
 from controller.reports.section import Kind, Result, Section
 from controller.scales import scale_of
@@ -25,12 +24,6 @@ SAID = {
     "ours": "The waveform's detector, which follows slow drift by itself but not the tendon, reports contact for "
     "{share} of that time and is blind in {blind}.",
 }
-
-OURS_ALONE = (
-    "How much the joint stiffens with the tendon (30 per metre), the tendon's way and its speeds are assumptions: the "
-    "paper prints none.",
-    "The simulated tendon stiffens the joint and does not move the finger's surface.",
-)
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -57,10 +50,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         title="Contact while the finger is flexed (A3)",
         content={"by_speed": list(_by_speed(rows)), "figure": _draw(runs, figures) if rows else ""},
         template="flexion",
-        citation=CITATION["backus"],
+        paper="backus",
         summary=summary,
-        not_the_papers=OURS_ALONE if simulated else (),
-        printed=settings_in("backus", runs[0]),
     )
 
 

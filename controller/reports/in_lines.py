@@ -25,16 +25,18 @@ class SectionPart:
         runs: Of equal settings.
         section: Their section.
         results: The section's summary; without verdicts where trials are missing.
-        judged: Whether every trial that was planned was measured.
         settings: Detectors, behavior and limits beside the paper's.
+        body: The section as HTML.
+        ours: What is ours and not the paper's, one sentence each.
     """
 
     name: str
     runs: Sequence[Run]
     section: Section
     results: Sequence[Result]
-    judged: bool
     settings: Sequence[Row]
+    body: str
+    ours: Sequence[str]
 
 
 def in_lines(part: SectionPart) -> Iterator[str]:

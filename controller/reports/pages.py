@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
 
+from controller.recording.reader import Run
 from controller.reports.section import Section, laid_out
 
 
@@ -22,15 +24,21 @@ def environment() -> Environment:
     )
     templates.filters["breakable"] = _breakable
     templates.globals["laid_out"] = laid_out
-    templates.globals["body_of"] = _body_of
     templates.globals["labelled"] = _labelled
     return templates
 
 
-def _body_of(section: Section, judged: bool) -> Markup:
-    """A section's content by its template; nothing has a verdict unless it is `judged`."""
+def rendered(section: Section, run: Run, judged: bool) -> tuple[Markup, list[Markup]]:
+    """A section's body by its template, and what is ours and not the paper's, one sentence each.
+
+    The template is given the section's content, and on what bench the run is; nothing has a verdict unless it is
+    `judged`.
+    """
+    bench = {"simulated": run.simulated, "bench": run.manifest.get("bench"), "judged": judged}
     template = environment().get_template(f"{section.template}.html.j2")
-    return Markup(template.render(section.content, content=section.content, judged=judged))
+    module: Any = template.make_module({**section.content, "content": section.content, **bench})
+    ours = module.ours().split("<li>") if hasattr(module, "ours") else []
+    return Markup(module), [each for text in ours if (each := text.strip())]
 
 
 def _labelled(svg: str, caption: Markup) -> Markup:

@@ -11,7 +11,6 @@ import numpy as np
 from controller.measures.touches import Errors, Touch, errors_of, touches_of
 from controller.reports.counts import Row, number, signed, under
 from controller.reports.figures import FAINT, FALSE, GOOD, PAPER, Figures
-from controller.reports.papers import CITATION
 from controller.reports.run_account import acting_of, setting_of
 from controller.reports.section import Kind, Result, Section
 from controller.scales import scale_of
@@ -95,21 +94,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and figure of all sweeps of some runs on one kind of bench."""
     sweeps = read_sweeps(runs)
     simulated = all(run.simulated for run in runs)
-    ours = [
-        "The true angle is that of the arm's own pose, which turns the tip over a table; in the paper's Fig. 2 a "
-        "pointer touches the tip."
-    ]
-    if simulated:
-        ours.append(
-            "The simulated tip reads Fn sin θ and Fn cos θ exactly; its bridges add the hysteresis, noise and steps of "
-            "4.2, as a play that opens no loop below a quarter of the range. No eccentricity, cross-talk or gravity is "
-            "modelled, and the calibration is exact: a real tip's error is larger."
-        )
-    if any(run.manifest.get("bench") == "emulated" for run in runs):
-        ours.append(
-            "Where the bench is emulated, the arm's pose and motion are those of the emulated controller: no figure of "
-            "the angle is a real arm's."
-        )
     kind = Kind.ASSUMED if simulated else Kind.MEASURED
     return Section(
         title="Angle of the contact (B7)",
@@ -120,9 +104,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "notes": [_note(sweep) for sweep in sweeps],
         },
         template="pointer",
-        citation=CITATION["fernandez"],
+        paper="fernandez",
         summary=[Result(kind, _sentence(sweeps))] if sweeps else [],
-        not_the_papers=ours,
     )
 
 

@@ -9,7 +9,6 @@ from controller.measures.proximal import COLUMNS
 from controller.recording.reader import Run
 from controller.reports.counts import Row, mean_of, rate, total, under, values
 from controller.reports.figures import Figures
-from controller.reports.papers import CITATION, settings_in
 from controller.reports.run_account import acting_of, criterion_of
 from controller.reports.section import Kind, Result, Section
 
@@ -38,20 +37,13 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "confusion": [_row(link, own) for link, own in of.items()],
         },
         template="proximal",
-        citation=CITATION["backus"],
+        paper="backus",
         summary=[
             Result(
                 kind, f"{detected}reliably, by preliminary results.", felt > 0.9 * len(near) if near else None
             ),
             Result(kind, told),
         ],
-        not_the_papers=(
-            "Where the proximal link is touched, and where the second accelerometer sits, are assumptions: the paper "
-            "does not state either.",
-            "The simulated proximal link is lumped with what it is mounted on; how the two swings compare is the "
-            "model's, not a finger's.",
-        ),
-        printed=settings_in("backus", runs[0]),
     )
 
 

@@ -17,9 +17,10 @@ from controller.reports import generic
 from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
 from controller.reports.in_lines import SectionPart, guard_lines, in_lines
-from controller.reports.pages import environment, library
+from controller.reports.pages import environment, library, rendered
+from controller.reports.papers import CITATION, settings_in
 from controller.reports.run_account import early_end, facts_of, setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Kind, Printed, Result, Section
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
 from controller.reports.trial_signals import payload, trial_table
 from controller.scales import NOTHING
@@ -132,13 +133,15 @@ def _page(
     tables = [table for run in runs for table in (setting_of(run, "devices") or {}).values()]
     drivers = dict.fromkeys(str(table.get("driver")) for table in tables)
     ours = [_OURS[driver] for driver in drivers if driver in _OURS]
-    ours += [text for part in parts for text in (*part.section.not_the_papers, *_set_differently(part))]
+    ours += [text for part in parts for text in part.ours]
     real = list(dict.fromkeys(name for run in runs for name in run.measured_by))
     heading = setting_of(runs[0], "title") if len(runs) == 1 else None
     facts: dict[str, Any] = {
         "heading": title or heading or " and ".join(dict.fromkeys(section.title for section in sections)),
         "contents": _contents(paper, parts),
-        "citations": list(dict.fromkeys(section.citation for section in sections if section.citation)),
+        "citations": list(
+            dict.fromkeys(CITATION.get(each.paper, each.paper) for each in sections if each.paper)
+        ),
         "simulated": any(run.simulated for run in runs),
         "all_simulated": all(run.simulated for run in runs) and not real,
         "real": ", ".join(real),
@@ -202,15 +205,18 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     section = _section(experiment, runs, figures)
     results = [Result(None, lost)] if lost else []
     results += [each._replace(met=None) if lost else each for each in section.summary]
-    return SectionPart(name, runs, section, results, not lost, settings_table(runs[0], section.printed))
+    printed = {**settings_in(section.paper, runs[0]), **section.printed}
+    body, ours = rendered(section, runs[0], not lost)
+    ours += _set_differently(runs[0], printed)
+    return SectionPart(name, runs, section, results, settings_table(runs[0], printed), body, ours)
 
 
-def _set_differently(part: SectionPart) -> list[str]:
+def _set_differently(run: Run, printed: Mapping[str, Printed]) -> list[Any]:
     """Settings of a profile that differ from what the paper prints."""
-    ours = dict(flat(settings_of(part.runs[0])))
+    ours = dict(flat(settings_of(run)))
     return [
         f"{path} is {shown(ours[path])} where the paper has {shown(paper.value)} ({paper.source})."
-        for path, paper in part.section.printed.items()
+        for path, paper in printed.items()
         if path in ours and isinstance(paper.value, int | float) and ours[path] != paper.value
     ]
 

@@ -77,20 +77,18 @@ class Section:
         title: Its heading.
         content: What its template shows. The usual template shows all of it, from top to bottom: text is a paragraph,
             a `Figure` a figure, a list of rows a table.
-        template: Of templates/, without its ending.
-        citation: The paper that it stands beside.
+        template: Of templates/, without its ending. Its macro `ours` says what is ours and not the paper's.
+        paper: That it stands beside: one of `papers.CITATION`, or its citation; "" for none.
         summary: Sentences for the page's beginning.
-        not_the_papers: What is ours and not the paper's, one sentence each.
-        printed: Settings that the paper prints, by their path in the profile.
+        printed: Settings that the paper prints, by their path in the profile, beside those of papers/settings.csv.
         terminal: Its table in a terminal, some 14 lines.
     """
 
     title: str
     content: Mapping[str, Any]
     template: str = "any"
-    citation: str = ""
+    paper: str = ""
     summary: Sequence[Result] = ()
-    not_the_papers: Sequence[str] = ()
     printed: Mapping[str, Printed] = field(default_factory=dict)
     terminal: Sequence[Row] = ()
 

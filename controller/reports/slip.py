@@ -21,7 +21,6 @@ from controller.reports.counts import (
     wilson,
 )
 from controller.reports.figures import Figures
-from controller.reports.papers import CITATION
 from controller.reports.run_account import setting_of
 from controller.reports.section import Figure, Kind, Printed, Result, Section
 from controller.reports.slip_figures import draw_fingertip_spectra, draw_run
@@ -58,18 +57,10 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         dict.fromkeys(score.condition for score in scores), key=lambda each: (each.nuisance != PLAIN, each)
     )
     ids = [paper["id"] for name, paper in SENSORS.items() if any(score.sensor == name for score in scores)]
-    ours = {
-        "The arm's own tool force is read in place of the JR3 wrist sensor (the paper's, 1 kHz).": "B4"
-        in ids,
-        "Friction, roughness, damping and the noise of all but the fingertip are assumptions; rolling is fitted to "
-        "printed "
-        "spectra.": runs[0].simulated,
-        "Contact and stop on the wire rest on behaviour of the arm's controller that was never measured on a real "
-        "one.": runs[0].manifest.get("bench") == "emulated",
-    }
     return Section(
         title=f"Slip ({', '.join([*ids, 'B8'])})",
         content={
+            "wrist": "B4" in ids,
             "verdicts": VERDICTS,
             "least": LEAST,
             "conditions": [_of_condition(scores, condition) for condition in conditions],
@@ -82,9 +73,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             ),
         },
         template="slip",
-        citation=CITATION["fernandez"],
+        paper="fernandez",
         summary=_summary(scores, runs[0].simulated),
-        not_the_papers=[text for text, holds in ours.items() if holds],
         printed=_printed(runs[0]),
     )
 

@@ -22,7 +22,7 @@ from controller.reports.counts import (
     values,
 )
 from controller.reports.figures import FAINT, OURS, Figures
-from controller.reports.papers import CITATION, settings_in, table
+from controller.reports.papers import table
 from controller.reports.run_account import series_of, setting_of
 from controller.reports.section import Kind, Result, Section
 from controller.scales import NOTHING
@@ -78,12 +78,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "figure_4": _draw(figures, drawn) if drawn else "",
         },
         template="static",
-        citation=CITATION["backus"],
+        paper="backus",
         summary=summary,
-        not_the_papers=[
-            "The paper gives its static frequencies as “approximately”; what counts as reproduced is ours."
-        ],
-        printed=settings_in("backus", runs[0]),
     )
 
 

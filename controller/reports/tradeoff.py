@@ -11,7 +11,6 @@ from controller.measures.tradeoff import LATER_S, METHODS, SOON_S, WHEN
 from controller.recording.reader import Run
 from controller.reports.counts import Row, number, percent, quantity
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, RIVAL, Figures
-from controller.reports.papers import CITATION, settings_in
 from controller.reports.section import Kind, Result, Section
 
 NAMES = {
@@ -63,15 +62,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "figure": _draw(figures, scores) if scores else "",
         },
         template="tradeoff",
-        citation=CITATION["backus"],
+        paper="backus",
         summary=summary,
-        not_the_papers=(
-            "Thresholds are judged on the approaches that they are read from; the study of detectors "
-            "(benchmarks/results/contact.md) sets them on others.",
-            "Amplitude, phase, frequency and all three are the settings of the waveform's detector; the paper names "
-            "amplitude and phase and no method.",
-        ),
-        printed=settings_in("backus", runs[0]),
     )
 
 

@@ -30,7 +30,6 @@ from controller.reports.approaches import (
 )
 from controller.reports.counts import Mean, Row, number, quantity, share, signed, spread, title, under
 from controller.reports.figures import Figures
-from controller.reports.papers import CITATION, settings_in
 from controller.reports.run_account import acting_of, criterion_of, setting_of
 from controller.reports.section import Kind, Result, Section
 from controller.reports.settings import shown
@@ -58,6 +57,9 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     return Section(
         title="Stop at first contact (A2)",
         content={
+            "kind": setting_of(runs[0], "detectors", acting, "kind"),
+            "fitted": [quantity("speed_m_s", row["speed_m_s"], 3) for row in TABLE_1 if row["fitted"]],
+            "unfitted": sum(not row["fitted"] for row in TABLE_1),
             "criterion": criterion_of(runs[0], acting),
             "acting": acting,
             "other": other,
@@ -77,10 +79,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             **_study(figures, study_rows(approaches)),
         },
         template="transient",
-        citation=CITATION["backus"],
+        paper="backus",
         summary=list(_summary(approaches, bounded, runs[0].simulated)),
-        not_the_papers=list(_not_the_papers(runs[0], acting)),
-        printed=settings_in("backus", runs[0]),
         terminal=[_table_row(row, other, terminal=True) for row in rows],
     )
 
@@ -242,24 +242,6 @@ def _beside_table_1(each: Bounded, kind: Kind) -> Iterator[Result]:
         yield Result(kind, f"{name}: {how} than Table I in {rows.same} of {rows.n} rows{scatter}.", rows.met)
     text = f"{name} at detection: {bound['over']} {_printed(bound, beside.ours)}, {beside.times} the paper's "
     yield Result(kind, f"{text}{_printed(bound, beside.paper)} ({bound['source']}).", beside.met)
-
-
-def _not_the_papers(run: Run, acting: str) -> Iterator[str]:
-    kind = setting_of(run, "detectors", acting, "kind")
-    if kind != "resonance.paper":
-        yield f"Here the detector “{acting}” ({kind}) stops the approaches, not the paper's criterion."
-    if run.simulated:
-        speeds = [quantity("speed_m_s", row["speed_m_s"], 3) for row in TABLE_1 if row["fitted"]]
-        yield (
-            "The model is fitted to the paper's static facts and to one compliance, from force and extent at location "
-            f"f at {', '.join(speeds)}: those forces are not compared with the paper's. The other "
-            f"{len(TABLE_1) - len(speeds)} rows of Table I set no number. They were not blind, though: the slow wander "
-            "of the stiffness, an assumption that the delays depend on, was chosen with the table in view."
-        )
-    yield "Zero of the micrometer is taken as distal, and f as the middle of the pad: both are inferred."
-    yield "The rate at which the frequency is sampled is not printed; here it is a setting."
-    yield "A contact before the probe touches is counted as false. The paper counts none."
-    yield "Force at detection is the load cell's mean over the last oscillation; the peak has a column of its own."
 
 
 def _learned(run: Run, acting: str) -> str:

@@ -16,7 +16,7 @@ from controller.measures.bridge_calibration import (
 )
 from controller.reports.counts import Comparison, Row, number, quantity
 from controller.reports.figures import OURS, PAPER, Figures
-from controller.reports.papers import CITATION, as_printed
+from controller.reports.papers import as_printed
 from controller.reports.run_account import setting_of
 from controller.reports.section import Kind, Result, Section
 from controller.scales import scale_of
@@ -46,14 +46,10 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         f"{own.top_n:g} N on {paper['force']} (the paper {paper['top_n']} N)" for paper, _, own in bridges
     ]
     known = " and ".join(f"{100.0 * value:g} %" for value in sorted(uncertainties))
-    put_in = [
-        "Gain, hysteresis and noise of the simulated bridges were set from the figures that the paper prints. That "
-        "they come back shows that weights, recording and statistics are right; it shows nothing about the paper's "
-        "sensor."
-    ]
     return Section(
         title="Calibration with weights (B6)",
         content={
+            "known": known,
             "tops": " and ".join(tops) or "the largest weight",
             "trials": sum(len(run.trials) for run in runs),
             "calibrated": [row for bridge in bridges for row in _rows(bridge)],
@@ -63,14 +59,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "number": number,
         },
         template="weights",
-        citation=CITATION["fernandez"],
+        paper="fernandez",
         summary=[_sentence(paper, own, simulated) for paper, _, own in bridges],
-        not_the_papers=[
-            "The steps of the weights, the number of cycles and the preloads (ISO 376 requires three) are ours; the "
-            "paper prints ranges and “several experiments”.",
-            f"The weights are taken to be known to {known} (standard uncertainty, common to all): an assumption.",
-            *(put_in if simulated else []),
-        ],
     )
 
 

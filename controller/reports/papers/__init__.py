@@ -38,9 +38,6 @@ PRE_TOUCH = (0.924, 0.953)
 CONTACT = (0.937, 0.987)
 """The same of contact (IV.B.3)."""
 
-ASSUMED = "Reflectivity, decay, absorption, noise and drift are assumptions: the paper prints none of them."
-"""What is assumed of a simulated sonic finger."""
-
 
 def table(name: str) -> list[dict[str, Any]]:
     """A paper's table, row by row: numbers in SI units (`speed_mm_s` is `speed_m_s` here), None for an empty cell."""
