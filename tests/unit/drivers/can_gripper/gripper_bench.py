@@ -63,10 +63,10 @@ class Bench(GripperBench):
         gripper = CanGripper("gripper", CanGripperSettings(**settings), clock, self.bus.connect)
         super().__init__(gripper, clock, lambda scene: scene(drive), opens=False)
 
-    def orders(self, deed: Callable[[], object]) -> list[Order]:
+    def orders(self, action: Callable[[], object]) -> list[Order]:
         """What is written meanwhile."""
         before = len(self.bus.written)
-        deed()
+        action()
         return [decode_order(frame)[1] for frame in self.bus.written[before:]]
 
     def applied(self, *commands: object) -> list[Order]:
