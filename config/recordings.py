@@ -16,8 +16,9 @@ from controller.own_modules import is_own, own_folders
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
 from controller.recording.series import TrialRecording
+from controller.recording.tables import ReplayError
 from controller.registry import KINDS
-from controller.replay import ReplayError, between, enveloped, own_detectors, read_inputs, read_trial
+from controller.replay import between, enveloped, own_detectors, read_inputs, read_trial
 from controller.signals.iq import IqSettings
 from drivers.core.messages import SampleBlock
 

@@ -19,7 +19,7 @@ from controller.detectors.protocol import Detector, readings_of
 from controller.recording.grid import regular
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
-from controller.recording.tables import Chosen, TableError, channel_numbers, read_columns
+from controller.recording.tables import Chosen, ReplayError, channel_numbers, read_columns
 from controller.scales import si_unit
 from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
 from drivers.core.messages import SampleBlock
@@ -34,10 +34,6 @@ SLOW_HZ = 5.0
 LEAST_STEP_S, LATEST_S = 1e-9, 2.0**32
 """Between two rows of a file at least, and the latest time of one: a nanosecond, and the year 2106 where seconds count
 from 1970. Assumption: no sensor of touch is faster; within these a grid can be counted in whole numbers."""
-
-
-class ReplayError(ValueError):
-    """The file cannot be replayed: one line with file, what is wrong and what to do."""
 
 
 def replay(blocks: Sequence[SampleBlock], detector: Detector) -> Iterator[Detected]:
@@ -276,10 +272,7 @@ def read_blocks(
     elif not path.is_file():
         raise ReplayError(f"{path}: no such file or run folder; list runs with: ls runs")
     else:
-        try:
-            chosen = read_columns(path, column)
-        except TableError as error:
-            raise ReplayError(str(error)) from None
+        chosen = read_columns(path, column)
         name = chosen.name
         blocks, remark = _from_columns(path, stream, chosen, rate_hz)
     remark += _check_values(path, name, blocks)
@@ -316,16 +309,8 @@ def _from_columns(
             SampleBlock(stream, 0, t0_s, values, times_s=times_s, unit=unit)
         ], f"; times from {chosen.clock}"
     blocks = [
-        SampleBlock(
-            stream,
-            piece.seq,
-            float(piece.times_s[0]),
-            piece.values,
-            rate_hz=found.rate_hz,
-            times_s=piece.times_s,
-            unit=unit,
-        )
-        for piece in found.pieces
+        SampleBlock(stream, seq, float(at_s[0]), piece, rate_hz=found.rate_hz, times_s=at_s, unit=unit)
+        for seq, piece, at_s in found.pieces
     ]
     wander = (
         f"; resampled, for its times wander by up to {1e3 * found.jitter_s:.3g} ms" if found.resampled else ""
@@ -375,10 +360,7 @@ def _from_run(path: Path, stream: str, trial: int | None, column: str | None) ->
         )
     if column is None:
         return blocks
-    try:
-        channels = channel_numbers(f"{path}: {stream} has", column, blocks[0].values.shape[1])
-    except TableError as error:
-        raise ReplayError(str(error)) from None
+    channels = channel_numbers(f"{path}: {stream} has", column, blocks[0].values.shape[1])
     return [replace(block, values=block.values[:, channels]) for block in blocks]
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, StatisticCourse, courses_of
 from controller.detectors.protocol import NOTHING, Detector, readings_of
-from controller.replay import ReplayError
+from controller.recording.tables import ReplayError
 from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
 from controller.scales import displayed
 from controller.wording import spaced

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.recording.tables import TableError, read_columns
-from controller.replay import ReplayError
+from controller.recording.tables import ReplayError, read_columns
 from controller.signals.transducer import Kind, Sweep, analyse
 
 Floats = NDArray[np.float64]
@@ -52,10 +51,7 @@ def read_sweep(path: Path, column: str | None, span_hz: tuple[float, float] | No
     Raises:
         ReplayError: no such table, or nothing within the span.
     """
-    try:
-        chosen = read_columns(path, column, count=2)
-    except TableError as error:
-        raise ReplayError(str(error)) from None
+    chosen = read_columns(path, column, count=2)
     if chosen.values.shape[1] != 2:
         raise ReplayError(f"{path}: a sweep has two columns, frequency and response: --column F,A")
     frequencies_hz, response = chosen.values.T

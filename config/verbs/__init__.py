@@ -111,7 +111,7 @@ def explained(error: Exception) -> tuple[int, str]:
     from controller.guard import GuardRefusal
     from controller.own_modules import own_place
     from controller.recording.run_folder import RecordingError, RunFolderError
-    from controller.replay import ReplayError
+    from controller.recording.tables import ReplayError
     from drivers.core.errors import DeviceError
 
     if isinstance(error, ProfileError):

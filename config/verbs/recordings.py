@@ -88,7 +88,8 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
     from config.assemble import calibratable
     from config.recordings import load_quiet
     from controller.detectors.calibration import Statistic
-    from controller.replay import ReplayError, calibration_line
+    from controller.recording.tables import ReplayError
+    from controller.replay import calibration_line
 
     loaded = load_quiet(detector, **given)
     pieces = [(one.detector, one.blocks) for one in loaded if isinstance(one.detector, Statistic)]

@@ -21,32 +21,19 @@ WANDERING = 0.95
 """So large a share of the steps must be in that range for the rows to be samples at all (assumption)."""
 
 
-class GridPiece(NamedTuple):
-    """Samples in a row.
-
-    Attributes:
-        seq: Number of the first one on the grid.
-        values: Shape (n, channels).
-        times_s: Shape (n,).
-    """
-
-    seq: int
-    values: Floats
-    times_s: Floats
-
-
 class Regular(NamedTuple):
     """A recording at one rate.
 
     Attributes:
         rate_hz: Of the samples.
-        pieces: In order; a jump of the sequence is a gap.
+        pieces: Samples in a row, in order: number of the first one on the grid, values (n, channels), times (n,); a
+            jump of the numbers is a gap.
         jitter_s: How far the file's times are from the grid, at most.
         resampled: Whether the values were interpolated to the grid.
     """
 
     rate_hz: float
-    pieces: Sequence[GridPiece]
+    pieces: Sequence[tuple[int, Floats, Floats]]
     jitter_s: float
     resampled: bool
 
@@ -71,7 +58,7 @@ def regular(times_s: Floats, values: Floats) -> Regular | None:
     if np.diff(places).min() >= 1 and off_s.max() <= ROUNDING * period_s:
         starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
         pieces = [
-            GridPiece(int(places[first]), values[first:last], times_s[first:last])
+            (int(places[first]), values[first:last], times_s[first:last])
             for first, last in zip(starts, [*starts[1:], len(values)], strict=True)
         ]
         return Regular(1.0 / period_s, pieces, float(off_s.max()), False)
@@ -85,14 +72,14 @@ def _resampled(times_s: Floats, values: Floats, median_s: float) -> Regular | No
         return None
     period_s = float(steps_s[usual].mean())
     starts = [0, *(np.flatnonzero(steps_s > STEPS[1] * median_s) + 1)]
-    pieces: list[GridPiece] = []
+    pieces: list[tuple[int, Floats, Floats]] = []
     jitter_s, seq = 0.0, 0
     for first, last in zip(starts, [*starts[1:], len(times_s)], strict=True):
         since_s, rows = times_s[first:last], values[first:last]
         seq = max(seq, round(float(since_s[0] - times_s[0]) / period_s))
         count = 1 + int((since_s[-1] - since_s[0]) / period_s + 1e-9)
         grid_s = since_s[0] + period_s * np.arange(count)
-        pieces.append(GridPiece(seq, _interpolated(grid_s, since_s, rows), grid_s))
+        pieces.append((seq, _interpolated(grid_s, since_s, rows), grid_s))
         drift_s = since_s - since_s[0] - period_s * np.arange(len(since_s))
         jitter_s = max(jitter_s, float(np.abs(drift_s - np.median(drift_s)).max()))
         seq += count + 1  # a gap stays one, however the rounding falls

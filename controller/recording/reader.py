@@ -25,10 +25,8 @@ from controller.recording.schemas import (
     SKIPPED,
     TRIAL,
     TRIAL_END,
-    block_schema,
     decode_block,
-    readings_schema,
-    skipped_schema,
+    schema_of,
 )
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock
@@ -239,7 +237,11 @@ class RecordingIndex:
         self._channels: dict[Path, dict[int, Channel]] = {}
         self._kept: dict[int, TrialRecording] = {}
         self._kept_bytes = 0
-        self._block, self._skipped, self._readings = block_schema(), skipped_schema(), readings_schema()
+        self._block, self._skipped, self._readings = (
+            schema_of("Block"),
+            schema_of("Skipped"),
+            schema_of("Reading"),
+        )
         for path in paths:
             try:
                 with _reading(path):

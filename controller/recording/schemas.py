@@ -29,24 +29,29 @@ _TYPES = {
     "fixed32": _Field.TYPE_FIXED32,
 }
 
-BLOCK_FIELDS = {
-    "seq": "uint64",
-    "t0_s": "double",
-    "channels": "uint32",
-    "dtype": "string",
-    "values": "bytes",
-    "unit": "string",
-    "scale": "double",
-    "rate_hz": "optional double",
-    "times_s": "repeated double",
-    "device_t0_s": "optional double",
-    "arrival_s": "optional double",
-}
 READINGS = ("t_s", "statistic", "threshold")
 """Fields of a detector's reading."""
 
-STATE_FIELDS = {"t_s": "double", "state": "string"}
-SKIPPED_FIELDS = {"stream": "string", "t0_s": "double", "t1_s": "double"}
+FIELDS: Mapping[str, Mapping[str, str]] = {
+    "Block": {
+        "seq": "uint64",
+        "t0_s": "double",
+        "channels": "uint32",
+        "dtype": "string",
+        "values": "bytes",
+        "unit": "string",
+        "scale": "double",
+        "rate_hz": "optional double",
+        "times_s": "repeated double",
+        "device_t0_s": "optional double",
+        "arrival_s": "optional double",
+    },
+    "Reading": dict.fromkeys(READINGS, "double"),
+    "State": {"t_s": "double", "state": "string"},
+    "Skipped": {"stream": "string", "t0_s": "double", "t1_s": "double"},
+}
+"""Our messages, in the package `touchbench`."""
+
 TRIAL, TRIAL_END = "trial", "trial_end"
 """Metadata records before and behind the chunks of a trial."""
 
@@ -97,24 +102,9 @@ def _file(package: str, message: str, fields: Mapping[str, str]) -> descriptor_p
     return file
 
 
-def block_schema() -> Schema:
-    """`touchbench.Block`."""
-    return Schema([_file("touchbench", "Block", BLOCK_FIELDS)], "touchbench.Block")
-
-
-def readings_schema() -> Schema:
-    """`touchbench.Reading`."""
-    return Schema([_file("touchbench", "Reading", dict.fromkeys(READINGS, "double"))], "touchbench.Reading")
-
-
-def state_schema() -> Schema:
-    """`touchbench.State`."""
-    return Schema([_file("touchbench", "State", STATE_FIELDS)], "touchbench.State")
-
-
-def skipped_schema() -> Schema:
-    """`touchbench.Skipped`."""
-    return Schema([_file("touchbench", "Skipped", SKIPPED_FIELDS)], "touchbench.Skipped")
+def schema_of(message: str) -> Schema:
+    """One of `FIELDS`."""
+    return Schema([_file("touchbench", message, FIELDS[message])], f"touchbench.{message}")
 
 
 def log_schema() -> Schema:

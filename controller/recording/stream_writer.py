@@ -23,12 +23,9 @@ from controller.recording.schemas import (
     TRIAL_END,
     SampleSchema,
     Schema,
-    block_schema,
     encode_block,
     log_schema,
-    readings_schema,
-    skipped_schema,
-    state_schema,
+    schema_of,
 )
 from controller.recording.series import DETECTOR, extremes_of_bins
 from drivers.core.messages import SampleBlock, StreamInfo
@@ -66,8 +63,8 @@ class StreamWriter:
         self._trial = -1
         self._limits: GuardSettings | None = None
         self._state = ""
-        self._block, self._skipped, self._log = block_schema(), skipped_schema(), log_schema()
-        self._states, self._readings = state_schema(), readings_schema()
+        self._block, self._skipped, self._log = schema_of("Block"), schema_of("Skipped"), log_schema()
+        self._states, self._readings = schema_of("State"), schema_of("Reading")
         try:
             self._file = McapWriter(path, mirror)
         except OSError as error:

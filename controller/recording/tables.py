@@ -52,8 +52,8 @@ LEFT_OUT = "Reached EOF prematurely|Incomplete chunk|Length of header or names d
 """What a library merely warns of where it leaves a part of the file out."""
 
 
-class TableError(ValueError):
-    """The file cannot be read: one line with file, what is wrong and what to do."""
+class ReplayError(ValueError):
+    """A recording cannot be used: one line with file, what is wrong and what to do."""
 
 
 @dataclass(frozen=True)
@@ -85,28 +85,28 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
         count: How many columns there must be where none are named.
 
     Raises:
-        TableError: it is none of these, or does not hold what is asked for.
+        ReplayError: it is none of these, or does not hold what is asked for.
     """
     read = READERS.get(path.suffix.lower())
     if read is None:
-        raise TableError(
+        raise ReplayError(
             f"{path}: '{path.suffix}' is no recording; give a run folder or a file of {', '.join(READERS)}"
         )
     try:
         if path.stat().st_size > LARGEST_BYTES:
-            raise TableError(f"{path}: larger than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
+            raise ReplayError(f"{path}: larger than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             warnings.filterwarnings("error", message=LEFT_OUT)
             return read(path, column, count)
-    except TableError:
+    except ReplayError:
         raise
     except OSError as error:
-        raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise ReplayError(f"{path}: cannot be read: {error.strerror or error}") from None
     except Exception as error:  # each library reports damaged files in its own ways
         kind = path.suffix.removeprefix(".").upper()
         reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise TableError(f"{path}: no {kind} file of numbers that can be read: {reason}") from None
+        raise ReplayError(f"{path}: no {kind} file of numbers that can be read: {reason}") from None
 
 
 def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
@@ -116,18 +116,18 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
     wanted = column.split(",") if column else names
     listed = ", ".join([*names[:NAMED], *(["…"] if len(names) > NAMED else [])]) or "none besides the times"
     if not column and len(names) != count:
-        raise TableError(f"{path}: which column? choose with --column; there are {listed}")
+        raise ReplayError(f"{path}: which column? choose with --column; there are {listed}")
     for name in wanted:
         if name not in table:
-            raise TableError(f"{path}: no column {name}; there are {listed}")
+            raise ReplayError(f"{path}: no column {name}; there are {listed}")
         if not len(table[name]):
-            raise TableError(f"{path}: column {name} has no rows")
+            raise ReplayError(f"{path}: column {name} has no rows")
         if not np.issubdtype(table[name].dtype, np.number) or np.iscomplexobj(table[name]):
-            raise TableError(f"{path}: column {name} {_odd(table[name])}, which is no number")
+            raise ReplayError(f"{path}: column {name} {_odd(table[name])}, which is no number")
     lengths = {name: len(table[name]) for name in [*wanted, *([clock] if clock else [])]}
     other = next((name for name, length in lengths.items() if length != lengths[wanted[0]]), None)
     if other is not None:
-        raise TableError(f"{path}: {wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
+        raise ReplayError(f"{path}: {wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
     values = np.column_stack([table[name].astype(np.float64) for name in wanted])
     return Chosen(wanted[0], values, *_times(path, clock, table))
 
@@ -168,7 +168,7 @@ def _calendar_dates(path: Path, clock: str, times: NDArray[Any]) -> Floats:
     if dates.isna().any():
         row = int(np.flatnonzero(dates.isna())[0])
         odd = _odd(times) if _numeric(str(times[0])) else f"holds {times[row]!r} in row {row + 1}"
-        raise TableError(f"{path}: column {clock} {odd}, which is no time")
+        raise ReplayError(f"{path}: column {clock} {odd}, which is no time")
     since_s: Floats = (dates - dates.iloc[0]).dt.total_seconds().to_numpy(np.float64)
     return since_s
 
@@ -183,20 +183,20 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     try:
         text = path.read_text("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise TableError(
+        raise ReplayError(
             f"{path}: byte {error.start}: no UTF-8 text; save it as CSV (UTF-8), or is it another kind of file?"
         ) from None
     if "\0" in text:
-        raise TableError(f"{path}: byte {text.index(chr(0))}: no text; is it another kind of file?")
+        raise ReplayError(f"{path}: byte {text.index(chr(0))}: no text; is it another kind of file?")
     lines = [line for line in text.splitlines() if line.strip()]
     rows = [line for line in lines if not line.lstrip().startswith(COMMENT)]
     if not rows:
-        raise TableError(f"{path}: has no rows")
+        raise ReplayError(f"{path}: has no rows")
     begin = lines.index(rows[0])
     names, body, separator = _header(rows, lines[begin - 1].lstrip("#%/ \t") if begin else "")
     _check_names(path, names)
     if body and (fields := len(_fields(body[0], separator))) != len(names):
-        raise TableError(
+        raise ReplayError(
             f"{path}: no table of numbers under one line of names: {len(names)} names ({', '.join(names[:NAMED])}), but"
             f" {fields} fields in the row below"
         )
@@ -216,7 +216,7 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
         )
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
         reason = str(error).splitlines()[0]
-        raise TableError(f"{path}: no table of numbers under one line of names: {reason}") from None
+        raise ReplayError(f"{path}: no table of numbers under one line of names: {reason}") from None
     return _chosen(path, {name: table[name].to_numpy() for name in names}, column, count)
 
 
@@ -261,9 +261,9 @@ def _numeric(field: str) -> bool:
 def _check_names(path: Path, names: Sequence[str]) -> None:
     twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
     if twice is not None:
-        raise TableError(f"{path}: two columns are called '{twice}' in the first line; rename one")
+        raise ReplayError(f"{path}: two columns are called '{twice}' in the first line; rename one")
     if not names:
-        raise TableError(f"{path}: has no columns")
+        raise ReplayError(f"{path}: has no columns")
 
 
 # --- arrays --------------------------------------------------------------------------------------
@@ -272,7 +272,7 @@ def _check_names(path: Path, names: Sequence[str]) -> None:
 def _read_npz(path: Path, column: str | None, count: int) -> Chosen:
     with ZipFile(path) as packed:
         if sum(part.file_size for part in packed.infolist()) > LARGEST_BYTES:
-            raise TableError(f"{path}: unpacks to more than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
+            raise ReplayError(f"{path}: unpacks to more than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
         for part in packed.infolist():
             _check_npy(packed, part)
     with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
@@ -298,7 +298,7 @@ def _read_mat(path: Path, column: str | None, count: int) -> Chosen:
     try:
         loaded = loadmat(path)
     except NotImplementedError:
-        raise TableError(f"{path}: a MAT file of version 7.3; save it with -v7") from None
+        raise ReplayError(f"{path}: a MAT file of version 7.3; save it with -v7") from None
     arrays = {name: np.squeeze(found) for name, found in loaded.items() if isinstance(found, np.ndarray)}
     return _of_arrays(path, arrays, column, count)
 
@@ -313,7 +313,7 @@ def _of_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], column: str | Non
             tall = array if array.shape[0] >= array.shape[1] else array.T
             table |= {f"{name}.{place}": tall[:, place] for place in range(tall.shape[1])}
     if not table:
-        raise TableError(
+        raise ReplayError(
             f"{path}: no array of one or two dimensions; it has {', '.join(arrays) or 'nothing'}"
         )
     return _chosen(path, table, column, count)
@@ -327,7 +327,7 @@ def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
     rate_hz, samples = wavfile.read(path)
     channels = samples if samples.ndim == 2 else samples[:, None]
     if column is None and channels.shape[1] != count:
-        raise TableError(f"{path}: {channels.shape[1]} channels; choose one with --column 0")
+        raise ReplayError(f"{path}: {channels.shape[1]} channels; choose one with --column 0")
     numbers = channel_numbers(f"{path}:", column or "0", channels.shape[1])
     values = channels[:, numbers].astype(np.float64)
     if samples.dtype == np.uint8:  # 8-bit WAV is unsigned, silence is 128
@@ -360,12 +360,12 @@ def channel_numbers(where: str, column: str, count: int) -> list[int]:
     """Numbers of channels as they are written on the command line.
 
     Raises:
-        TableError: there is no such channel.
+        ReplayError: there is no such channel.
     """
     numbers = column.split(",")
     unknown = next((each for each in numbers if not (each.isdecimal() and int(each) < count)), None)
     if unknown is not None:
-        raise TableError(f"{where} no channel {unknown}; there are 0 to {count - 1}")
+        raise ReplayError(f"{where} no channel {unknown}; there are 0 to {count - 1}")
     return [int(each) for each in numbers]
 
 
@@ -387,33 +387,36 @@ def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
 
     topic, _, named = (column or "").partition(":")
     fields = named.split(",")
-    rows: list[tuple[float, ...]] = []
+    rows: list[list[float | None]] = []
     clocks: list[tuple[int, int | None]] = []
-    try:
-        _check_chunks(path)
-        with _Bounded(io.FileIO(path)) as file:
-            reader = make_reader(file, decoder_factories=[_Json(), Protobuf(), Ros2()])
-            summary = reader.get_summary()
-            topics = sorted({channel.topic for channel in summary.channels.values()}) if summary else []
-            if not named or (topics and topic not in topics):
-                raise TableError(
-                    f"{path}: which field of which topic? choose with --column TOPIC:FIELD; topics are"
-                    f" {', '.join(topics) or 'not listed in it'}"
-                )
-            begin_ns = summary.statistics.message_start_time if summary and summary.statistics else None
-            for _, _, message, decoded in reader.iter_decoded_messages(topics=[topic]):
-                rows.append(tuple(_field(decoded, field) for field in fields))
-                clocks.append((message.log_time, _stamp_ns(decoded)))
-    except _NoNumberError as error:
-        raise TableError(f"{path}: {topic} has no number {error}") from None
+    _check_chunks(path)
+    with _Bounded(io.FileIO(path)) as file:
+        reader = make_reader(file, decoder_factories=[_Json(), Protobuf(), Ros2()])
+        summary = reader.get_summary()
+        topics = sorted({channel.topic for channel in summary.channels.values()}) if summary else []
+        if not named or (topics and topic not in topics):
+            raise ReplayError(
+                f"{path}: which field of which topic? choose with --column TOPIC:FIELD; topics are"
+                f" {', '.join(topics) or 'not listed in it'}"
+            )
+        begin_ns = summary.statistics.message_start_time if summary and summary.statistics else None
+        for _, _, message, decoded in reader.iter_decoded_messages(topics=[topic]):
+            row = [_field(decoded, field) for field in fields]
+            missing = [field for field, value in zip(fields, row, strict=True) if value is None]
+            if missing:
+                raise ReplayError(f"{path}: {topic} has no number {missing[0]}")
+            rows.append(row)
+            clocks.append((message.log_time, _stamp_ns(decoded)))
     if not rows:
-        raise TableError(f"{path}: {topic} has no message")
+        raise ReplayError(f"{path}: {topic} has no message")
     stamped = all(stamp for _, stamp in clocks)
     anchor_ns = clocks[0][0] - (clocks[0][0] if begin_ns is None else begin_ns)
     first_log_ns, first_stamp_ns = clocks[0]
     since_ns = [stamp - first_stamp_ns if stamped else log - first_log_ns for log, stamp in clocks]  # type: ignore[operator]
     times_s: Floats = (np.array(since_ns, np.int64) + anchor_ns).astype(np.float64) * 1e-9
-    return Chosen(fields[0], np.array(rows), times_s, clock="header.stamp" if stamped else "log_time")
+    return Chosen(
+        fields[0], np.array(rows, np.float64), times_s, clock="header.stamp" if stamped else "log_time"
+    )
 
 
 class _Bounded(io.BufferedReader):
@@ -440,11 +443,8 @@ def _check_chunks(path: Path) -> None:
                 raise ValueError(f"the chunk at byte {body} unpacks to {unpacked} bytes")
 
 
-class _NoNumberError(LookupError):
-    """A message has no such field, or no number in it."""
-
-
-def _field(message: Any, field: str) -> float:
+def _field(message: Any, field: str) -> float | None:
+    """A field of a message; None where there is none, or no number in it."""
     for part in field.split("."):
         if isinstance(message, Mapping):
             message = message.get(part)
@@ -452,9 +452,8 @@ def _field(message: Any, field: str) -> float:
             message = message[int(part)] if int(part) < len(message) else None
         else:
             message = getattr(message, part, None)
-    if isinstance(message, bool) or not isinstance(message, int | float):
-        raise _NoNumberError(field)
-    return float(message)
+    number = isinstance(message, int | float) and not isinstance(message, bool)
+    return float(message) if number else None
 
 
 def _stamp_ns(message: Any) -> int | None:

@@ -27,8 +27,8 @@ from config.trials import read_csv
 from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolderError
-from controller.recording.schemas import block_schema, encode_block
-from controller.recording.tables import TableError, read_columns
+from controller.recording.schemas import encode_block, schema_of
+from controller.recording.tables import ReplayError, read_columns
 from drivers.audio import codec as sound
 from drivers.audio.recording import Recording
 from drivers.audio.settings import AudioSettings
@@ -404,7 +404,7 @@ def _small_run() -> Mapping[str, bytes]:
 def _small_recording() -> bytes:
     path = _folder() / "small.mcap"
     path.unlink(missing_ok=True)
-    schema, info = block_schema(), BOARD_STREAMS[0]
+    schema, info = schema_of("Block"), BOARD_STREAMS[0]
     writer = McapWriter(path)
     channel = writer.topic("/raw/board.load_cell", schema.name, schema.descriptors, {"stream": info.name})
     writer.add_metadata("trial", {"trial": "1", "factors": "{}"})
@@ -424,7 +424,7 @@ def _columns(suffix: str, *columns: str | None) -> Callable[[bytes], None]:
     def run(data: bytes) -> None:
         path = _file(f"input{suffix}", data)
         for column in columns:
-            with suppress(TableError):
+            with suppress(ReplayError):
                 read_columns(path, column)
 
     return run

@@ -16,8 +16,8 @@ from config.assemble import make_detector
 from controller.detectors.calibration import calibrate
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
-from controller.recording.tables import TableError, read_columns
-from controller.replay import ReplayError, between, calibration_line, read_blocks, replay
+from controller.recording.tables import ReplayError, read_columns
+from controller.replay import between, calibration_line, read_blocks, replay
 from controller.replay_plot import draw
 from drivers.core.messages import SampleBlock
 from tests.refusals import refused
@@ -326,7 +326,7 @@ def chunk_of(size: int) -> bytes:
 def test_a_file_that_claims_more_than_it_holds_gets_no_room_for_it(tmp_path, name, content, reason):
     (tmp_path / name).write_bytes(content)
     tracemalloc.start()
-    with pytest.raises(TableError, match=reason):
+    with pytest.raises(ReplayError, match=reason):
         read_columns(tmp_path / name, "/topic:field" if name == "a.mcap" else None)
     peak_bytes = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

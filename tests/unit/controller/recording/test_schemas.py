@@ -8,14 +8,14 @@ from hypothesis.extra import numpy as hnp
 
 from controller.recording.schemas import (
     SampleSchema,
-    block_schema,
     decode_block,
     encode_block,
     log_schema,
+    schema_of,
 )
 from drivers.core.messages import SampleBlock, StreamInfo
 
-BLOCK = block_schema()
+BLOCK = schema_of("Block")
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 MAYBE = st.none() | FINITE
 
