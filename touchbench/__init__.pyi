@@ -64,6 +64,12 @@ from controller.reports.section import Section as Section
 from controller.signals.protocol import Signal as Signal
 
 # Drivers
+from drivers.arm.driver import ArmDriver as ArmDriver
+from drivers.arm.link import ArmLink as ArmLink
+from drivers.arm.link import ArmRow as ArmRow
+from drivers.arm.link import LinkError as LinkError
+from drivers.arm.link import Opened as Opened
+from drivers.arm.settings import ArmSettings as ArmSettings
 from drivers.core.can_frame import CanFrame as CanFrame
 from drivers.core.can_link import CanLink as CanLink
 from drivers.core.can_link import CanPort as CanPort
