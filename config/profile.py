@@ -73,7 +73,7 @@ class Profile:
     @cached_property
     def resolved(self) -> Table:
         """Every setting with its value, defaults included, as JSON and TOML can hold it; loads again."""
-        plant = {"plant": {"kind": self.plant.kind, **as_table(self.plant.settings)}} if self.plant else {}
+        plant = {"plant": _chosen(self.plant)} if self.plant else {}
         return {
             "title": self.title,
             "description": self.description,
@@ -82,13 +82,8 @@ class Profile:
                 name: {"driver": entry.kind, "port": entry.port, **_own(entry.settings)}
                 for name, entry in self.devices.items()
             },
-            "signals": {
-                name: {"kind": entry.kind, **as_table(entry.settings)} for name, entry in self.signals.items()
-            },
-            "detectors": {
-                name: {"kind": entry.kind, **as_table(entry.settings)}
-                for name, entry in self.detectors.items()
-            },
+            "signals": {name: _chosen(entry) for name, entry in self.signals.items()},
+            "detectors": {name: _chosen(entry) for name, entry in self.detectors.items()},
             "behavior": as_table(self.behavior),
             "limits": as_table(self.limits),
             "loop": as_table(self.loop),
@@ -147,6 +142,11 @@ class Profile:
             return f"{self.source.origin(('trials', 'grid'))}: [trials.grid] {factor}"
         place = f"{self.source.origin(('trials', 'list'))}: [trials] list row {row + 1}"
         return f"{place}: {factor}" if factor else place
+
+
+def _chosen(entry: Entry) -> Table:
+    """A kind and its settings."""
+    return {"kind": entry.kind, **as_table(entry.settings)}
 
 
 def _own(settings: Settings) -> Table:

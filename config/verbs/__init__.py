@@ -16,6 +16,7 @@ import click
 from drivers.core.errors import PROGRAM
 
 if TYPE_CHECKING:
+    from config.parts import ProfileParts
     from config.profile import Profile
     from controller.recording.run_folder import RunFolder
 
@@ -217,9 +218,31 @@ set_option = click.option(
     callback=_overrides,
     help="Another value for one setting, for example limits.force_n=1.5; may be given several times.",
 )
-only_option = click.option(
-    "--only", "numbers", type=int, multiple=True, metavar="TRIAL", help="This trial alone; repeatable."
-)
+
+
+def trials_options(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """A PROFILE, other values for its settings, other trials, and which of them."""
+    for decorate in (
+        click.option(
+            "--only",
+            "numbers",
+            type=int,
+            multiple=True,
+            metavar="TRIAL",
+            help="This trial alone; repeatable.",
+        ),
+        click.option(
+            "--trials",
+            "csv",
+            type=click.Path(path_type=Path),
+            help="Trials from a CSV file: a factor a column.",
+        ),
+        set_option,
+        click.argument("profile"),
+    ):
+        verb = decorate(verb)
+    return verb
+
 
 out_option = click.option(
     "--out",
@@ -327,6 +350,11 @@ def loaded_profile(profile: str, overrides: Mapping[str, str], csv: Path | None 
 
     rows, labels = read_csv(csv) if csv else (None, None)
     return load_profile(profile, overrides, rows=rows, labels=labels)
+
+
+def for_each_part(verb: click.Command, parts: ProfileParts, more: Sequence[str]) -> int:
+    """Call a verb for each part of a profile of parts; returns the worst exit code."""
+    return max(int(verb.main([*part, *more], standalone_mode=False)) for part in parts.tried)
 
 
 def sets(overrides: Mapping[str, str]) -> list[str]:

@@ -31,10 +31,7 @@ def list_(shown: str | None) -> None:
 
 
 @click.command(cls=verbs.Verb, short_help="Validate a profile, print its settings, try its bench.")
-@click.argument("profile")
-@verbs.set_option
-@click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
-@verbs.only_option
+@verbs.trials_options
 @click.option("--connect", is_flag=True, help="Open every device and read each sensor; nothing moves.")
 def check(
     profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: Sequence[int], connect: bool
@@ -52,15 +49,14 @@ def check(
     from config.parts import parts_of
 
     if parts := parts_of(profile):
-        common = [*verbs.sets(overrides), *(["--connect"] if connect else [])]
-        return max(int(check.main([*part, *common], standalone_mode=False)) for part in parts.tried)
+        return verbs.for_each_part(check, parts, [*verbs.sets(overrides), *["--connect"] * connect])
     from config.assemble import plan_campaign
     from config.costs import counted
     from config.toml_text import to_toml
     from config.trials import chosen, distinct
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
-    origins, asked = loaded.source.origins, chosen(loaded.trials(0), numbers, None)
+    origins, asked = loaded.source.origins, chosen(loaded.trials(0), numbers)
     click.echo(f"# {loaded.name}: {loaded.experiment} on the {loaded.bench} bench, {counted(len(asked))}")
     if note := verbs.real_time(loaded):
         click.echo(f"# {note}")
@@ -80,15 +76,10 @@ def check(
 
     plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
     code = verbs.DONE
-    if connect:
-        click.echo()
+    click.echo("\n" * connect, nl=False)
     with closing(build_rig(loaded)) as rig:
-        found = (
-            examine(rig, TrialScene(0, 0, {}, plant), trials, named)
-            if connect
-            else compare(rig, trials, named)
-        )
-        for finding in found:
+        scene = TrialScene(0, 0, {}, plant)
+        for finding in examine(rig, scene, trials, named) if connect else compare(rig, trials, named):
             if finding.of_profile:
                 verbs.complain(finding.line)
                 code = code or verbs.USAGE
@@ -99,10 +90,7 @@ def check(
 
 
 @click.command(cls=verbs.Verb, short_help="Show what a run would take, move and compute.")
-@click.argument("profile")
-@verbs.set_option
-@click.option("--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file instead.")
-@verbs.only_option
+@verbs.trials_options
 def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: Sequence[int]) -> int:
     """Show what running a PROFILE would take: time, disk, travel, force, and what each state computes.
 
@@ -116,16 +104,14 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: 
     from config.parts import parts_of
 
     if parts := parts_of(profile):
-        return max(
-            int(plan.main([*part, *verbs.sets(overrides)], standalone_mode=False)) for part in parts.tried
-        )
+        return verbs.for_each_part(plan, parts, verbs.sets(overrides))
     from config.assemble import plan_campaign
     from config.costs import planned
     from config.jobs import jobs_for
     from config.trials import chosen, distinct
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
-    trials = chosen(loaded.trials(0), numbers, None)
+    trials = chosen(loaded.trials(0), numbers)
     workers = jobs_for(loaded, plan_campaign(loaded, trials, 0), None)
     plans = plan_campaign(loaded, distinct(trials), 0).trials
     click.echo("\n".join(planned(loaded, trials, plans, workers)))

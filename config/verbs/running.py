@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from config.profile import Profile
     from controller.campaign import CampaignPlan, Console
     from controller.console import ConsoleOperator
-    from controller.recording.mcap_file import Mirror
     from controller.recording.resuming import ResumedRun
     from controller.recording.run_folder import RunFolder
     from controller.watching.foxglove import FoxgloveStream
@@ -28,15 +27,10 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=verbs.Verb, short_help="Run an experiment, write a run folder and its report.")
-@click.argument("profile")
-@verbs.set_option
+@verbs.trials_options
 @click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Of order and noise."
 )
-@click.option(
-    "--trials", "csv", type=click.Path(path_type=Path), help="Trials from a CSV file: a factor a column."
-)
-@verbs.only_option
 @verbs.out_option
 @verbs.report_option
 @verbs.endpoints_option
@@ -57,14 +51,8 @@ def run(
     csv: Path | None,
     numbers: Sequence[int],
     out: Path,
-    reported: bool,
-    endpoints: Path | None,
-    realtime: bool,
-    jobs: int | None,
-    scheduler: str | None,
-    watched: bool,
-    foxglove: bool,
     shard: tuple[int, int] | None,
+    **how: Any,
 ) -> int:
     """Run the experiment of a PROFILE and write a run folder with its report.
 
@@ -86,17 +74,17 @@ def run(
     from config.trials import chosen
 
     if parts := parts_of(profile):
-        if csv or numbers or endpoints or realtime or shard or watched or foxglove:
+        single = csv or numbers or shard
+        if single or any(how[name] for name in ("endpoints", "realtime", "watched", "foxglove")):
             raise click.UsageError(
                 f"{profile} has parts; run one of them with this option: see {PROGRAM} list"
             )
         folder = begin(profile, parts, ["--seed", str(seed), *verbs.sets(overrides)], out)
-        return _in_turn(folder, jobs, scheduler, reported)
+        return _in_turn(folder, how["jobs"], how["scheduler"], how["reported"])
     loaded = verbs.loaded_profile(profile, overrides, csv)
-    if realtime and (loaded.bench != "emulated" or endpoints is not None):
-        reason = "an emulator that runs has its own time" if endpoints else f"{loaded.name} is not emulated"
-        raise click.BadParameter(reason, param_hint="--realtime")
-    trials = loaded.trials(seed)
+    if how["realtime"] and (loaded.bench != "emulated" or how["endpoints"]):
+        joined = "an emulator that runs has its own time" if how["endpoints"] else ""
+        raise click.BadParameter(joined or f"{loaded.name} is not emulated", param_hint="--realtime")
     asked = {
         "profile": profile,
         "set": dict(overrides),
@@ -104,7 +92,7 @@ def run(
         "only": list(numbers),
         **({"shard": list(shard)} if shard else {}),
     }
-    picked = chosen(trials, numbers, None)
+    picked = chosen(loaded.trials(seed), numbers)
     own = chosen(picked, (), shard)
     if shard and not own:
         raise click.BadParameter(
@@ -112,13 +100,7 @@ def run(
             param_hint="--shard",
         )
     others = {trial.id for trial in picked} - {trial.id for trial in own}
-    plan = plan_campaign(loaded, picked, seed, done=others, asked=asked)
-    with ExitStack() as stack:
-        stream = stack.enter_context(closing(_foxglove())) if foxglove else None
-        crew = stack.enter_context(_crew(loaded, plan, 1 if foxglove else jobs, scheduler))
-        return _carried_out(
-            loaded, plan, out, endpoints, reported, crew, realtime=realtime, watched=watched, mirror=stream
-        )
+    return _carried_out(loaded, plan_campaign(loaded, picked, seed, done=others, asked=asked), out, **how)
 
 
 @click.command(cls=verbs.Verb, short_help="Go on with a run that broke off.")
@@ -128,15 +110,7 @@ def run(
 @verbs.endpoints_option
 @verbs.jobs_options
 @verbs.watch_option
-def resume(
-    run: str,
-    out: Path,
-    reported: bool,
-    endpoints: Path | None,
-    jobs: int | None,
-    scheduler: str | None,
-    watched: bool,
-) -> int:
+def resume(run: str, out: Path, **how: Any) -> int:
     """Go on with a RUN where it stopped, in its own folder.
 
     Trials that are done stay. One that was torn, or that ended the run by a fault, the guard or the operator, is run
@@ -156,9 +130,9 @@ def resume(
 
     found = RunFolder.find(run, out)
     if "parts" in found.read_manifest():
-        if watched:
+        if how["watched"]:
             raise click.UsageError(f"{run} has parts: watch each with {PROGRAM} watch")
-        return _in_turn(found, jobs, scheduler, reported)
+        return _in_turn(found, how["jobs"], how["scheduler"], how["reported"])
     resumed = broken_off(found)
     loaded, trials = profile_of(resumed.manifest, resumed.folder.path.name)
     seed, asked = int(resumed.manifest["seed"]), resumed.manifest["profile"].get("asked")
@@ -168,8 +142,7 @@ def resume(
             f"{resumed.folder.path.name}: all {len(trials)} trials are done; `{PROGRAM} report {run}` shows them"
         )
         return verbs.DONE
-    with _crew(loaded, plan, jobs, scheduler) as crew:
-        return _carried_out(loaded, plan, out, endpoints, reported, crew, resumed, watched=watched)
+    return _carried_out(loaded, plan, out, resumed, **how)
 
 
 @click.command(cls=verbs.Verb, short_help="Join the shards of a run.")
@@ -194,41 +167,41 @@ def _carried_out(
     loaded: Profile,
     plan: CampaignPlan,
     out: Path,
-    endpoints: Path | None,
-    reported: bool,
-    crew: Crew | None,
     resumed: ResumedRun | None = None,
+    *,
+    reported: bool,
+    endpoints: Path | None,
+    jobs: int | None,
+    scheduler: str | None,
+    watched: bool,
     realtime: bool = False,
-    watched: bool = False,
-    mirror: Mirror | None = None,
+    foxglove: bool = False,
 ) -> int:
     """Run a campaign and report it; returns the exit code."""
+    from config.assemble import build_rig
     from config.costs import duration
+    from config.jobs import in_batches
+    from controller.campaign import Campaign
     from controller.console import ConsoleOperator
     from controller.recording.run_folder import RunFolder
 
     if note := verbs.real_time(loaded):
         verbs.say(note)
-    workers = 1 if crew is None else crew.count
-    time = f"time: {duration(loaded.name, loaded.experiment, loaded.bench, plan.count, workers)}"
     with ExitStack() as stack:
+        mirror = stack.enter_context(closing(_foxglove())) if foxglove else None
+        crew = stack.enter_context(_crew(loaded, plan, 1 if foxglove else jobs, scheduler))
+        workers = crew.count if crew else 1
+        time = f"time: {duration(loaded.name, loaded.experiment, loaded.bench, plan.count, workers)}"
         page = stack.enter_context(closing(_page())) if watched else None
-        if crew is not None:
-            from config.jobs import in_batches
-
-            operator = stack.enter_context(ConsoleOperator())
-            outcome = in_batches(
-                crew, loaded, plan, _console(operator, page, time, plan.successes), out, resumed
-            ).run()
+        joined = _endpoints(endpoints)
+        rig = None if crew else stack.enter_context(closing(build_rig(loaded, joined, realtime)))
+        operator = stack.enter_context(ConsoleOperator(asking=rig.asking if rig else ()))
+        console = _console(operator, page, time, plan.successes)
+        if rig is None:
+            assert crew is not None
+            outcome = in_batches(crew, loaded, plan, console, out, resumed).run()
         else:
-            from config.assemble import build_rig
-            from controller.campaign import Campaign
-
-            rig = stack.enter_context(closing(build_rig(loaded, _endpoints(endpoints), realtime)))
-            operator = stack.enter_context(ConsoleOperator(asking=rig.asking))
-            outcome = Campaign(
-                plan, rig, _console(operator, page, time, plan.successes), out, resumed, mirror
-            ).run()
+            outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
     if outcome.error is None:
         (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
     try:
