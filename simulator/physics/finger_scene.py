@@ -122,15 +122,7 @@ class Moment(NamedTuple):
 
     def copy(self) -> Moment:
         """The same moment in arrays of its own."""
-        return Moment(
-            self.x.copy(),
-            self.depth.copy(),
-            self.flags.copy(),
-            self.whole.copy(),
-            self.fraction.copy(),
-            self.wander.copy(),
-            self.wander_step.copy(),
-        )
+        return Moment._make(array.copy() for array in self)
 
     def put(self, t_s: float) -> None:
         """Change the time alone; the wander's value is no longer known."""
