@@ -62,9 +62,7 @@ class EventLog:
         """Close."""
         self._file.close()
 
-    def abandon(self) -> None:
-        """Close as it is."""
-        self._file.close()
+    abandon = finish
 
 
 def describe_event(event: Event) -> tuple[str, dict[str, object]]:

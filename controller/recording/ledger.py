@@ -87,8 +87,7 @@ class Ledger:
     def finish(self) -> None:
         """Nothing is open between two commits."""
 
-    def abandon(self) -> None:
-        """Nothing is open between two commits."""
+    abandon = finish
 
 
 def format_cell(value: object) -> str:

@@ -319,12 +319,12 @@ class RecordingIndex:
         """The channels that are read: blocks, detectors' readings where these are no blocks, and skipped spans."""
         if path not in self._channels:
             found = {number: channel for number, (channel, _) in topics(path).items()}
-            blocks = {each.topic.removeprefix(RAW) for each in found.values() if each.topic.startswith(RAW)}
+            names = {each.topic for each in found.values()}
             self._channels[path] = {
                 number: channel
                 for number, channel in found.items()
                 if channel.topic == SKIPPED
                 or channel.topic.startswith(RAW)
-                or (channel.topic.startswith(READ) and channel.topic not in blocks)
+                or (channel.topic.startswith(READ) and f"/raw{channel.topic}" not in names)
             }
         return self._channels[path]

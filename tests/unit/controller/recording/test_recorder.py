@@ -19,6 +19,7 @@ from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
+from controller.recording.schemas import encode_block, schema_of
 from controller.recording.series import BIN_S, Gap, Span
 from controller.recording.stream_writer import StreamWriter
 from drivers.core.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
@@ -373,6 +374,22 @@ def test_what_a_detector_holds_against_its_threshold_is_a_topic_and_a_stream(fol
     assert series.gaps == ()
     plotted = [content for _, _, content in messages_of(folder, "/detector/near")]
     assert [(d.t_s, d.statistic, d.threshold) for d in plotted] == readings
+
+
+def test_of_an_older_recording_which_has_readings_as_blocks_too_these_are_read(folder):
+    recorder_in(folder).close()
+    block = SampleBlock("detector.near", 0, 1.0, np.array([[0.5, 7.0]]), times_s=np.array([1.0]))
+    writer = McapWriter(folder.recordings[0])
+    writer.add_metadata("trial", {"trial": "1", "factors": "{}"})
+    reading = schema_of("Reading").pack(t_s=1.0, statistic=0.5, threshold=7.0)
+    for topic, name, data in (
+        ("/raw/detector/near", "Block", encode_block(schema_of("Block"), block)),
+        ("/detector/near", "Reading", reading),
+    ):
+        number = writer.topic(topic, name, schema_of(name).descriptors, {"stream": block.stream, "unit": ""})
+        writer.add(number, 10**9, data)
+    writer.finish()
+    assert len(open_run(folder.path).trial(1).stream("detector.near")) == 1
 
 
 @pytest.mark.parametrize("size", [1, 64, 1000])
