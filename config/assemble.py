@@ -350,8 +350,8 @@ def make_detector(
     except KindError as error:
         raise ProfileError(f"--detector {kind}: {error}") from None
     given = {key: given_value(f"--set {key}", text) for key, text in overrides.items()}
-    if baseline is not None and "baseline_s" in model.model_fields:
-        given["baseline_s"] = baseline[1] - baseline[0]
+    if baseline is not None:
+        given |= dict.fromkeys(model.keys_of("baseline"), baseline[1] - baseline[0])
     settings = validated(model, given, lambda place: f"--set {'.'.join(place)}")
     detector: Detector = made(kind, settings)
     return detector

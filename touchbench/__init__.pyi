@@ -135,6 +135,7 @@ from drivers.core.protocols import Device as Device
 
 # Settings, each beside the class that it configures
 from drivers.core.settings import Address as Address
+from drivers.core.settings import BaselineS as BaselineS
 from drivers.core.settings import DetectorName as DetectorName
 from drivers.core.settings import DeviceName as DeviceName
 from drivers.core.settings import DriveHz as DriveHz

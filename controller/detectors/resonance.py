@@ -14,7 +14,7 @@ from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactHel
 from controller.detectors.protocol import NOTHING, Quantity, decisions
 from controller.signals.envelope import Envelope
 from drivers.core.messages import SampleBlock
-from drivers.core.settings import Settings, StreamName
+from drivers.core.settings import BaselineS, Settings, StreamName
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class ResonanceSettings(Settings):
     input: StreamName = "board.accelerometer"
     """Waveform of the finger's oscillation, at a fixed rate of ten samples a period or more."""
 
-    baseline_s: float = Field(default=10.0, ge=0.6, le=600.0)
+    baseline_s: BaselineS = Field(default=10.0, ge=0.6, le=600.0)
     """Time without contact in which the free oscillation is learned, s. A short one raises the threshold, as
     Student's t does for a normal deviate."""
 

@@ -14,7 +14,7 @@ from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLos
 from controller.detectors.protocol import NOTHING, Quantity
 from controller.signals.cycles import CycleCounter
 from drivers.core.messages import SampleBlock
-from drivers.core.settings import Settings, StreamName
+from drivers.core.settings import BaselineS, Settings, StreamName
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class ResonancePaperSettings(Settings):
     average_samples: int = Field(default=10, ge=1, le=1000)
     """Length of the moving average (III.B: 10)."""
 
-    baseline_s: float = Field(default=1.0, gt=0.0, le=600.0)
+    baseline_s: BaselineS = Field(default=1.0, gt=0.0, le=600.0)
     """Time over which mean and standard deviation of the averaged frequency are taken (III.B: 1 s)."""
 
     threshold_sigma: float = Field(default=3.0, gt=0.0, le=100.0)

@@ -13,7 +13,7 @@ from pydantic import Field, Strict
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
 from controller.detectors.protocol import NOTHING, Quantity, changes, channels_of, decisions, rate_of
 from drivers.core.messages import SampleBlock
-from drivers.core.settings import Settings, StreamName
+from drivers.core.settings import BaselineS, Settings, StreamName
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class ForceThresholdSettings(Settings):
     channels: Annotated[tuple[int, ...], Strict(False), Field(min_length=1)] | None = None
     """Which of its channels; None uses all of them."""
 
-    baseline_s: float = Field(default=0.5, gt=0.0, le=60.0)
+    baseline_s: BaselineS = Field(default=0.5, gt=0.0, le=60.0)
     """Time over which the level at rest is taken, from the first sample on, s."""
 
     average_s: float = Field(default=0.02, gt=0.0, le=10.0)

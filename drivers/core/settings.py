@@ -19,7 +19,7 @@ class Mark:
     """What a setting is, whatever its key: the name of something else in the profile, which must be there, or what
     others know it by."""
 
-    what: Literal["device", "stream", "detector", "address", "drive", "home_speed"]
+    what: Literal["device", "stream", "detector", "address", "baseline", "drive", "home_speed"]
 
 
 DeviceName = Annotated[str, Mark("device")]
@@ -33,6 +33,9 @@ DetectorName = Annotated[str, Mark("detector")]
 
 Address = Annotated[str, Mark("address")]
 """Where a device is reached over a network: a profile writes it as the device's `port`."""
+
+BaselineS = Annotated[float, Mark("baseline")]
+"""Time for which a detector learns, s: `replay --baseline T0:T1` sets it."""
 
 DriveHz = Annotated[float, Mark("drive")]
 """Frequency with which transducers are driven: who drives and who listens have the same one."""
