@@ -164,7 +164,7 @@ def _commanded(evidence: TrialEvidence) -> list[SlipSpan]:
     """From each command to slide until standstill or the next command."""
     ends_s = [t_s for _, t_s in evidence.visits[1:]]
     if evidence.visits:
-        ends_s.append(_end_s(evidence))
+        ends_s.append(evidence.ended_s)
     return [
         SlipSpan(t_s, end_s)
         for (state, t_s), end_s in zip(evidence.visits, ends_s, strict=True)
@@ -196,13 +196,7 @@ def _cuts_s(evidence: TrialEvidence) -> Sequence[float]:
     """
     cuts_s = [event.t_s for event in evidence.events if isinstance(event, GuardStopped | Paused)]
     cuts_s += [evidence.entered_s[state] for state in ("HALTING", "FAILED") if state in evidence.entered_s]
-    return cuts_s if "LIFTING" in evidence.entered_s else [*cuts_s, _end_s(evidence)]
-
-
-def _end_s(evidence: TrialEvidence) -> float:
-    """The last that is known of the trial."""
-    last_s = [t_s for _, t_s in evidence.visits[-1:]] + [event.t_s for event in evidence.events[-1:]]
-    return max(last_s, default=0.0)
+    return cuts_s if "LIFTING" in evidence.entered_s else [*cuts_s, evidence.ended_s]
 
 
 # --- what the detectors reported ------------------------------------------------------------------
@@ -296,7 +290,7 @@ def _silent_s(evidence: TrialEvidence, run: SensorRunSettings) -> float:
     states = ("LIFTING",) if run.listen == "rest" else ("LIFTING", "STOPPED")
     return min(
         (evidence.entered_s[state] for state in states if state in evidence.entered_s),
-        default=_end_s(evidence),
+        default=evidence.ended_s,
     )
 
 
