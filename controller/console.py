@@ -67,9 +67,10 @@ class ConsoleOperator:
     def __enter__(self) -> ConsoleOperator:
         handlers: dict[signal.Signals, Any] = {
             signal.SIGINT: self._interrupted,
-            **dict.fromkeys((signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT), self._ended),
-            signal.SIGTSTP: self._suspended,
-            signal.SIGCONT: self._continued,
+            **dict.fromkeys((signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT), lambda *_: self.press("stop")),
+            signal.SIGTSTP: lambda *_: self.press("suspend"),
+            # from the background into the foreground as well: the shell has set the terminal as it likes it
+            signal.SIGCONT: lambda *_: self._silence_keys(),
             # What a terminal sends to a program in the background that reads or writes: it would suspend it at once.
             **dict.fromkeys((signal.SIGTTIN, signal.SIGTTOU), signal.SIG_IGN),
         }
@@ -115,13 +116,19 @@ class ConsoleOperator:
         self._go_on = not self._interactive
 
     def press(self, command: str) -> None:
-        """A command from elsewhere, on any thread: "pause", "resume" or "stop".
+        """A command from elsewhere, on any thread: "pause", "suspend", "resume" or "stop".
 
         A stop is latched: the run ends by it, and another act begins the next.
         """
-        self._abort |= command == "stop"
-        self._pause |= command == "pause" and not self._paused
-        self._go_on |= command == "resume" and self._paused
+        # Each flag is only ever set here: one that were read and written back could undo what another thread has set.
+        if command == "stop":
+            self._abort = True
+        elif command == "suspend":
+            self._suspend = True
+        elif command == "pause" and not self._paused:
+            self._pause = True
+        elif command == "resume" and self._paused:
+            self._go_on = True
 
     def reply(self, number: int, done: bool) -> None:
         """An answer from elsewhere, on any thread, to the question of that number."""
@@ -143,16 +150,6 @@ class ConsoleOperator:
             self._pause = True
         else:
             self._abort = True
-
-    def _suspended(self, number: int, frame: FrameType | None) -> None:
-        self._suspend = True
-
-    def _continued(self, number: int, frame: FrameType | None) -> None:
-        """From the background into the foreground as well: the shell has set the terminal as it likes it."""
-        self._silence_keys()
-
-    def _ended(self, number: int, frame: FrameType | None) -> None:
-        self._abort = True
 
     def _silence_keys(self) -> None:
         """Keys that are pressed do not show: they would shift a live view by a line. Nor does Ctrl+S hold output up.

@@ -8,6 +8,7 @@ from scipy.io import wavfile
 
 from config.script import run_trials
 from controller.campaign import EXIT_DONE
+from tests.refusals import check_refusal
 
 RATE_HZ = 1000.0
 DRIVE_HZ = 40_000.0
@@ -18,7 +19,7 @@ def refused(verb, *arguments):
     """The one line with which the program refuses."""
     code, out, err = verb(*arguments)
     assert (code, out) == (2, "")
-    assert len(err.splitlines()) == 1
+    check_refusal(err)
     return err
 
 
@@ -215,17 +216,11 @@ def test_a_table_without_the_encoders_column_is_refused(verb, approach, columns,
     assert reason in refused(verb, "replay", approach / "a.csv", "--detector", "pretouch", *columns)
 
 
-@pytest.mark.parametrize("name", ["replay", "calibrate"])
-def test_a_trial_of_a_file_is_refused(verb, approach, name):
-    more = ["--false-alarm-interval", "60"] if name == "calibrate" else []
-    message = refused(verb, name, approach / "a.csv", "--detector", "level", "--trial", "3", *more)
+@pytest.mark.parametrize("name", [["replay"], ["calibrate", "--false-alarm-interval", "60"]])
+def test_a_trial_of_a_file_and_a_rate_of_a_run_folder_are_refused(verb, approach, slipped, name):
+    message = refused(verb, *name, approach / "a.csv", "--detector", "level", "--trial", "3")
     assert "a.csv is a file, only a run folder has trials; leave it out" in message
-
-
-@pytest.mark.parametrize("name", ["replay", "calibrate"])
-def test_a_rate_of_a_run_folder_is_refused(verb, slipped, name):
-    more = ["--false-alarm-interval", "60"] if name == "calibrate" else []
-    message = refused(verb, name, slipped.folder.path, "--detector", "slip", "--rate", "500", *more)
+    message = refused(verb, *name, slipped.folder.path, "--detector", "slip", "--rate", "500")
     assert "is a run folder and has its own times; leave it out" in message
 
 
