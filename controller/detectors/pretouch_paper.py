@@ -81,13 +81,17 @@ class PreTouchPaperDetector(OnEnvelope):
     def _decide(self, samples: EnvelopeSamples) -> Sequence[Detected]:
         if self._windows is None:
             self._windows = self._cutter(samples.rate_hz)
-        powers = np.full(len(samples.z), np.nan)
+        powers, complete = np.full(len(samples.z), np.nan), False
         starts = [0, *np.flatnonzero(samples.missing).tolist()]
         for start, end in pairwise([*starts, len(samples.z)]):
             if samples.missing[start]:
                 self._windows.reset()
             ends, windows = self._windows.push(samples.z.real[start:end, None])
-            powers[start + ends] = self._powers(windows, samples.rate_hz)
+            if len(ends):
+                complete = True
+                powers[start + ends] = self._powers(windows, samples.rate_hz)
+        if not complete:
+            return ()
         self.readings = decisions(samples.times_s, powers, self.settings.threshold)
         events: list[Detected] = []
         for i, near in changes(powers, self.settings.threshold, self._near):

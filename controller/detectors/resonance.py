@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 HOPS = 9
 """Values of the envelope in a free period: one each 4 ms at 28 Hz."""
 
-LEADS, PERIODS, LEVELS = (HOPS, 2 * HOPS), 6, 3
+HORIZONS, PERIODS, LEVELS = (HOPS, 2 * HOPS), 6, 3
 """What is predicted: amplitude and phase one period and two ahead, in hops, from the frequencies of six periods and the
 amplitudes of three. Chosen on the finger of mock/transient_hard (benchmarks/contact), where from four to ten periods
 little changes."""
@@ -33,15 +33,15 @@ PRIOR_VALUES = 100.0
 """What the plain prediction (frequency and amplitude stay) is worth, in independent values of the baseline: of 14, 40,
 100 and 300 the one with most contacts in time at few false ones, on 500 other approaches of that finger."""
 
-LOOK = {
+DIRECTIONS = {
     "all": (-0.1, 1.0, -0.1, 1.0),
     "phase": (0.0, 1.0, 0.0, 1.0),
     "amplitude": (-1.0, 0.0, -1.0, 0.0),
     "frequency": (0.0, -1.0, 0.0, 1.0),
 }
-"""What a contact does, in deviations of the free finger: (logarithm of the amplitude, phase) for each lead. A contact
-stiffens the finger, so the phase leads; the swing's energy is cut a little. Frequency is the phase gained between the
-two."""
+"""What a contact does, in deviations of the free finger: (logarithm of the amplitude, phase) for each horizon. A
+contact stiffens the finger, so the phase leads; the swing's energy is cut a little. Frequency is the phase gained
+between the two."""
 
 QUIET, SURPRISE = 3.0, 4.5
 """Deviations within which the oscillation is as before the contact: frequency and amplitude, and the residual, which is
@@ -219,10 +219,10 @@ class ResonanceDetector:
             self._refused = True
             return BaselineRefused(t_s, self.name, free_hz, math.nan, reason)
         assert self._envelope is not None
-        self._past = found[-(MEMORY + LEADS[-1]) :]
+        self._past = found[-(MEMORY + HORIZONS[-1]) :]
         self._reference_hz = self._slow_hz = free_hz + float(_rates_hz(found, HOPS).mean())
-        # effect of a lasting rise of 1 Hz on the weighted sum: phase gained over each lead
-        gains = self._weights[1::2] * np.asarray(LEADS) * 2.0 * math.pi * self._envelope.hop_s
+        # effect of a lasting rise of 1 Hz on the weighted sum: phase gained over each horizon
+        gains = self._weights[1::2] * np.asarray(HORIZONS) * 2.0 * math.pi * self._envelope.hop_s
         rise_hz = self._limit / float(gains.sum()) if gains.sum() > 0.0 else math.nan
         return BaselineReady(t_s, self.name, self._reference_hz, self._reference_hz + rise_hz)
 
@@ -247,12 +247,12 @@ class ResonanceDetector:
             return "no variance: is the oscillation locked, is the converter alive?"
         z = np.clip((features - middle) / scale, -3.0, 3.0)
         correlation = np.corrcoef(z.T) + 1e-3 * np.eye(len(scale))
-        self._middle, self._looks = middle, {}
-        for senses, direction in LOOK.items():
+        self._middle, self._directions = middle, {}
+        for senses, direction in DIRECTIONS.items():
             weights = np.linalg.solve(correlation, np.asarray(direction))
             weights /= math.sqrt(float(weights @ correlation @ weights)) * max(1.0, float(z.std()))
-            self._looks[senses] = weights / scale
-        self._weights = self._looks[self.settings.senses]
+            self._directions[senses] = weights / scale
+        self._weights = self._directions[self.settings.senses]
         self._inverse = np.linalg.inv(correlation) / np.outer(scale, scale)
         self._levels = (float(np.median(found[:, 1])), max(0.02, float(found[:, 1].std())))
         slow_hz = _rates_hz(found, MEMORY)
@@ -283,12 +283,12 @@ class ResonanceDetector:
         wanted = round(self.settings.baseline_s * rate_hz)
         twin._learn(times_s[:wanted], x[:wanted], rate_hz, mistuned)
         if twin._refused or twin._envelope is None:
-            return np.empty(0), dict.fromkeys(LOOK, np.empty(0))
+            return np.empty(0), dict.fromkeys(DIRECTIONS, np.empty(0))
         follows = np.column_stack(twin._envelope.push(times_s[wanted:], x[wanted:] - twin._mean))
         joined = np.concatenate([twin._past, follows])
         features = _residuals(*_features(joined), twin._teach) - twin._middle
-        found = {senses: (features * weights).sum(axis=1) for senses, weights in twin._looks.items()}
-        return joined[MEMORY + LEADS[-1] :, 0], found | {"amplitude": np.abs(found["amplitude"])}
+        found = {senses: (features * weights).sum(axis=1) for senses, weights in twin._directions.items()}
+        return joined[MEMORY + HORIZONS[-1] :, 0], found | {"amplitude": np.abs(found["amplitude"])}
 
     def _deviations(self, features: Floats) -> Floats:
         s: Floats = ((features - self._middle) * self._weights).sum(axis=1)
@@ -306,7 +306,7 @@ class ResonanceDetector:
             new = min(fresh, len(plain))
             features = _residuals(plain[-new:], seen[-new:], self._teach)
             events = self._decide(self._past[-new:], features, _rates_hz(self._past, HOPS)[-new:])
-        self._past = self._past[-(MEMORY + LEADS[-1]) :]
+        self._past = self._past[-(MEMORY + HORIZONS[-1]) :]
         return events
 
     def _decide(self, past: Floats, features: Floats, rates_hz: Floats) -> list[Detected]:
@@ -356,31 +356,31 @@ def _features(past: Floats) -> tuple[Floats, Floats]:
     """Deviations from a steady oscillation, and the features that predict them.
 
     Args:
-        past: Time, logarithm of the amplitude and phase, shape (n + MEMORY + LEADS[-1], 3).
+        past: Time, logarithm of the amplitude and phase, shape (n + MEMORY + HORIZONS[-1], 3).
 
     Returns:
-        Logarithm of the amplitude and phase for each lead, shape (n, 4); and for each lead how the last periods'
-        frequencies and amplitudes differ from their means, so that slow drift changes nothing, shape (n, leads,
+        Logarithm of the amplitude and phase for each horizon, shape (n, 4); and for each horizon how the last periods'
+        frequencies and amplitudes differ from their means, so that slow drift changes nothing, shape (n, horizons,
         PERIODS + LEVELS).
     """
-    n = max(0, len(past) - MEMORY - LEADS[-1])
-    found, seen = np.empty((n, 2 * len(LEADS))), np.empty((n, len(LEADS), PERIODS + LEVELS))
-    first = MEMORY + LEADS[-1]
-    for place, lead in enumerate(LEADS if n else ()):
-        ends = [slice(first - lead - k * HOPS, first - lead - k * HOPS + n) for k in range(PERIODS + 1)]
+    n = max(0, len(past) - MEMORY - HORIZONS[-1])
+    found, seen = np.empty((n, 2 * len(HORIZONS))), np.empty((n, len(HORIZONS), PERIODS + LEVELS))
+    first = MEMORY + HORIZONS[-1]
+    for place, horizon in enumerate(HORIZONS if n else ()):
+        ends = [slice(first - horizon - k * HOPS, first - horizon - k * HOPS + n) for k in range(PERIODS + 1)]
         phases = np.array([past[end, 2] for end in ends])
         levels = np.array([past[end, 1] for end in ends[:LEVELS]])
         turned = phases[:-1] - phases[1:]
         steady = turned.mean(axis=0)
         found[:, 2 * place] = past[first:, 1] - levels[0]
-        found[:, 2 * place + 1] = past[first:, 2] - phases[0] - steady * (lead / HOPS)
+        found[:, 2 * place + 1] = past[first:, 2] - phases[0] - steady * (horizon / HOPS)
         seen[:, place, :PERIODS] = (turned - steady).T
         seen[:, place, PERIODS:] = (levels - levels.mean(axis=0)).T
     return found, seen
 
 
 def _regression(plain: Floats, seen: Floats, prior: float) -> Floats:
-    """Weights of the prediction, shape (leads, PERIODS + LEVELS, 2), shrunk toward zero by a share `prior` of data."""
+    """Weights of the prediction, shrunk toward zero by a share `prior`, shape (horizons, PERIODS + LEVELS, 2)."""
     weights = np.empty((*seen.shape[1:], 2))
     for place in range(seen.shape[1]):
         x = seen[:, place]

@@ -167,7 +167,7 @@ class ForceThresholdDetector:
         self._past = joined[max(0, len(joined) - size + 1) :] if size > 1 else joined[:0]
         if len(joined) < size:
             return []
-        distances = np.linalg.norm(_running(joined, size) - level, axis=1)
+        distances = _lengths(_running(joined, size) - level)
         times_s = times_s[len(times_s) - len(distances) :]
         self.readings = decisions(times_s, distances, self._threshold)
         events: list[Detected] = []
@@ -183,7 +183,13 @@ class ForceThresholdDetector:
 
 def _running(values: Floats, size: int) -> Floats:
     """Means of `size` values in a row, shape (n - size + 1, channels); the same to the bit however they are cut."""
-    windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=0)
+    windows = values[np.arange(len(values) - size + 1)[:, None] + np.arange(size)].transpose(0, 2, 1)
     # one sum for each window, in the same order each time: a cumulative sum would depend on where it began
     means: Floats = np.ascontiguousarray(windows).sum(axis=-1) / size
     return means
+
+
+def _lengths(vectors: Floats) -> Floats:
+    """Of each row, shape (n,)."""
+    lengths: Floats = np.sqrt((vectors * vectors).sum(axis=1))
+    return lengths

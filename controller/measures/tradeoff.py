@@ -6,12 +6,12 @@ import math
 from typing import Any
 
 from behaviors.transient import TransientSettings
-from controller.detectors.resonance import LOOK, ResonanceDetector
+from controller.detectors.resonance import DIRECTIONS, ResonanceDetector
 from controller.detectors.resonance_paper import ResonancePaperDetector
 from controller.measures import Column, transient
 from controller.measures.trial import TrialEvidence
 
-METHODS = ("average", *LOOK)
+METHODS = ("average", *DIRECTIONS)
 """The paper's averaged frequency, and what the waveform's detector can be set to sense."""
 
 SOON_S, LATER_S = 0.07, 0.3

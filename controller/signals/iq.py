@@ -86,11 +86,11 @@ class IqSettings(Settings):
         self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
     ) -> Iterator[Mismatch]:
         """What sound at the rate of a run cannot give."""
-        misfit = self.misfit()
-        if misfit is not None:
-            yield Mismatch(path, *misfit)
+        unsuitable = self.unsuitable()
+        if unsuitable is not None:
+            yield Mismatch(path, *unsuitable)
 
-    def misfit(self, rate_hz: float = CONVERTER_HZ) -> tuple[str, str] | None:
+    def unsuitable(self, rate_hz: float = CONVERTER_HZ) -> tuple[str, str] | None:
         """Which setting does not suit sound at this frame rate, and the reason as text; None where all do."""
         output_hz, drive_hz, guard = self.output_hz, self.drive_hz, GUARD[self.variant]
         if rate_hz / output_hz != round(rate_hz / output_hz):
@@ -222,9 +222,9 @@ class Iq:
 
     def _made(self, stream: str, rate_hz: float) -> Fused | Cic:
         settings = self._settings
-        misfit = settings.misfit(rate_hz)
-        if misfit is not None:
-            raise ValueError(f"{stream}: {self.info.name} {misfit[0]}{misfit[1]}")
+        unsuitable = settings.unsuitable(rate_hz)
+        if unsuitable is not None:
+            raise ValueError(f"{stream}: {self.info.name} {unsuitable[0]}{unsuitable[1]}")
         decimation = round(rate_hz / settings.output_hz)
         oscillator = Oscillator(settings.drive_hz, rate_hz)
         if settings.variant == "cic":

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactHeld, ContactLost
+from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost
 from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
 from drivers.core.messages import SampleBlock
 
@@ -127,17 +127,6 @@ def test_lost_samples_raise_no_alarm_and_the_baseline_stays():
         events += detector.push(block)
     assert names(events)[:2] == ["BaselineReady", "Contact"]
     assert 14.0 < events[1].t_s < 14.1
-
-
-def test_periods_are_sent_to_the_papers_detector():
-    block = SampleBlock("board.period", 0, 0.0, np.ones((3, 1)), times_s=np.arange(3.0), unit="s")
-    with pytest.raises(ValueError, match="irregular times"):
-        ResonanceDetector("contact", ResonanceSettings()).push(block)
-
-
-def test_a_lasting_contact_is_reported_held_once():
-    x = wave(np.concatenate([free(12.0), bouncing(3.0)]))
-    assert sum(isinstance(event, ContactHeld) for event in events_of(x)) == 1
 
 
 @pytest.mark.parametrize("size", [1, 64, 5000])

@@ -165,30 +165,23 @@ def test_clocks_20_ppm_apart_are_measured_and_tracked():
     assert np.ptp(np.unwrap(np.angle(z))) < 1e-3
     assert np.isnan(iq().drift_ppm)
     assert watching.account()["drift_ppm"] == watching.drift_ppm
-    assert watching.account()["warning"] == (
-        'signals.finger: drive and converter are 20 ppm apart, more than 0.01: set clocks = "tracked", or use one card '
-        "for both"
-    )
+    assert "signals.finger: drive and converter are 20 ppm apart" in watching.account()["warning"]
     # a removed beat needs no warning
     assert tracking.account() == {"clocks": "tracked", "drift_ppm": pytest.approx(20.0, abs=0.01)}
 
 
-def test_one_clock_that_is_watched_is_no_cause_for_a_warning():
+@pytest.mark.parametrize("clocks", ["watched", "locked"])
+def test_one_clock_is_no_cause_for_a_warning_and_measured_only_where_it_is_watched(clocks):
     rng = np.random.default_rng(1)
     n = 5 * RATE_HZ
     noise = 1e-4 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
-    watching = iq(clocks="watched")
-    assert watching.account() == {}
-    outputs(watching, fingers(0.2 + noise, np.zeros(n)), [9600])
-    account = watching.account()
-    assert abs(account["drift_ppm"]) < 0.01
-    assert "warning" not in account
-
-
-def test_locked_clocks_are_not_measured():
-    signal = iq()
-    outputs(signal, fingers(np.full(2 * RATE_HZ, 0.2), np.zeros(2 * RATE_HZ)), [9600])
+    signal = iq(clocks=clocks)
     assert signal.account() == {}
+    outputs(signal, fingers(0.2 + noise, np.zeros(n)), [9600])
+    account = signal.account()
+    assert ("drift_ppm" in account) == (clocks == "watched")
+    assert abs(account.get("drift_ppm", 0.0)) < 0.01
+    assert "warning" not in account
 
 
 def test_a_reset_forgets():
@@ -202,13 +195,8 @@ def test_a_reset_forgets():
 @pytest.mark.parametrize(
     ("settings", "more", "shape", "reason"),
     [
-        ({}, {"rate_hz": 44_100.0}, (10, 2), "output_hz = 1000: 44100 frames a second are no multiple of it"),
-        (
-            {},
-            {"rate_hz": 48_000.0},
-            (10, 2),
-            r"drive_hz = 40000: 48000 frames .* can do 3000 to 22500 Hz; record at",
-        ),
+        ({}, {"rate_hz": 44_100.0}, (10, 2), "44100 frames a second are no multiple"),
+        ({}, {"rate_hz": 48_000.0}, (10, 2), "can do 3000 to 22500 Hz; record at"),
         ({"channel": 1}, {}, (10, 1), "1 channel where signals.finger needs 2"),
         ({"channel": 1}, {"rate_hz": 1000.0}, (10, 2), "2 channels where signals.finger needs 4"),
         ({}, {"rate_hz": None, "times_s": np.arange(10.0)}, (10, 2), "irregular times"),
@@ -255,38 +243,19 @@ def test_once_warmed_up_sound_brings_nothing_new_to_compile(variant):
         ({"drive_hz": 43_000.0, "variant": "cic"}, None, ""),
         ({"drive_hz": 40_000.0, "output_hz": 4000.0}, None, ""),
         ({"output_hz": 375.0, "variant": "cic"}, None, ""),
-        (
-            {"drive_hz": 46_501.0},
-            "drive_hz",
-            ' = 46501: 96000 frames a second with variant = "fused" and output_hz = 1000 can do 3000 to 46500 Hz; '
-            "lower output_hz to 989.691",
-        ),
-        ({"drive_hz": 2999.0}, "drive_hz", " can do 3000 to 46500 Hz; lower output_hz to 989.691"),
-        (
-            {"drive_hz": 44_000.0, "variant": "cic"},
-            "drive_hz",
-            "can do 10000 to 43000 Hz; lower output_hz to 800",
-        ),
-        ({"output_hz": 2000.0, "variant": "cic"}, "drive_hz", "20000 to 38000 Hz; lower output_hz to 1600"),
-        (
-            {"output_hz": 4000.0, "variant": "cic"},
-            "drive_hz",
-            "can do no drive at all; lower output_hz to 1600",
-        ),
-        ({"drive_hz": 47_990.0}, "drive_hz", "can do 3000 to 46500 Hz; choose another drive"),
-        ({"drive_hz": 60_000.0}, "drive_hz", "choose another drive"),
-        ({"output_hz": 900.0}, "output_hz", " = 900: 96000 frames a second are no multiple of it"),
-        (
-            {"output_hz": 100.0, "variant": "cic"},
-            "output_hz",
-            ' = 100: variant = "cic" needs 375 at the least',
-        ),
+        ({"drive_hz": 46_501.0}, "drive_hz", "can do 3000 to 46500 Hz; lower output_hz to 989.691"),
+        ({"drive_hz": 2999.0}, "drive_hz", "can do 3000 to 46500 Hz; lower output_hz to 989.691"),
+        ({"drive_hz": 44_000.0, "variant": "cic"}, "drive_hz", "10000 to 43000 Hz; lower output_hz to 800"),
+        ({"output_hz": 4000.0, "variant": "cic"}, "drive_hz", "no drive at all; lower output_hz to 1600"),
+        ({"drive_hz": 47_990.0}, "drive_hz", "choose another drive"),
+        ({"output_hz": 900.0}, "output_hz", "no multiple"),
+        ({"output_hz": 100.0, "variant": "cic"}, "output_hz", "needs 375"),
     ],
 )
-def test_settings_name_the_misfit_and_its_remedy(settings, key, reason):
-    misfit = IqSettings(**settings).misfit()
-    assert (misfit[0] if misfit else None) == key
-    assert misfit is None or reason in misfit[1]
+def test_settings_name_the_unsuitable_and_its_remedy(settings, key, reason):
+    unsuitable = IqSettings(**settings).unsuitable()
+    assert (unsuitable[0] if unsuitable else None) == key
+    assert unsuitable is None or reason in unsuitable[1]
 
 
 @pytest.mark.parametrize(
@@ -304,7 +273,7 @@ def test_at_either_end_of_the_range_image_and_offset_are_down(variant, output_hz
     # half an output away from where the sums have a zero
     away_hz = (guard + 0.5) * output_hz
     for drive_hz in (away_hz, 0.5 * (RATE_HZ - away_hz)):
-        assert IqSettings(variant=variant, output_hz=output_hz, drive_hz=drive_hz).misfit() is None
+        assert IqSettings(variant=variant, output_hz=output_hz, drive_hz=drive_hz).unsuitable() is None
         counts = fingers(z, z, drive_hz=drive_hz) + round(0.1 * 2**23)
         chain = iq(variant=variant, output_hz=output_hz, drive_hz=drive_hz)
         _, _, found = joined(outputs(chain, counts, [9600]))
