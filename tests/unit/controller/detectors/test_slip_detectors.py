@@ -193,6 +193,13 @@ def test_of_several_channels_the_one_that_slips_decides():
     assert other == []
 
 
+def test_without_a_hold_slip_ends_below_the_threshold_alone():
+    events = events_of(ours(hold_s=0.0), block(slip_after_quiet()))
+    kinds = [type(event) for event in events]
+    assert kinds == [SlipStarted, SlipEnded] * (len(kinds) // 2)
+    assert all(event.value < event.threshold for event in events[1::2])
+
+
 def test_lost_samples_in_slip_do_not_end_it():
     x = slip_after_quiet()
     events = events_of(ours(), block(x[:3500]), block(x[3550:], seq=3550))
