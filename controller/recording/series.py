@@ -161,10 +161,10 @@ def extremes_of_bins(
 ) -> tuple[NDArray[np.intp], int]:
     """Places of each channel's least and largest in each bin of time, in order, and how many samples the bins have.
 
-    The bins are of bench time: the cut of blocks and turns changes nothing. The last one may go on and is left out
-    unless all has `ended`.
+    The bins are of bench time: the cut of blocks and turns changes nothing. Of more channels they are longer, for each
+    has extremes of its own. The last one may go on and is left out unless all has `ended`.
     """
-    bins = np.floor(times_s / BIN_S)
+    bins = np.floor(times_s / (BIN_S * values.shape[1]))
     whole = len(bins) if ended else int(np.searchsorted(bins, bins[-1]))
     starts = np.flatnonzero(np.diff(bins[:whole], prepend=-np.inf))
     found = [extremes_of_each(channel, starts) for channel in values[:whole].T]
