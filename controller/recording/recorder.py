@@ -17,7 +17,7 @@ from controller.recording.event_log import EventLog
 from controller.recording.ledger import Ledger
 from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
-from controller.recording.series import DETECTOR, TrialRecording, extremes_of_bins
+from controller.recording.series import BIN_S, DETECTOR, TrialRecording, extremes_of_bins
 from controller.recording.stream_writer import StreamWriter
 from controller.wording import as_text
 from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
@@ -131,7 +131,7 @@ class Recorder:
     def _keep_readings(self, detector: str, *, ended: bool = False) -> None:
         """Keep what was gathered, up to the bin that may go on."""
         gathered = np.concatenate(self._readings.pop(detector))
-        extremes, whole = extremes_of_bins(gathered[:, 0], gathered[:, 1:2], ended=ended)
+        extremes, whole = extremes_of_bins(gathered[:, 0], gathered[:, 1:2], BIN_S, ended=ended)
         if whole < len(gathered):
             self._readings[detector] = [gathered[whole:]]
         kept = np.union1d(extremes, np.flatnonzero(gathered[:whole, 3]))

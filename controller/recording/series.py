@@ -14,8 +14,11 @@ DETECTOR = "detector."
 """Begins the streams of what detectors held against their thresholds: `detector.NAME`, statistic and threshold."""
 
 BIN_S = 0.02
-"""Of what a detector reads, and of what people plot, the least and the largest in a bin of time are kept, s: a hundred
-a second, and all of what comes more seldom."""
+"""Of what a detector reads the least and the largest in a bin of time are kept, s: a hundred a second, and all of
+what comes more seldom."""
+
+PLOT_S = 0.05
+"""The same of what people plot: forty messages a second, each of which costs more than a block of raw samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,14 +160,14 @@ def extremes(values: NDArray[np.float64], points: int) -> NDArray[np.intp]:
 
 
 def extremes_of_bins(
-    times_s: NDArray[np.float64], values: NDArray[np.float64], *, ended: bool
+    times_s: NDArray[np.float64], values: NDArray[np.float64], bin_s: float, *, ended: bool
 ) -> tuple[NDArray[np.intp], int]:
     """Places of each channel's least and largest in each bin of time, in order, and how many samples the bins have.
 
     The bins are of bench time: the cut of blocks and turns changes nothing. Of more channels they are longer, for each
     has extremes of its own. The last one may go on and is left out unless all has `ended`.
     """
-    bins = np.floor(times_s / (BIN_S * values.shape[1]))
+    bins = np.floor(times_s / (bin_s * values.shape[1]))
     whole = len(bins) if ended else int(np.searchsorted(bins, bins[-1]))
     starts = np.flatnonzero(np.diff(bins[:whole], prepend=-np.inf))
     found = [extremes_of_each(channel, starts) for channel in values[:whole].T]

@@ -27,7 +27,7 @@ from controller.recording.schemas import (
     log_schema,
     schema_of,
 )
-from controller.recording.series import DETECTOR, extremes_of_bins
+from controller.recording.series import DETECTOR, PLOT_S, extremes_of_bins
 from drivers.core.messages import SampleBlock, StreamInfo
 
 Floats = NDArray[np.float64]
@@ -194,7 +194,7 @@ class StreamWriter:
             times_s, values, numbers = map(np.concatenate, zip(*pieces, strict=True))
             if not len(times_s):
                 continue
-            kept, whole = extremes_of_bins(times_s, values, ended=ended)
+            kept, whole = extremes_of_bins(times_s, values, PLOT_S, ended=ended)
             self._pieces[stream] = [(times_s[whole:], values[whole:], numbers[whole:])]
             info, times_s, values = self._streams[stream], times_s[kept], values[kept]
             frequency = f"{stream.removesuffix('period')}frequency"
