@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from drivers.core.clock_model import DeviceClock
-from drivers.core.errors import CodecError, check_streams, wrong
+from drivers.core.errors import check_streams, wrong
 from drivers.core.links import LineBuffer, SerialLink, SerialPort, open_serial
 from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo
 from drivers.core.numbering import SampleStream
@@ -165,5 +165,5 @@ class LineSensor(WireDriver[SerialLink]):
             try:
                 if (message := self.parse(line)) is not None:
                     yield message
-            except CodecError:
+            except ValueError:  # `CodecError` is one, and so is what `float` says of a garbled number
                 self._malformed += 1

@@ -89,6 +89,12 @@ def test_a_line_that_is_not_its_own_is_an_error_of_the_codec(line: bytes) -> Non
         ForceSensor("scale", ForceSensorSettings(port="mock"), VirtualClock()).parse(line)
 
 
+def test_a_number_that_is_none_is_counted_and_does_not_end_the_loop() -> None:
+    one = ForceSensor("scale", ForceSensorSettings(port="mock"), VirtualClock())
+    assert list(one._messages(encode("id FS1 0042 fast 0.001"))) == []
+    assert one.account() == {"malformed": 1}
+
+
 def test_it_identifies_itself_and_what_it_sends(bench: Crank) -> None:
     assert (bench.info.model, bench.info.serial) == ("FS1", "0042")
     assert bench.info.streams[FORCE].unit == "N"
