@@ -31,7 +31,6 @@ def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None, real
     """The profile's bench, its devices still closed.
 
     Args:
-        profile: Which devices, where.
         endpoints: What an emulator that runs already has printed; where there are none, an emulated bench starts
             its own, which ends with the rig.
         realtime: Whether an emulated bench of its own follows the wall clock, even when this program is late; beside
@@ -97,7 +96,6 @@ def start_emulator(profile: Profile, realtime: bool = False) -> EmulatorProcess:
     """Start the process that holds the profile's plant and emulated devices; its `endpoints` are their addresses.
 
     Args:
-        profile: Which devices, on which plant.
         realtime: Whether time follows the wall clock, even when this program is late; beside a real port it does in
             any case, for that device's samples would be dated by a clock that pauses.
     """
@@ -195,7 +193,6 @@ def plan_campaign(
     """What is to be run, trial by trial.
 
     Args:
-        profile: The bench and the experiment.
         trials: In the order of running.
         seed: Of order and noise.
         done: Numbers of trials that were run before.
@@ -280,7 +277,6 @@ def _behavior(profile: Profile, trial: Trial) -> Behavior:
 
     Args:
         profile: With the trial's factors laid over it.
-        trial: Which.
 
     Raises:
         ProfileError: what it needs is not there.

@@ -45,8 +45,6 @@ def planned(
     """What `run` would do, a line each.
 
     Args:
-        profile: What is planned.
-        trials: All of them.
         plans: Those of different factors (`config.trials.distinct`), ready to run.
         workers: In how many processes they would run.
     """

@@ -64,11 +64,9 @@ class Order(NamedTuple):
     """What a worker has to know of a campaign beside the trials.
 
     Attributes:
-        name: Of the profile.
         resolved: All its settings, as JSON.
         folders: Where modules of the user's own that it names are looked for.
         factors: Names of what all trials vary, in the order of the columns.
-        seed: Of the noise.
         own: SHA-256 of the modules of the user's own, by name.
     """
 
@@ -284,8 +282,6 @@ def batches(
     The crew stays when all is done, for a next campaign; where this ends before, it is shut down at once.
 
     Args:
-        crew: The workers.
-        order: What they are of.
         trials: In the order of running.
         waiting: Called again and again meanwhile.
 

@@ -25,10 +25,6 @@ SHOWN = 5
 def merged(names: Sequence[str], out: Path) -> RunFolder:
     """Write the run that the shards make up, as far as one run would have come; later trials of a shard are left out.
 
-    Args:
-        names: Their run folders.
-        out: Folder of all runs.
-
     Raises:
         RunFolderError: they are not of one run, or do not make up a whole one: why, and what to do.
         RecordingError: the run cannot be written.

@@ -121,10 +121,7 @@ def begin(name: str, parts: ProfileParts, common: Sequence[str], out: Path) -> R
     """Make the folder of a campaign of parts; its manifest lists the runs.
 
     Args:
-        name: Of the profile.
-        parts: Its content.
         common: Arguments of every run, behind its own.
-        out: Folder of all runs.
 
     Raises:
         RecordingError: it cannot be written.
@@ -156,9 +153,6 @@ def carry_on(
     """Run the parts of a campaign that are not done; what was begun goes on.
 
     Args:
-        folder: Of the campaign.
-        run: The verb.
-        resume: Likewise.
         workers: Arguments of both: where trials are run.
         crew: These workers; they stay from part to part.
         show: Prints a line.

@@ -30,17 +30,10 @@ class Profile:
         name: `mock/transient`, or a path.
         title: One line for people.
         description: More lines, or "".
-        experiment: Name of the behavior.
         bench: What the devices' ports make of it.
         devices: By name, in the order of the profile.
-        signals: By name.
-        detectors: By name.
-        behavior: Settings of the experiment.
-        limits: Settings of the guard.
-        loop: Settings of the loop.
         plant: The physics, None on hardware.
         faults: What goes wrong on purpose, each of the table's class for it.
-        trial_settings: Which trials.
         unverified: Streams that no device has until it is open: where each is named, and its name.
         source: The files and their joined content.
     """
@@ -182,8 +175,6 @@ def load_resolved(name: str, resolved: Mapping[str, Any], folders: Sequence[Path
     """Load what `Profile.resolved` gave, for example from a manifest.
 
     Args:
-        name: Of the profile.
-        resolved: Its settings.
         folders: Where modules of the user's own are looked for.
 
     Raises:

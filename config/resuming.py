@@ -21,7 +21,6 @@ def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Tr
     """The profile of a run, and all its trials in the order in which they are run.
 
     Args:
-        manifest: Of the run.
         name: Of the run, for errors.
 
     Raises:

@@ -29,8 +29,6 @@ def run_trials(
         profile: A name as `run.py list` shows it, or the path of a TOML file.
         trials: One mapping of factors each: the experiment's own (`speed_m_s`), or a dotted setting.
         settings: Other values for settings, as after `--set`: `{"behavior.settle_s": "5.0"}`.
-        seed: Of the noise.
-        out: Folder of all runs.
         say: Takes a line a trial.
 
     Returns:

@@ -51,8 +51,6 @@ class Entry:
     Attributes:
         kind: Its name in the table, or `module:Class`.
         made: The class; of a device at "mock" that of its mock.
-        settings: Of that class.
-        port: Of a device.
     """
 
     kind: str
@@ -70,7 +68,6 @@ class Sections:
         source: The profile's files, joined.
 
     Attributes:
-        tables: Its content.
         problems: What is wrong, a line each.
         unverified: Streams of devices that tell theirs once they are open: where each is named, and its name.
 

@@ -61,7 +61,6 @@ class Source:
     Attributes:
         name: `mock/transient`, or the path that was asked for.
         files: Every file that was joined, parents first, as they are shown to people.
-        data: The joined tables.
         origins: For the path of each value, the file (or `--set`) that gave it.
         folders: Where modules that the profile names are looked for: beside it, then beside what it extends.
     """

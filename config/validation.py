@@ -28,7 +28,6 @@ def validated(model: type[S], table: Mapping[str, Any], where: Where) -> S:
     """Settings from a table.
 
     Args:
-        model: The settings class.
         table: Keys and values as TOML gives them.
         where: Gives the place where a key was written, or is missing.
 

@@ -59,8 +59,6 @@ class Arrivals:
         """See one turn of the loop.
 
         Args:
-            t_s: Bench time of the turn.
-            blocks: What arrived in it.
             moving: Whether any mover may be moving.
             late_s: How much later than planned the turn began: a late loop polled no device.
 
@@ -87,7 +85,6 @@ class Arrivals:
 
         Args:
             t_s: Bench time of the last of the turns.
-            blocks: What arrived in them.
         """
         arrived: dict[str, list[SampleBlock]] = {}
         for block in blocks:

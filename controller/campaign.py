@@ -51,7 +51,6 @@ class TrialPlan:
     """One trial, ready to run: what `config.assemble` makes of a profile and a trial's factors.
 
     Attributes:
-        trial: Its number.
         factors: Flat, in the order of the columns.
         scene: The settings of a simulated bench.
         behavior: Fresh, in its initial state.
@@ -84,8 +83,6 @@ class CampaignPlan:
         left: The trials that are to be run, in the order of running, as the profile has them.
         trials: The same, ready to run; made one by one, when their turn has come.
         factors: Names of the factors, in the order of the columns.
-        columns: Names of what is measured.
-        loop: Rates.
         roles: Which device does what, for reports.
         signals: What comes out of the signals, by stream.
         successes: Outcomes that are success; None where the experiment declares none.
@@ -152,7 +149,6 @@ class Outcome:
 
     Attributes:
         exit_code: As in the reference of the command line.
-        folder: Where everything is.
         line: One line for the person at the bench.
         error: A fault of the program itself, which ended the run; to be raised after the report.
     """
@@ -167,7 +163,6 @@ class Campaign:
     """Opens the bench, runs the trials, closes the bench, whatever happens.
 
     Args:
-        plan: What to run.
         rig: The bench, closed.
         console: The person's side.
         runs: Folder under which the run's own folder is made.

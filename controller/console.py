@@ -274,7 +274,6 @@ class PlainConsole:
     """A line for each trial, of a long campaign for every so many, for files and pipes.
 
     Args:
-        operator: Who may interrupt.
         show: Prints a line, on a thread of its own.
         first: Line to begin with; empty for none.
     """

@@ -70,7 +70,6 @@ def export(run: Run, to: str, out: Path) -> list[Path]:
     """Write a run into a folder in another format.
 
     Args:
-        run: Which.
         to: One of `FORMATS`.
         out: The folder; made where it is not there.
 

@@ -42,11 +42,7 @@ _GOOD, _MISSED, _BAD = "green", "yellow", "red"
 
 
 class _Drawer:
-    """Draws in a thread of its own: a terminal that takes nothing holds up that thread and no other.
-
-    Args:
-        terminal: Where to draw.
-    """
+    """Draws in a thread of its own: a terminal that takes nothing holds up that thread and no other."""
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
@@ -79,10 +75,6 @@ class LiveConsole:
 
     The picture is made when the loop polls, never between a decision and its command, and drawn by a thread: the
     loop waits for no terminal.
-
-    Args:
-        operator: Who may interrupt.
-        terminal: Where to draw.
     """
 
     def __init__(

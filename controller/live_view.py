@@ -37,11 +37,8 @@ class LiveView:
     Args:
         recording: Of the trial, as it grows.
         detectors: By name; what decides, by the behavior, is shown first: its first input, statistic and threshold.
-        limits: Of the guard.
-        behavior: Of the trial.
         events: What happened in it, as it grows.
         lost: Samples lost, by stream.
-        now: Gives bench time.
     """
 
     def __init__(

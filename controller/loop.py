@@ -106,15 +106,12 @@ class LoopAccount:
     """What the loop did in a trial.
 
     Attributes:
-        turns: How many turns it took.
         overruns: Turns that began more than a whole period late (wall clock only).
         worst_late_s: The latest of them.
         lost: Samples lost, by stream.
-        paused_s: Time spent paused.
         missing: Which stream did not arrive and so ended the trial, and why; "" where all did.
         not_at_rest: Movers that were not seen standing still at the end.
         outcome: Of a trial that the guard or a failure ended, "guard" or "fault", whatever its behavior says; else "".
-        reason: Why.
     """
 
     turns: int = 0
@@ -133,7 +130,6 @@ class TrialState:
     """A trial under way.
 
     Attributes:
-        behavior: What is done.
         detectors: By the names that the behavior's states know them by.
         signals: What is computed from the devices' own streams.
         silent_since: Since when each stream without a subscriber has none.
@@ -143,8 +139,6 @@ class TrialState:
         behind: Those of them that are only the input of a signal.
         sent: How many commands were sent: the number of the last one.
         newest: Number of the newest command that is answered, by device.
-        moving: Movers that may be moving.
-        turn: Number of the latest turn.
         paused_s: Since when it is paused.
         resuming: Whether the pause is to end.
         suspending: Whether the program is to be suspended.
@@ -186,12 +180,9 @@ class Loop:
     """Runs one behavior on a rig.
 
     Args:
-        rig: Open devices and their clock.
         infos: What `open` returned, by device.
         guard: The last gate.
         witness: The recorder.
-        operator: Who may pause and abort.
-        settings: Rates.
     """
 
     def __init__(
@@ -221,7 +212,6 @@ class Loop:
         """Run one trial to its end; every mover stands still when this returns or raises.
 
         Args:
-            behavior: What is done.
             detectors: By the names that the behavior's states know them by.
             signals: What is computed from the devices' own streams.
 

@@ -18,7 +18,6 @@ def is_success(outcome: object, successes: Collection[str] | None) -> bool:
     """Whether a trial succeeded.
 
     Args:
-        outcome: Its word.
         successes: Words of success; None of an experiment that declares none: all but `MISSED`.
     """
     if outcome in UNMEASURED:

@@ -46,7 +46,6 @@ class DriverKind(PlainKind):
     """A driver.
 
     Attributes:
-        mock: Its mock driver.
         emulated: Function that makes its emulated twin from the driver's settings and the bench.
         mock_faults: What the mock can show (`simulator.devices.faults.Kind`).
         emulated_faults: Likewise the twin.

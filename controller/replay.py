@@ -78,7 +78,6 @@ def calibration_line(
     Args:
         pieces: Recordings, each with the detector whose threshold is wanted, as it was set up for it.
         kind: Of detector, as it was asked for.
-        false_alarm_interval_s: Mean time between false alarms.
 
     Raises:
         ReplayError: recordings that allow no estimate: too short, at irregular times, not finite, dead.
@@ -96,7 +95,6 @@ def as_line(event: Detected, kind: str) -> dict[str, Any]:
     """One event as one JSON object.
 
     Args:
-        event: Of the detector.
         kind: Of detector, as it was asked for.
     """
 
@@ -173,7 +171,6 @@ def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) 
     """The same blocks, with a finger's sound made an envelope, as the chain of the bench does.
 
     Args:
-        blocks: Of all streams.
         stream: The one that holds the envelope. At 4 kHz and more it is sound, with frame 0 at the drive's
             phase zero; below, an envelope already.
         settings: Of the chain; its channel is the first of what was read.

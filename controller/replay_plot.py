@@ -42,9 +42,7 @@ def draw(
 
     Args:
         path: Of the picture; its suffix is the format.
-        blocks: The input, all streams.
         detector: Its number is drawn where it has one (`Statistic`) and the recording is regular.
-        events: Of the detector.
 
     Returns:
         A line for what could not be drawn, and why.

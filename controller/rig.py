@@ -19,7 +19,6 @@ class TrialScene:
 
     Attributes:
         trial: Number of the trial, which keys the noise together with `seed`.
-        seed: Of the run.
         factors: The trial's factors, flat, with dotted names.
         plant: The profile's plant section with the trial's factors laid over it.
     """

@@ -17,7 +17,6 @@ def unknown_streams(
 
     Args:
         streams: What the open devices send, as `device.stream`.
-        behavior: Of the trial.
         detectors: By the names that the behavior knows them by.
         signals: What is made of the devices' streams.
 

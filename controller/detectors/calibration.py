@@ -70,7 +70,6 @@ class Joined(Statistic, Protocol):
         Args:
             values: The first input, NaN where samples were lost, shape (n, channels).
             times_s: Their times, NaN likewise, shape (n,).
-            blocks: The whole recording.
         """
 
 
@@ -81,7 +80,6 @@ class Calibration(NamedTuple):
         threshold: One false alarm in `false_alarm_interval_s`, on average.
         low: Lower end of its 95 % confidence interval.
         high: Upper end; infinite where the recording is too short to have one.
-        false_alarm_interval_s: As requested.
         recording_s: Length of the recording used: the seconds in which the detector decides.
         sees_s: Longest interval for which such a recording contains enough alarms; longer ones are extrapolated.
         extrapolated: True where the recording is too short to contain the alarms in question, so that the tail
@@ -114,8 +112,6 @@ def calibrate(
     Args:
         detector: The detector; its own threshold setting is ignored.
         values: The recording, shape (n, channels) or (n,).
-        rate_hz: Its sample rate.
-        false_alarm_interval_s: Mean time between false alarms.
 
     Raises:
         ValueError: the recording is too short or too quiet, or the detector decides nothing on it.
@@ -134,7 +130,6 @@ def calibrate_pieces(
 
     Args:
         pieces: Detector and recording: each stream in order, the detector's first input at one rate.
-        false_alarm_interval_s: Mean time between false alarms.
 
     Raises:
         ValueError: as `calibrate`; or values that are not finite, irregular times, more than half lost.
@@ -158,7 +153,6 @@ class StatisticCourse(NamedTuple):
         times_s: Shape (n,).
         values: Of the detector's first input, shape (n, channels).
         statistic: Shape (n,).
-        rate_hz: Of the samples.
     """
 
     times_s: Floats
@@ -281,8 +275,6 @@ def threshold_for(maxima: Floats, false_alarm_interval_s: float, span_s: float =
 
     Args:
         maxima: Largest value in each span, shape (spans,).
-        false_alarm_interval_s: Mean time between false alarms.
-        span_s: Length of a span.
 
     Raises:
         ValueError: too few spans, or an interval of no more than one.

@@ -34,7 +34,6 @@ class EnvelopeSamples(NamedTuple):
         z: I + jQ in full scales, shape (n,); Q is 0 where the stream has one channel.
         position_m: Of the mover, NaN where unknown, shape (n,).
         missing: Samples lost just before each, `UNKNOWN` where the stream restarted, shape (n,).
-        rate_hz: Of the samples.
     """
 
     times_s: Floats
@@ -159,7 +158,6 @@ class OnEnvelope(ABC):
     """A detector on one finger's envelope.
 
     Args:
-        name: In the profile.
         signal: Stream of the envelope.
         doing: The purpose, as text for error messages.
         encoder: Stream of the mover's position, where it is used.

@@ -60,12 +60,7 @@ def quantity_of(detector: object) -> Quantity:
 
 
 def quantities_of(detectors: Mapping[str, Detector], units: Mapping[str, str]) -> Mapping[str, Quantity]:
-    """What each detector's `readings` are, by its name, with the unit known.
-
-    Args:
-        detectors: By name.
-        units: Of the streams.
-    """
+    """What each detector's `readings` are, by its name, with the unit known."""
     found = {}
     for name, detector in detectors.items():
         quantity = quantity_of(detector)

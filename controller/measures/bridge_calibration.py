@@ -32,12 +32,9 @@ class Step(NamedTuple):
     """One recorded load at rest.
 
     Attributes:
-        load_n: The load.
         going: "up", "down" or "zero": the direction of loading.
         cycle: Which cycle, from 0; negative before the first.
-        mean_v: Mean of the bridge.
         sd_v: Standard deviation of one sample.
-        samples: How many.
     """
 
     load_n: float
@@ -73,8 +70,6 @@ class BridgeCalibration:
             not recorded.
         repeat_v_n: Standard deviation of the gain from cycle to cycle, V/N.
         top_n: Largest load, N.
-        steps: Number of loads used.
-        cycles: Number of cycles.
     """
 
     gain_v_n: Estimate
@@ -97,7 +92,6 @@ def steps_of(
     A load that was requested twice in a row (after a pause) counts as it was recorded the second time.
 
     Args:
-        recording: Of the trial.
         load_stream: The load, as confirmed by the operator.
         bridges_stream: The bridges, V.
         bridge: "x", "y" or "t".

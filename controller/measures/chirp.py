@@ -90,7 +90,6 @@ def transfer(times_s: Floats, values: Floats, settings: ChirpSettings) -> tuple[
     Args:
         times_s: Since the sweep was first received, shape (n,).
         values: Of the fingers, shape (n, fingers).
-        settings: Of the sweep.
 
     Returns:
         The bands' middles in Hz, shape (m,), and the mean squares, shape (m, fingers); bands without a sample are

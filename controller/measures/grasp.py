@@ -82,10 +82,6 @@ def _judged(
     """Whether what the fingers felt, or no longer felt, was lifted and held.
 
     Args:
-        evidence: Of the trial.
-        settings: Of the behavior.
-        outcome: As the behavior has it.
-        row: Of the trial.
         risen: Whether the object was really off the table at any time.
     """
     if outcome not in ("held", "dropped"):

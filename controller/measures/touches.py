@@ -77,7 +77,6 @@ def touches_of(
     """The touches of a trial, in order.
 
     Args:
-        recording: Of the trial.
         visits: Every state in order of entry, with the bench time.
         forces_stream: Fx and Fy first, N.
         pose_stream: Of the arm: x, y, z in m, then the rotation vector in rad.

@@ -31,7 +31,6 @@ class TrialEvidence:
     """Events and data of a trial.
 
     Attributes:
-        factors: What the trial varied.
         recording: The streams; a measure reads them through `stream`, `series` and `covered`.
         events: In the order in which they were handled.
         entered_s: Bench time at which each state was last entered, by name.

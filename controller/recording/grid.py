@@ -25,7 +25,6 @@ class Regular(NamedTuple):
     """A recording at one rate.
 
     Attributes:
-        rate_hz: Of the samples.
         pieces: Samples in a row, in order: number of the first one on the grid, values (n, channels), times (n,); a
             jump of the numbers is a gap.
         jitter_s: How far the file's times are from the grid, at most.

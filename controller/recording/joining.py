@@ -15,11 +15,8 @@ class EndedTrial(NamedTuple):
     """A trial as it stands in a run folder.
 
     Attributes:
-        number: In the profile.
-        outcome: How it ended.
         row: Its line of trials.csv.
         events: Its lines of events.jsonl.
-        recorded: Where its samples are.
         topics: Channels and schemas of that recording.
     """
 
@@ -38,7 +35,6 @@ class EndedRun:
         folder: Of a run that has ended, or of some trials of one.
 
     Attributes:
-        columns: Of trials.csv.
         trials: By number, in the order in which they were run.
 
     Raises:

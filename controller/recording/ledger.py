@@ -28,8 +28,6 @@ class Ledger:
 
     Args:
         path: The file; made with its header where absent, else its columns must be the same.
-        factors: Names of what is varied.
-        measures: Names of what is measured.
 
     Raises:
         RecordingError: it cannot be written.

@@ -74,7 +74,6 @@ class McapWriter:
     """A new file, locked as long as it is written; every method that writes may raise `OSError`.
 
     Args:
-        path: File to create.
         mirror: Gets topics and messages as well.
     """
 
@@ -97,10 +96,8 @@ class McapWriter:
         """The number of a topic, which is added when it is first asked for.
 
         Args:
-            topic: Its name.
             schema: Full name of its protobuf messages.
             descriptors: A serialised `FileDescriptorSet` of these.
-            metadata: Of the topic.
         """
         if topic not in self._topics:
             described = schema, descriptors

@@ -46,8 +46,6 @@ class Run:
     """A run as it stands on the disk.
 
     Attributes:
-        folder: Where it is.
-        manifest: How it was run.
         trials: One mapping a trial, by column, in the order in which they ran.
         events: One mapping an event.
         notes: What was found cut off or damaged, one sentence each.
@@ -213,8 +211,6 @@ class RecordedTrial:
     """Where a recording has a trial.
 
     Attributes:
-        path: The recording.
-        factors: What was varied in it.
         base_ns: Log time of its bench time zero.
         length_s: How long it took, s of bench time; None where it did not come to its end.
         chunks: In order.

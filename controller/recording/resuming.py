@@ -22,8 +22,6 @@ class ResumedRun(NamedTuple):
     """A run to go on with.
 
     Attributes:
-        folder: Of the run.
-        manifest: As it stands there.
         done: Numbers of the trials that stay.
         outcomes: How often each of their outcomes was.
     """

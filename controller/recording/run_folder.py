@@ -59,9 +59,7 @@ class RecordingError(OSError):
     """A run can no longer be written: no disk space, no permission, the disk is gone.
 
     Args:
-        path: Of what cannot be written.
         doing: What was tried.
-        cause: Why it failed.
         option: The option that chooses another place; "" where there is none.
     """
 
@@ -89,11 +87,7 @@ class RecordingError(OSError):
 
 
 class RunFolder:
-    """Where one run keeps its files.
-
-    Args:
-        path: The folder.
-    """
+    """Where one run keeps its files."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

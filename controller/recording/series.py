@@ -44,7 +44,6 @@ class Series:
         times_s: Bench time of each sample, shape (n,).
         values: In `unit`, shape (n, channels).
         unit: Unit of the values, "" where nothing was recorded.
-        gaps: Where samples were lost.
         skipped: Where it had no subscriber: no loss.
     """
 
@@ -70,12 +69,7 @@ class Series:
 
 
 class TrialRecording:
-    """Blocks and skipped spans of one trial, stream by stream, in the order in which they came.
-
-    Args:
-        trial: Its number in the profile.
-        factors: What was varied in it.
-    """
+    """Blocks and skipped spans of one trial, stream by stream, in the order in which they came."""
 
     def __init__(self, trial: int, factors: Mapping[str, object] | None = None) -> None:
         self.trial = trial

@@ -37,7 +37,6 @@ class Comparison(NamedTuple):
     """A figure of ours beside the paper's.
 
     Attributes:
-        ours: Ours.
         paper: The paper's, in the same unit.
         met: Whether ours comes out as the paper's; None where that is not judged.
         low, high: 95 % interval of ours, or over rows of the mean difference; NaN where there is too little data.

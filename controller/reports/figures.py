@@ -87,7 +87,6 @@ class Figures:
     """Saves figures into a run's `figures/` and hands each back as SVG for the page.
 
     Args:
-        folder: Where to save.
         simulated: What marks every figure: "simulated", "partly simulated", or "" for none.
         prefix: Begins the identifiers of its SVG elements: no two on one page are alike.
         also: Formats beside SVG, such as "pdf"; each costs as much again.

@@ -23,7 +23,6 @@ class SectionPart:
     Attributes:
         name: Of experiment and bench, and which of several of different settings.
         runs: Of equal settings.
-        section: Their section.
         results: The section's summary; without verdicts where trials are missing.
         settings: Detectors, behavior and limits beside the paper's.
         body: The section as HTML.

@@ -74,7 +74,6 @@ class Section:
     """One part of the page.
 
     Attributes:
-        title: Its heading.
         content: What its template shows. The usual template shows all of it, from top to bottom: text is a paragraph,
             a `Figure` a figure, a list of rows a table.
         template: Of templates/, without its ending. Its macro `ours` says what is ours and not the paper's.
@@ -98,7 +97,6 @@ class Table(NamedTuple):
 
     Attributes:
         groups: Headings over several columns and how many each spans; empty where there are none.
-        heads: Of the columns.
         looks: Of the columns: `left`, `wrap` (long text), `mine`, `theirs`, or "".
         rows: A cell a column; True, False or None is a verdict.
         foot: A last row, over all others.

@@ -92,7 +92,6 @@ class SensorScore(NamedTuple):
     """One detector on one sensor under one condition, over all trials.
 
     Attributes:
-        sensor: Its name in the profile.
         condition: Under which.
         method: `paper` or `ours`.
         slips: How many there were; those neither detected, missed nor early were cut short.

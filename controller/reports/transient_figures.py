@@ -33,7 +33,6 @@ class Trace(NamedTuple):
     """One approach, ready to be drawn; times in seconds of the trial's bench time.
 
     Attributes:
-        approach: Which.
         force: Of the load cell.
         period: Of the finger.
         statistic: What the acting detector compared, and its threshold, decision by decision; empty where it was not

@@ -28,9 +28,6 @@ class Beat:
     quiet seconds count for thousands of others, a contact's step for nothing. Only a steady turn about the origin is
     removed: slow drifts, undulations and steps stay, whatever their frequency.
 
-    Args:
-        rate_hz: Of the samples.
-
     Attributes:
         turn_rad: The beat, radians a sample; NaN until the first second is over.
     """

@@ -94,7 +94,6 @@ def louder(totals: Floats, count: int) -> float:
 
     Args:
         totals: Running sums of squared innovations, a ring, shape (size,).
-        count: How many there were.
     """
     size = totals.size
     newest, best, window = totals[count % size], 0.0, 1

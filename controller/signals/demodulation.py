@@ -159,7 +159,6 @@ class Fused:
 
     Args:
         channels: Of the fingers, from 0; all are processed in one pass.
-        oscillator: The drive.
         decimation: Frames an output.
         quadrature: False gives I alone, and Q as 0: the paper's chain (Rupavatharam et al., III.B).
     """
@@ -248,7 +247,6 @@ class Cic:
 
     Args:
         channel: Of the finger, from 0.
-        oscillator: The drive.
         decimation: Frames an output.
 
     Raises:

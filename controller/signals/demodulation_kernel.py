@@ -126,7 +126,6 @@ def turn(out, steps, jump, whole, unit):  # type: ignore[no-untyped-def]
         steps: Phase of the first, of `whole` a cycle.
         jump: From window to window.
         whole: Steps of a cycle.
-        unit: Factor.
     """
     for m in range(out.shape[0]):
         if steps == 0:

@@ -17,7 +17,6 @@ class Envelope:
 
     Args:
         free_hz: The frequency.
-        rate_hz: Samples a second.
         hops: Values wanted in a period; rounded so that a hop is whole samples.
 
     Attributes:

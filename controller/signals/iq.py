@@ -131,7 +131,6 @@ class Iq:
 
     Args:
         name: In the profile; the stream is `signals.<name>`.
-        settings: Which finger, and how.
     """
 
     def __init__(self, name: str, settings: IqSettings) -> None:

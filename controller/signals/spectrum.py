@@ -16,7 +16,6 @@ def dominant_frequency(x: Floats, rate_hz: float) -> float:
 
     Args:
         x: Shape (n,), any unit.
-        rate_hz: Sample rate.
 
     Returns:
         Frequency in hertz; NaN for a record without variance or with values that are not finite.
@@ -73,7 +72,6 @@ def block_peaks(blocks: Floats, rate_hz: float) -> tuple[Floats, Floats]:
 
     Args:
         blocks: Shape (m, N, channels).
-        rate_hz: Sample rate.
 
     Returns:
         Largest |Phi(k)|^2 / N over k = 1 … N // 2, the signal's unit squared, and its frequency, Hz, shape (m,) each;

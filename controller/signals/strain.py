@@ -46,7 +46,6 @@ class Strain:
 
     Args:
         name: In the profile; the stream is `signals.<name>`.
-        settings: The calibration.
     """
 
     def __init__(self, name: str, settings: StrainSettings) -> None:

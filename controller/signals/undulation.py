@@ -65,7 +65,6 @@ class WaveFit(NamedTuple):
 
     Attributes:
         kappa_rad_m: Spatial frequencies looked for, with their sign, shape (k,).
-        cell_m: Length of a cell.
         memory_m: Distance at which a cell's weight has fallen to 1/e.
         least_m: Way to go before the fit is believed.
         longest: Samples that a cell averages at most: the last ones, when the mover creeps.

@@ -76,7 +76,6 @@ class Watched:
 
     Args:
         console: The person's own.
-        operator: Receives the clients' commands.
         began: Called with the run's folder once it can be watched.
         successes: Outcomes that are success; None where the experiment declares none.
     """
@@ -239,10 +238,6 @@ class Watched:
 
 class _Feed:
     """The socket of a run, and the thread that serves it.
-
-    Args:
-        path: Of the socket.
-        watched: What is published.
 
     Raises:
         OSError: there can be no socket.

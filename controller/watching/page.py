@@ -50,11 +50,7 @@ class Door(NamedTuple):
 
 
 class PageProcess:
-    """The process that serves the page of a run that begins; it ends with the run, and the run never waits for it.
-
-    Args:
-        door: Where.
-    """
+    """The process that serves the page of a run that begins; it ends with the run, and the run never waits for it."""
 
     def __init__(self, door: Door) -> None:
         self._process = subprocess.Popen(

@@ -39,7 +39,6 @@ class ArmCarrier(ToolTrack):
 
     Args:
         axis: The approach axis in the arm's base frame.
-        bench: Where the tool works.
     """
 
     def __init__(self, axis: Axis, bench: Bench) -> None:

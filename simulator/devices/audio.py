@@ -81,12 +81,7 @@ class EmulatedAudio:
     connection, which silences the drive. While `lossy`, packets are dropped as by a converter's overrun: the counter
     goes on.
 
-    Args:
-        settings: What it is.
-        bench: Whose fingers it records.
-
     Attributes:
-        dropped: Frames dropped so far.
         lossy: True drops every packet.
     """
 
@@ -152,7 +147,6 @@ class EmulatedAudio:
         Args:
             kind: "drop" affects the next packets; "refuse" the next drive; "silent" is for good; "restart" sets the
                 converter's counter back; "clip" drives both fingers to full scale, for good.
-            t_s: When.
             packets: How many packets, for a fault of packets.
 
         Raises:

@@ -35,12 +35,7 @@ def counts(forces_n: NDArray[np.float64], settings: FingerStrainSettings) -> NDA
 
 
 class EmulatedBarrettHand:
-    """Answers as the nodes of fingers 11 to 13 do when they are asked for their strain; nothing else is answered.
-
-    Args:
-        settings: Of its gauges.
-        source: What its fingers feel.
-    """
+    """Answers as the nodes of fingers 11 to 13 do when they are asked for their strain; nothing else is answered."""
 
     def __init__(self, settings: FingerStrainSettings, source: FingerForces) -> None:
         self._settings = settings
@@ -74,7 +69,6 @@ class EmulatedBarrettHand:
 
         Args:
             kind: "silent" is for good; "saturate" puts every gauge at its lower end, for good.
-            t_s: When.
 
         Raises:
             ValueError: it cannot break in that way.

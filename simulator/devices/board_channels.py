@@ -78,8 +78,6 @@ class Channel:
     """One stream of the board: its converter, its zero, its counter, and what waits to fill a block.
 
     Args:
-        number: Its id.
-        spec: What it is.
         bits: Width of the converter, sign included.
         tare_samples: Samples that a new zero is the mean of.
     """

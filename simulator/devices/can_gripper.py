@@ -61,7 +61,6 @@ class EmulatedCanGripper:
     is never used.
 
     Args:
-        settings: What it is.
         source: The drive and jaws that it moves; its time is passed in.
     """
 
@@ -107,7 +106,6 @@ class EmulatedCanGripper:
         Args:
             kind: "stall" jams the jaws where they are until the next calibration, "overheat" is a fault that
                 can be cleared, "reboot" a power failure, "silent" is for good.
-            t_s: When.
 
         Raises:
             ValueError: it cannot break in that way.

@@ -86,10 +86,6 @@ class EmulatedDsaMatrix:
 
     Frames are taken on the grid of its own clock. One frame may wait for the line; the next is dropped
     silently (assumption: a buffer of one frame).
-
-    Args:
-        settings: What it is.
-        source: What its texels feel.
     """
 
     def __init__(self, settings: EmulatedDsaMatrixSettings, source: Texels) -> None:
@@ -134,7 +130,6 @@ class EmulatedDsaMatrix:
         Args:
             kind: "drop", "flip" (one bit) and "truncate" affect the next frames; "refuse" answers the next
                 command with an error; "silent" is for good; "reboot" is a power failure.
-            t_s: When.
             frames: How many frames, for a fault of frames.
 
         Raises:

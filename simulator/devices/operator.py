@@ -36,10 +36,6 @@ class EmulatedPerson:
 
     A weight of a given size is the same piece in all trials of a run, with the same error.
 
-    Args:
-        settings: Of the person.
-        bench: Where the fingertip is.
-
     Attributes:
         ready_s: When its request will be done.
     """

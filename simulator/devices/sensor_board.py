@@ -73,7 +73,6 @@ class EmulatedSensorBoard:
     to, the excitation is switched off and the streams are stopped.
 
     Args:
-        settings: What it is.
         source: What its sensors and its drive are wired to.
     """
 
@@ -130,7 +129,6 @@ class EmulatedSensorBoard:
                 frames; "refuse" and "busy" answer the next command; "silent" is for good; "reboot" is a
                 power failure, after which nothing is on; "restart" sets clock, counters and zeros back
                 while the streams go on.
-            t_s: When.
             frames: How many frames, for a fault of frames.
 
         Raises:

@@ -40,11 +40,7 @@ class CanNode(Protocol):
 
 
 class EmulatedSlcan:
-    """Answers as an adapter does; every node receives every frame of the host, and the host all of theirs.
-
-    Args:
-        nodes: What is on the bus.
-    """
+    """Answers as an adapter does; every node receives every frame of the host, and the host all of theirs."""
 
     def __init__(self, *nodes: CanNode) -> None:
         self._nodes = nodes
@@ -70,7 +66,6 @@ class EmulatedSlcan:
         Args:
             kind: "malformed" and "truncated" affect the next frame to the host, "bell" refuses the host's
                 next frame; all else is the nodes'.
-            t_s: When.
 
         Raises:
             ValueError: neither the adapter nor any node can break in that way.

@@ -59,8 +59,6 @@ class EmulatedZaberStage:
     device drops it. Replies carry a checksum once `comm.checksum` is set.
 
     Args:
-        settings: What it is.
-        axis: Its motion.
         on_plan: Called with the time of each new plan of the axis.
     """
 
@@ -154,7 +152,6 @@ class EmulatedZaberStage:
                 "refuse" (STATUSBUSY) the next movement; "stall" (FS) stops a movement dead, the next one
                 where it stands still; "interrupt" (NI) ends a movement as a hand on the knob does;
                 "disable" (FD) takes the motor's power.
-            t_s: When.
         """
         self._settle(t_s)
         if kind in REPLY_FAULTS:

@@ -96,7 +96,6 @@ class Arm:
         tool: Transform of the tool's point in the flange's frame, (4, 4).
         transform: Of the tool in the base, (4, 4).
         twist: Of the tool, base frame, shape (6,): m/s and rad/s.
-        motion: What it is doing.
         scaling: How fast the motion's time passes, 0 to 1.
         planned_speeds_rad_s: Of the joints, in the motion's time.
         planned_twist: Of the tool, in the motion's time.

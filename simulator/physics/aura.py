@@ -88,11 +88,7 @@ class AuraMotion(NamedTuple):
 
 
 class AuraPlant:
-    """Fingers, bridge and air; it remembers nothing from one instant to the next.
-
-    Args:
-        settings: Of all of it.
-    """
+    """Fingers, bridge and air; it remembers nothing from one instant to the next."""
 
     def __init__(self, settings: AuraPlantSettings) -> None:
         self.settings = settings
@@ -110,7 +106,6 @@ class AuraPlant:
 
         Args:
             key: Seed of the run and number of the trial, which key every noise.
-            thing: What stands there.
             top_m: Height of its upper end over the middle of a finger at the start pose.
             side: Which side of the fingers it is before.
         """
@@ -182,7 +177,6 @@ class AuraPlant:
         """What the bridges put out, against the drive's phase, without noise.
 
         Args:
-            motion: Where things are.
             times_s: Since the trial began, shape (n,).
             frequency_hz: Of the drive, shape (n,).
             level: Of the drive, shape (n,).

@@ -74,10 +74,7 @@ def reflected(
         gap_m: From the finger's side to the object, in the direction in which the side looks.
         y_m: Place of the finger's middle across, from the object's.
         z_m: Height of the finger's middle over its own at the start pose.
-        wave_rad_m: Wave number.
         strength: Of side and object together.
-        thing: The object.
-        air: How sound spreads.
     """
     across, along, beside_m = faced(y_m, z_m, thing)
     share = strength * (air.edge + (1.0 - air.edge) * across)
@@ -128,9 +125,7 @@ def crossings(
         gaps_m: Distances of both fingers from the object added up, shape (n,).
         y_m: As in `reflected`, shape (n,).
         z_m: Likewise.
-        wave_rad_m: Likewise.
         thing: The object; strength 0 for none.
-        air: How sound spreads.
         out: Shape (n,).
     """
     hidden, size, known_m = 0.0, 0.0, math.nan
@@ -183,9 +178,6 @@ def echoed(seed: int, trial: int, stream: int, numbers: Ints, weights: Floats, o
     """Noise that remembers: of each sample its own deviate and those before it, weighted; shape (n,).
 
     Args:
-        seed: Of the run.
-        trial: Its number.
-        stream: Number of the noise.
         numbers: Of the samples, shape (n,).
         weights: Of a sample's own deviate, of that before it and so on.
         out: Shape (n,).

@@ -25,13 +25,7 @@ CHUNK = 9600
 
 
 class AuraPart(BenchPart):
-    """Sound is computed on request, from where the gripper was then.
-
-    Args:
-        bench: Whose tool is the gripper.
-        gripper: That carries the fingers.
-        settings: Of the plant.
-    """
+    """Sound is computed on request, from where the gripper was then."""
 
     offers = ("level", "drive", "chirp", "silence", "baseband", "carrier")
 
@@ -110,7 +104,6 @@ class AuraPart(BenchPart):
 
         Args:
             first_frame: The first; none may be later than the last advance, nor long before it.
-            n: How many.
             drift_ppm: How much faster than the devices' clock the converter's runs.
         """
         end = first_frame + n

@@ -38,8 +38,6 @@ def room_field(
     """What the room adds to a finger's bridge, shares of full scale at full drive, shape (n,).
 
     Args:
-        room: What there is.
-        air: How sound spreads.
         x_m: Way of the tool since the start pose, shape (n,).
         speed_m_s: Of the mechanism, shape (n,).
         times_s: Shape (n,).

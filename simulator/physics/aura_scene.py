@@ -52,7 +52,6 @@ class Weight(NamedTuple):
     """Of an object that stands on a table until friction lifts it.
 
     Attributes:
-        mass_kg: Of the object.
         friction: Coefficient of kinetic friction of either finger.
         hold_n_m: Tangential stiffness of both fingers together.
     """
@@ -96,7 +95,6 @@ class AuraScene:
     """Follows tool and jaws in order of time; the object slides where one finger pushes it, and moves along when held.
 
     Args:
-        layout: What stands where.
         fits: Whether the jaws on their brackets close on the object at all.
         tick: Number of the millisecond in which it begins, on the devices' clock.
         tool_m: Displacement of the tool then, shape (3,).

@@ -71,7 +71,6 @@ class BenchPart:
 
         Args:
             settings: Of the plant, for this trial.
-            factors: Of the trial.
 
         Raises:
             RefusedError: this trial cannot be.
@@ -181,7 +180,6 @@ class Bench:
         Args:
             t_s: Present time of the devices.
             seed: Of the run; keys the noise together with `trial`.
-            trial: Number of the trial.
             factors: Its factors; those that are settings of this plant stand before the plant section.
             plant: The profile's plant section for this trial.
 
@@ -264,7 +262,6 @@ def part(
 
     Args:
         bench: As the profile's plant makes it.
-        name: Of the part.
         device: Name of the device that needs it.
 
     Raises:

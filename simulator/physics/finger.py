@@ -37,9 +37,6 @@ class FingerPlant:
     """Finger, probe and electronics, advanced piece by piece in closed form.
 
     What is not observed is computed when it is first needed, or not at all: see `account`.
-
-    Args:
-        settings: Of the plant.
     """
 
     def __init__(self, settings: FingerSettings) -> None:
@@ -55,7 +52,6 @@ class FingerPlant:
             key: Seed of the run and number of the trial: they key the noise.
             location: Where the probe will touch, a key of `LOCATIONS`.
             gap_m: Distance of the probe from the finger at rest.
-            t_s: The time at its start.
 
         Raises:
             ValueError: unknown location, a key out of range, a gap or a time that is not finite.

@@ -98,7 +98,6 @@ class FingerCourse:
         """Go on until a time.
 
         Args:
-            until_s: The time.
             settle: Cut the piece under way there, for something is about to change.
             channels: Sum of the kernel's bits of what is to be recorded.
             periods: Keep the periods.

@@ -117,12 +117,10 @@ def _expand(
     """Terms of the states and of what can end the piece: equations (1) to (9), order by order.
 
     Args:
-        finger: The scene.
         joint: K, with the present wander.
         noise: n of either accelerometer, held in this piece.
         probe: Position, velocity and acceleration at its start.
         depth: Overlap there.
-        flags: Switches.
         seconds: Time at its start, which ripple and vibration are at.
         length: Of the piece in seconds.
         degree: Highest order wanted.
@@ -378,7 +376,6 @@ def run(
     the cuts of the caller leave no trace.
 
     Args:
-        finger, motion: The scene.
         moment: Changed.
         until_whole, until_fraction: The instant, seconds.
         settle: Move the state to the instant itself, for something is about to change there.

@@ -39,10 +39,6 @@ class FingerBenchSettings(FingerSettings):
 class FingerPart(BenchPart):
     """The finger's plant, whose own time begins anew with each trial.
 
-    Args:
-        bench: Whose tool is the probe.
-        settings: Of the plant.
-
     Attributes:
         contacts: The truth: when contact began (True) and ended (False) in this trial.
     """

@@ -161,10 +161,8 @@ def scene(
     """The constants of a finger that is touched at a place, with its tendon at a position.
 
     Args:
-        s: The finger.
         location: A key of `LOCATIONS`.
         gap_m: Where the probe would touch the finger at rest.
-        tendon_m: Position of the tendon.
         key: Seed of the run and number of the trial.
     """
     side, arm_m, base_arm_m, contact_n_m = _touched(s, location)
@@ -267,7 +265,6 @@ def matrix(
     """A of one mode in x' = A x + f, equations (1) to (9), shape (LOOP_STATES, LOOP_STATES).
 
     Args:
-        s: The finger.
         joint: K, N m/rad.
         contact_n_m_rad: k2 l^2 while touching, else 0.
         contact_n_m_s_rad: c2 l^2 while touching, else 0.

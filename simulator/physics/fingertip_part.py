@@ -35,10 +35,6 @@ class FingertipPart(BenchPart):
     The table lies flat in the arm's base frame: the tool presses along -z, slides along x, rolls about y. The arm
     turns the tip about the axis of its cylinder: moving by radius x angle while it turns, it rolls without slipping.
 
-    Args:
-        bench: Whose tool is the tip.
-        settings: Of the plant.
-
     Attributes:
         sensor: At the tip.
         truth: When contact and slip really began and ended in this trial.

@@ -162,9 +162,7 @@ def follow(
     """Follow tool and jaws through milliseconds.
 
     Args:
-        thing: The object.
         x: State of the jaws.
-        jaws_flags: Flags of the jaws.
         flags: Those above.
         lift: State of the object's height.
         rows: The latest milliseconds, by their number, shape (kept, columns).

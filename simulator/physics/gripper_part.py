@@ -79,10 +79,6 @@ class AuraBenchSettings(AuraPlantSettings):
 class GripperPart(BenchPart):
     """Jaws on a gripper, two fingers on the jaws, and an object: where they are, once a millisecond.
 
-    Args:
-        bench: Whose tool is the gripper.
-        settings: Of the plant.
-
     Attributes:
         jaws: Their drive; its time is the bench's.
         thing: The object, or None.

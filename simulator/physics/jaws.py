@@ -94,9 +94,6 @@ def _number(place: int) -> Any:
 class Jaws:
     """Two jaws in sync, as one mass at their opening; how they move: `jaws_kernel`.
 
-    Args:
-        settings: Of jaws and scene.
-
     Attributes:
         x: State, as the kernel has it; the drive's numbers are there as well.
         flags: The same of what is counted.

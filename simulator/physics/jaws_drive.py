@@ -23,12 +23,10 @@ class JawsDrive:
     """Motor, encoder and loops of a gripper on its jaws. Time is the caller's; results do not depend on its steps.
 
     Args:
-        settings: Of jaws and scene.
         follow: Lets the bench pass time, and this drive with it, where it matters to what the jaws hold; else it has a
             time of its own.
 
     Attributes:
-        jaws: What it moves.
         states: Its polled states, in order: parts of shape (m, 6), see `jaws_kernel.look`.
     """
 

@@ -96,7 +96,6 @@ def gaussian_at(key: tuple[int, int], stream: int, indices: NDArray[np.int64]) -
 
     Args:
         key: Seed of the run and number of the trial.
-        stream: Number of the stream.
         indices: Numbers of the samples, shape (n,).
     """
     out = np.empty(indices.size)

@@ -57,11 +57,6 @@ class PadPart(BenchPart):
     """A fingertip's plant whose table is the object: it slides where the object slides in the fingers.
 
     It is followed whatever is subscribed: what really slips does not depend on who listens.
-
-    Args:
-        bench: Whose tool is the gripper.
-        gripper: That carries the finger.
-        settings: Of the plant.
     """
 
     offers = ("streams", "sample", "events", "excite", "set_tendon", "slips")

@@ -149,9 +149,6 @@ class SlipPlantSettings(Settings):
 class SlipPlant:
     """Tip, table and sensor, advanced sample by sample; exact between samples whatever happens there.
 
-    Args:
-        settings: Of the plant.
-
     Attributes:
         load_n: Weights that hang on the sensor itself, a force on each bridge, N, shape (bridges,); may be set.
         slid_m: After `advance`, the truth: the place of the contact on the table, m, shape (n,).

@@ -343,7 +343,6 @@ def advance(
     """Lets n samples pass and writes what the sensor's spring feels at the end of each.
 
     Args:
-        tip: Constants.
         x: State, shape (STATES,), advanced.
         flags: Shape (FLAGS,), advanced.
         first: Number of the first sample.
@@ -434,7 +433,6 @@ def amplify(
         numbers: Of the samples, shape (n,).
         e: What is added.
         key: Seed of the run and number of the trial.
-        stream: Of the noise.
         out: Written, shape (n,).
     """
     for i in range(values.size):

@@ -24,7 +24,6 @@ class Track:
     """The latest samples of a plant, by their numbers; number 0 is rest, when the trial begins.
 
     Args:
-        rate_hz: Samples a second.
         width: Values of a sample.
 
     Attributes:
@@ -80,7 +79,6 @@ class SlipTruth:
     """When contact and slip really began and ended; for scoring alone.
 
     Args:
-        rate_hz: Of the plant.
         origin_s: When the trial began, on the devices' clock.
     """
 

@@ -33,7 +33,6 @@ class Leg(NamedTuple):
     """Motion of constant acceleration, from its start until the next leg begins.
 
     Attributes:
-        t_start_s: When it begins.
         place: Shape (7,), m and rad.
         velocity: Shape (7,).
         acceleration: Shape (7,).
@@ -258,7 +257,6 @@ class ToolMotion(ToolTrack):
         """Go straight to a displacement from the start pose, turning along the way; what moves is stopped first.
 
         Args:
-            t_s: When it begins.
             offset: Metres along base axes, and a rotation vector in rad, base frame; shape (6,).
             speed: Of whichever is longer: the way in m/s, or the turn in rad/s (as the emulated controller's `movel`).
         """

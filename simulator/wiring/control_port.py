@@ -59,7 +59,6 @@ class ControlPort:
         answer: Handles a request, returns the answer. What it raises is sent to the client.
 
     Attributes:
-        endpoint: Where it is.
         close: Drops all clients and closes the port.
     """
 

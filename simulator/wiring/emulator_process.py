@@ -86,9 +86,6 @@ class EmulatorProcess:
 class EmulatorControl:
     """The control port of a running emulator.
 
-    Args:
-        endpoints: What the emulator printed.
-
     Raises:
         PortError: nothing answers.
     """

@@ -79,11 +79,7 @@ class FarEnd(Protocol):
 
 
 class Line:
-    """A pty with an emulated device at its far end.
-
-    Args:
-        device: What answers.
-    """
+    """A pty with an emulated device at its far end."""
 
     def __init__(self, device: EmulatedDevice) -> None:
         self._device = device
@@ -152,9 +148,6 @@ class Network:
 
     TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come. A stall is a
     protective stop; a refusal is local control, taken at the pendant.
-
-    Args:
-        server: What answers.
     """
 
     def __init__(self, server: UrServer) -> None:

@@ -41,7 +41,6 @@ class TcpLine:
     TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come.
 
     Args:
-        device: What answers.
         scheme: What the port's address begins with, as the driver's setting has it.
     """
 

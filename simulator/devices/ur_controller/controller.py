@@ -105,14 +105,8 @@ class _Instant(NamedTuple):
 class UrController:
     """A controller with its arm.
 
-    Args:
-        settings: What it is.
-        surroundings: What the tool may touch.
-
     Attributes:
-        arm: The arm.
         t_s: The controller's time: steps of 2 ms since it was made.
-        surroundings: What the tool may touch.
         epoch_s: The surroundings' time at which `t_s` was zero.
         inputs: Input registers, and what else a client has written, by RTDE name.
         outputs: Output registers by RTDE name.

@@ -52,11 +52,7 @@ _ANSWERS: dict[str, Callable[[UrController], str]] = {
 
 
 class DashboardSession:
-    """One client's connection to the dashboard.
-
-    Args:
-        controller: Which it reports on.
-    """
+    """One client's connection to the dashboard."""
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller

@@ -51,11 +51,7 @@ class Session(Protocol):
 class UrServer:
     """A controller that listens.
 
-    Args:
-        controller: What answers.
-
     Attributes:
-        controller: The same.
         deaf: True makes it accept RTDE connections and answer none.
         streams: False makes it send no data packages.
         silent_until_s: Host time until which nothing goes out on RTDE.
@@ -138,7 +134,6 @@ class UrServer:
         A loop that has other devices to serve calls it at least once in two milliseconds.
 
         Args:
-            wait_s: Longest wait.
             now_s: Host time up to which cycles are due; None is the present.
         """
         # select alone waits in microseconds: epoll and poll round to 1 ms.

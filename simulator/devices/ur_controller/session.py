@@ -136,11 +136,7 @@ _END = b"\nend\n"
 
 
 class ScriptSession:
-    """One client's connection to the script port: programs in, nothing out.
-
-    Args:
-        controller: Which runs them.
-    """
+    """One client's connection to the script port: programs in, nothing out."""
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller
