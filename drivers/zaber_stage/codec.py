@@ -13,6 +13,13 @@ from dataclasses import dataclass
 
 from drivers.core.errors import CodecError
 
+AXIS = 1
+"""The stage has one axis (Zaber ASCII protocol: axes count from 1)."""
+
+OF_THE_DEVICE = re.compile(r"storage |[gs]et (comm\.|deviceid|system\.|version)")
+"""Lines about the whole device: rejected with DEVICEONLY where they name an axis (Zaber ASCII protocol; Zaber Motion
+Library sends them to axis 0)."""
+
 IDS = 100
 """Message ids are 0 to 99 (Zaber ASCII protocol)."""
 
@@ -94,6 +101,11 @@ class StageReply:
 def lrc(body: bytes) -> int:
     """Checksum of what stands between the lead character and the colon: two's complement of the byte sum."""
     return -sum(body) & 0xFF
+
+
+def scope(text: str) -> int:
+    """The axis to which a command is sent; 0 where it is about the whole device."""
+    return 0 if OF_THE_DEVICE.match(text) else AXIS
 
 
 def encode_request(request: StageRequest, *, checksum: bool = True) -> bytes:

@@ -9,9 +9,6 @@ from drivers.core.errors import CodecError
 from drivers.core.links import LineBuffer, SerialLink
 from drivers.zaber_stage import codec
 
-AXIS = 1
-"""The stage has one axis (manual: axes count from 1)."""
-
 
 @dataclass(slots=True, eq=False)
 class StageQuestion:
@@ -120,6 +117,6 @@ class StageDialogue:
         question.id = self._next_id
         self._next_id = (self._next_id + 1) % codec.IDS
         self._open[question.id] = question
-        request = codec.StageRequest(self._address, AXIS, question.id, question.text)
+        request = codec.StageRequest(self._address, codec.scope(question.text), question.id, question.text)
         question.sent_s = self._link.send(codec.encode_request(request)) or self._clock.monotonic_s()
         self.fault = self._link.fault or self.fault

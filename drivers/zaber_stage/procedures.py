@@ -24,6 +24,12 @@ AGREES = 0.01
 """How far the device's own limit may be from the profile's travel (assumption: makers set it to the microstep, and
 pitches differ by more)."""
 
+CHANGED = ("comm.checksum", "limit.min", "limit.max", "maxspeed")
+"""What opening changes; the device keeps it when it is switched off."""
+
+NOTE = "touchbench."
+"""Keys in the device's own storage, of firmware 7.30 or later: what was found in a setting, and what it was set to."""
+
 DATA_SHEET = "hold travel and speed in the profile against the stage's data sheet"
 
 
@@ -94,13 +100,15 @@ class Procedures:
         if serial.data != self._serial:
             self._serial = serial.data
             self._found.clear()
+        left_changed = yield from self._recall()
         yield from self._hold("comm.checksum", 1)
         device_id = yield from _accepted("get deviceid")
         acceleration = yield from _asked("accel")
         self._acceleration_m_s2 = codec.acceleration_m_s2(acceleration, s.microstep_m)
         limits = {}
         for name in ("limit.min", "limit.max"):
-            limits[name] = yield from _asked(name)
+            held = yield from _asked(name)
+            limits[name] = self._found.get(name, held)
         wanted = self._mounting.limits()
         self._check_limits(limits, wanted, device_id.data)
         for name, value in wanted.items():
@@ -118,6 +126,7 @@ class Procedures:
             "limits_found_m": self._metres(limits),
             "limits_set_m": self._metres(wanted),
             "max_speed_m_s": s.max_speed_m_s,
+            "left_changed_by_another_run": left_changed,
             "flags": flags,
             "homed": codec.UNHOMED.isdisjoint(flags),
         }
@@ -126,6 +135,7 @@ class Procedures:
         """Sets what opening changed to what it found: the device keeps its settings for good."""
         for name, value in reversed(self._found.items()):
             yield f"set {name} {value}"
+            yield f"storage erase {NOTE}{name}"
         self._found.clear()
 
     def carry_out(self, command: Command) -> Moving:
@@ -174,7 +184,7 @@ class Procedures:
         if counts != wanted["limit.max"] and abs(length_m - s.travel_m) > AGREES * s.travel_m:
             raise RejectedError(
                 f"its limit.max of {counts} microsteps is {length_m:.4g} m at microstep_m = {s.microstep_m:g}, not"
-                f" travel_m = {s.travel_m:g}",
+                f" travel_m = {s.travel_m:g}, which asks for microsteps of {s.travel_m / max(counts, 1):.4g} m",
                 f"enter both from the data sheet of device id {device_id}; where they are right, its limit was"
                 " changed: the maker's comes back with 'system restore'",
             )
@@ -185,12 +195,29 @@ class Procedures:
                 "choose travel_min_m and travel_max_m inside them",
             )
 
+    def _recall(self) -> Generator[str, codec.StageReply, tuple[str, ...]]:
+        """Takes what a program that died noted in the device as what was found; what was changed since stays so."""
+        recalled = []
+        for name in CHANGED:
+            note = yield f"storage get {NOTE}{name}"
+            found, _, left = note.data.partition(",")
+            if not note.accepted:  # there is none, or the firmware has no storage
+                continue
+            held = yield from _asked(name)
+            if str(held) == left and found.lstrip("-").isdecimal():
+                self._found.setdefault(name, int(found))
+                recalled.append(name)
+            else:
+                yield f"storage erase {NOTE}{name}"
+        return tuple(recalled)
+
     def _hold(self, setting: str, value: int) -> Generator[str, codec.StageReply, None]:
-        """Sets what differs, and reads it back; what was found is kept for `put_back`."""
+        """Sets what differs, and reads it back; what was found is kept for `put_back`, and noted in the device."""
         found = yield from _asked(setting)
         if found == value:
             return
         self._found.setdefault(setting, found)  # of this stage, before it was first changed
+        yield f"storage set {NOTE}{setting} {self._found[setting]},{value}"
         yield from _accepted(f"set {setting} {value}")
         held = yield from _asked(setting)
         if held != value:

@@ -22,6 +22,12 @@ Fault = Literal["lose", "bad_lrc", "corrupt", "late", "silent", "refuse", "stall
 CONSTANTS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("zaber_constants.toml").read_text("utf-8"))
 """Settings that can be read and never change."""
 
+OF_THE_DEVICE = ("comm.", "deviceid", "system.", "version")
+"""Beginnings of the settings of the whole device, which no axis has (vendor's library: settings by scope)."""
+
+STORAGE = (7, 30)
+"""The first firmware with storage (Zaber Motion Library, `DeviceStorage`)."""
+
 REPLY_FAULTS = ("lose", "bad_lrc", "corrupt", "late")
 
 DATA = 2**31 - 1
@@ -71,6 +77,7 @@ class EmulatedZaberStage:
         self._settings = settings
         self._axis = axis
         self._usual_m_s2 = axis.acceleration_m_s2
+        self._storage: dict[str, str] = {}
         self._on_plan = on_plan
         self._lines = LineBuffer(codec.MAX_LINE)
         self._outbox: list[tuple[float, bytes]] = []
@@ -120,6 +127,7 @@ class EmulatedZaberStage:
             "home": self._home,
             "stop": self._stop,
             "estop": self._halt,
+            "storage": self._store,
             "tools": self._tools,
             "move": self._move,
             "get": self._get,
@@ -192,7 +200,29 @@ class EmulatedZaberStage:
         verb, *arguments = request.text.split() or [""]
         if verb not in self._verbs:
             raise _RejectedError("BADCOMMAND")
+        of_the_device = verb == "storage" or (
+            verb in ("get", "set") and " ".join(arguments).startswith(OF_THE_DEVICE)
+        )
+        if request.axis and of_the_device:
+            raise _RejectedError("DEVICEONLY")
         return self._verbs[verb](arguments, t_s)
+
+    def _store(self, arguments: list[str], t_s: float) -> str:
+        """Texts under keys, kept for good: `set`, `get`, `erase`."""
+        if tuple(map(int, self._settings.firmware.split("."))) < STORAGE:
+            raise _RejectedError("BADCOMMAND")
+        match arguments:
+            case ["set", key, *words] if words:
+                self._storage[key] = " ".join(words)
+                return "0"
+            case ["get" | "erase" as verb, key]:
+                if key not in self._storage:
+                    raise _RejectedError("BADDATA")
+                text = self._storage[key]
+                if verb == "erase":
+                    del self._storage[key]
+                return text if verb == "get" else "0"
+        raise _RejectedError("BADCOMMAND")
 
     def _tools(self, arguments: list[str], t_s: float) -> str:
         if arguments[:1] != ["echo"]:

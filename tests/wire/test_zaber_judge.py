@@ -12,6 +12,7 @@ from zaber_motion import (
     DriverDisabledException,
     MovementFailedException,
     MovementInterruptedException,
+    NoValueForKeyException,
     RequestTimeoutException,
 )
 from zaber_motion.ascii import Axis, Connection
@@ -151,6 +152,15 @@ def test_the_library_takes_the_emulated_checksums(court: Court) -> None:
     court.connection.generic_command("set comm.checksum 1")
     court.axis.move_absolute(500)
     assert court.axis.get_position() == 500
+
+
+def test_a_text_is_kept_in_the_stage_itself(court: Court) -> None:
+    storage = court.axis.device.storage
+    storage.set_string("touchbench.limit.max", "51200,24995")
+    assert storage.get_string("touchbench.limit.max") == "51200,24995"
+    storage.erase_key("touchbench.limit.max")
+    with pytest.raises(NoValueForKeyException):
+        storage.get_string("touchbench.limit.max")
 
 
 def test_a_disabled_driver_is_reported(court: Court) -> None:

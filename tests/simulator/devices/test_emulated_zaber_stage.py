@@ -19,8 +19,8 @@ def stage(*, homed: bool = True, plans: list[float] | None = None) -> EmulatedZa
     return EmulatedZaberStage(EmulatedZaberStageSettings(homed=homed), axis, on_plan)
 
 
-def ask(device: EmulatedZaberStage, command: str, t_s: float = 0.0) -> str:
-    return device.receive(f"/1 1 07 {command}\n".encode(), t_s).decode()
+def ask(device: EmulatedZaberStage, command: str, t_s: float = 0.0, axis: int = 1) -> str:
+    return device.receive(f"/1 {axis} 07 {command}\n".encode(), t_s).decode()
 
 
 def test_it_answers_as_documented() -> None:
@@ -39,7 +39,9 @@ def test_it_answers_as_documented() -> None:
         ("move abs", "BADCOMMAND"),
         ("move move abs 1", "BADCOMMAND"),
         ("get nothing", "BADCOMMAND"),
-        ("set system.serial 3", "BADCOMMAND"),
+        ("get version", "DEVICEONLY"),
+        ("set comm.checksum 1", "DEVICEONLY"),
+        ("storage get key", "DEVICEONLY"),
         ("warnings shut", "BADCOMMAND"),
         ("driver off", "BADCOMMAND"),
         ("move abs 51201", "BADDATA"),
@@ -70,7 +72,7 @@ def test_a_wrong_checksum_another_address_or_another_protocol_is_dropped_silentl
 
 def test_replies_carry_a_checksum_once_that_is_set() -> None:
     device = stage()
-    ask(device, "set comm.checksum 1")
+    ask(device, "set comm.checksum 1", axis=0)
     body, tail = ask(device, "get pos").strip("@\r\n").split(":")
     assert int(tail, 16) == lrc(body.encode())
 
@@ -133,7 +135,7 @@ def test_homing_that_is_stopped_leaves_it_without_a_reference() -> None:
 
 def test_an_alert_comes_at_the_end_of_a_movement_where_alerts_are_on() -> None:
     device = stage()
-    ask(device, "set comm.alert 1")
+    ask(device, "set comm.alert 1", axis=0)
     ask(device, "move abs 100")
     assert device.step(1e-6) == b""
     assert device.step(10.0) == b"!01 1 IDLE --\r\n"
@@ -220,8 +222,9 @@ def test_every_setting_of_a_stage_can_be_read() -> None:
         "driver.enabled",
         "motion.decelonly",
     ]:
-        head, _, value = ask(device, f"get {name}").strip().rpartition(" ")
-        assert head == "@01 1 07 OK IDLE --"
+        axis = 0 if name.startswith(("comm.", "system.", "version")) else 1
+        head, _, value = ask(device, f"get {name}", axis=axis).strip().rpartition(" ")
+        assert head == f"@01 {axis} 07 OK IDLE --"
         float(value)
 
 
@@ -231,3 +234,15 @@ def test_an_emergency_stop_stops_dead_and_an_echo_answers() -> None:
     assert ask(device, "estop", 1.0).startswith("@01 1 07 OK")
     assert ask(device, "get motion.busy", 1.0) == "@01 1 07 OK IDLE NI 0\r\n"
     assert ask(device, "tools echo hello there", 1.0) == "@01 1 07 OK IDLE NI hello there\r\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        ("set system.serial 3", "BADCOMMAND"),
+        ("storage get none", "BADDATA"),
+        ("storage set key", "BADCOMMAND"),
+    ],
+)
+def test_what_the_device_cannot_do_it_rejects(command: str, reason: str) -> None:
+    assert ask(stage(), command, axis=0) == f"@01 0 07 RJ IDLE -- {reason}\r\n"

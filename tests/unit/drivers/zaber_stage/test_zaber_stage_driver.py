@@ -68,6 +68,7 @@ class Bench(StageBench):
 
 def test_opening_identifies_the_stage_sets_its_limits_and_moves_nothing() -> None:
     b = Bench(travel_max_m=0.0124)
+    max_speed = round(0.026 / STEP_M * 1.6384)
     details = dict(b.info.details)
     assert details.pop("acceleration_m_s2") == pytest.approx(0.5, rel=1e-2)
     assert details.pop("limits_found_m") == pytest.approx((0.0, 0.0254))
@@ -87,17 +88,21 @@ def test_opening_identifies_the_stage_sets_its_limits_and_moves_nothing() -> Non
             "microstep_m": STEP_M,
             "travel_m": 0.0254,
             "max_speed_m_s": 0.025,
+            "left_changed_by_another_run": (),
             "flags": (),
             "homed": True,
         },
     )
     asked = ["deviceid", "accel", "limit.min", "limit.max"]
+    notes = [f"touchbench.{name}" for name in ("comm.checksum", "limit.min", "limit.max", "maxspeed")]
     assert b.wire.lines() == [
         *("00", "get version", "get system.serial"),
-        *("get comm.checksum", "set comm.checksum 1", "get comm.checksum"),
+        *(f"storage get {note}" for note in notes),
+        *("get comm.checksum", f"storage set {notes[0]} 0,1", "set comm.checksum 1", "get comm.checksum"),
         *(f"get {name}" for name in asked),
-        *("get limit.min", "get limit.max", "set limit.max 24995", "get limit.max"),
-        *("get maxspeed", "set maxspeed 82565", "get maxspeed", "warnings clear"),
+        *("get limit.min", "get limit.max", f"storage set {notes[2]} 51200,24995", "set limit.max 24995"),
+        *("get limit.max", "get maxspeed", f"storage set {notes[3]} {max_speed},82565", "set maxspeed 82565"),
+        *("get maxspeed", "warnings clear"),
     ]
     assert b.stage.account() == {"positions": 0, "sent_on": 0, "halted_unseen": 0}
 
@@ -170,9 +175,46 @@ def test_closing_leaves_the_stage_as_it_was_found() -> None:
     wire, clock = Wire(homed=True), VirtualClock()
     before = dict(wire.device._values)
     b = StageBench(driver(MemoryLine(wire, clock), travel_max_m=0.0124), clock, wire)
-    b.begin(MoveAt("stage", 0.01, 0.002))
-    b.expect(Reached)
+    opened = [line for line in wire.lines() if "set" in line.split()[:2]]
+    for position_m in (0.002, 0.004, 0.003):
+        b.begin(MoveTo("stage", position_m, 0.01))
+        b.expect(Reached)
+    assert [line for line in wire.lines() if "set" in line.split()[:2]] == opened, (
+        "no motion writes a setting"
+    )
     assert wire.device._values != before
+    b.stage.close()
+    assert (wire.device._values, wire.device._storage) == (before, {})
+
+
+@pytest.mark.parametrize("travel_max_m", [0.0124, 0.0254, 0.006])
+def test_what_a_program_that_died_left_changed_is_put_back_by_the_next(travel_max_m: float) -> None:
+    """Also by one with another profile, whose travel the leftover limit would not fit."""
+    wire, clock = Wire(homed=True), VirtualClock()
+    before = dict(wire.device._values)
+    StageBench(driver(MemoryLine(wire, clock), travel_max_m=0.0124), clock, wire)  # never closed
+    b = StageBench(driver(MemoryLine(wire, clock), travel_max_m=travel_max_m), clock, wire)
+    assert b.info.details["left_changed_by_another_run"] == ("comm.checksum", "limit.max", "maxspeed")
+    assert b.info.details["limits_found_m"] == pytest.approx((0.0, 0.0254))
+    b.stage.close()
+    assert (wire.device._values, wire.device._storage) == (before, {})
+
+
+def test_what_somebody_changed_after_a_program_died_stays_as_it_is() -> None:
+    wire, clock = Wire(homed=True), VirtualClock()
+    StageBench(driver(MemoryLine(wire, clock), travel_max_m=0.0124), clock, wire)  # never closed
+    wire.device.receive(b"/1 1 set maxspeed 70000\n", 0.0)
+    wire.device._storage["touchbench.limit.max"] = "nonsense,24995"
+    b = StageBench(driver(MemoryLine(wire, clock), travel_max_m=0.0124), clock, wire)
+    assert b.info.details["left_changed_by_another_run"] == ("comm.checksum",)
+    b.stage.close()
+    assert (wire.device._values["maxspeed"], wire.device._storage) == (70000, {})
+
+
+def test_a_stage_without_storage_is_left_as_it_was_found_too() -> None:
+    wire, clock = Wire(homed=True, firmware="7.25"), VirtualClock()
+    before = dict(wire.device._values)
+    b = StageBench(driver(MemoryLine(wire, clock), travel_max_m=0.0124), clock, wire)
     b.stage.close()
     assert wire.device._values == before
 
