@@ -12,10 +12,12 @@ run: .venv/run.stamp            ## the main job on the mock bench: 132 approache
 SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_together)) \
 	$(addprefix tests/unit/drivers/,arm test_axis_limits.py barrett_hand can_gripper sensor_board/test_sensor_board_driver.py ur_arm zaber_stage)
 
+# four workers on two cores: tests on the wire wait half of their time
+test: export PYTHONDONTWRITEBYTECODE :=
 test: .venv/dev.stamp browser   ## the tests; what they need is compiled before; guard, limits, loop and stop paths: every line
 	$(BIN)/python -m config.precompile
 	$(MAKE) -s lines
-	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder --durations=15 $(SAFETY:%=--ignore=%)
+	$(BIN)/python -m pytest -n 4 --dist loadscope --no-loadscope-reorder --durations=15 $(SAFETY:%=--ignore=%)
 
 lines: .venv/dev.stamp          ## the unit tests of guard, limits, loop and stop paths, which leave no line of these out
 	$(BIN)/python -m coverage run -m pytest $(SAFETY)
