@@ -20,6 +20,7 @@ from drivers.core.errors import RefusedError, SilentError
 from drivers.ur_arm.controller import PROTECTIVE_STOP, STOPPED
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.settings import UrArmSettings
+from drivers.ur_arm.tool import Tool
 
 SPEED_S = 0.002
 """The `t` of `speedl`: after one cycle of the controller the script looks for a newer speed (control script)."""
@@ -105,14 +106,20 @@ class RtdeClient:
         self._clock = clock
         self._latest = latest
         self._speeds = False
+        self._tools: tuple[Tool, Tool] | None = None  # the controller's own, and the profile's
         try:
             self._control = RTDEControlInterface(settings.host)
         except (RuntimeError, ValueError) as error:
             raise LinkError(RefusedError, f"the client reports: {error}", _advice(str(error))) from error
         self._link = RtdeSockets(receiving)
-        x, y, z, rx, ry, rz = self._control.getTCPOffset()
-        self.tcp_offset: Pose = (x, y, z, rx, ry, rz)
+        self.tcp_offset = self._asked_tcp()
         self._watch()  # from here on commands are due
+
+    def mount(self, tool: Tool, found: Tool) -> None:
+        """Have the controller count with a tool; `leave` gives back what was found."""
+        self._tools = found, tool
+        self._set_tool(tool)
+        self.tcp_offset = self._asked_tcp()
 
     def speed(self, twist: Pose, acceleration_m_s2: float) -> bool:
         """See `Client.speed`."""
@@ -170,6 +177,8 @@ class RtdeClient:
                 return self._latest().fault or "the controller does not run the script"
             rest(LOOK_S)
         self._watch()
+        if self._tools is not None:
+            self._set_tool(self._tools[1])
         return ""
 
     def connected(self) -> bool:
@@ -178,6 +187,8 @@ class RtdeClient:
 
     def leave(self) -> None:
         """See `Client.leave`; the client's sockets end with the process."""
+        if self._tools is not None and self.connected():
+            self._set_tool(self._tools[0])
         self._control.stopScript()
 
     def _unlock(self, deadline_s: float) -> str:
@@ -188,6 +199,14 @@ class RtdeClient:
             self._dashboard.ask("unlock protective stop")
             rest(LOOK_S)
         return ""
+
+    def _asked_tcp(self) -> Pose:
+        x, y, z, rx, ry, rz = self._control.getTCPOffset()
+        return x, y, z, rx, ry, rz
+
+    def _set_tool(self, tool: Tool) -> None:
+        self._control.setTcp(list(tool.tcp_offset))
+        self._control.setPayload(tool.payload_kg, list(tool.payload_cog_m))
 
     def _watch(self) -> None:
         # The watchdog counts from here, and this thread looks at the clock again within the calls of a cycle.

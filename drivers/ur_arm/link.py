@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import ClassVar
 
@@ -14,7 +14,7 @@ from drivers.ur_arm.client import CONTROL_GONE, RtdeClient, RtdeSockets
 from drivers.ur_arm.controller import PLAYING, STOPPED, fault_of
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.settings import UrArmSettings
-from drivers.ur_arm.tool import PENDANT, Tool, disagreement
+from drivers.ur_arm.tool import PENDANT, Tool, disagreement, stated
 
 VARIABLES = [
     "timestamp",
@@ -23,6 +23,7 @@ VARIABLES = [
     "actual_TCP_force",
     "safety_status_bits",
     "runtime_state",
+    "target_speed_fraction",
     "payload",
     "payload_cog",
 ]
@@ -64,8 +65,14 @@ class UrLink:
         model, serial = dashboard.ask("get robot model"), dashboard.ask("get serial number")
         self.client = RtdeClient(self._settings, dashboard, self._clock, lambda: self._row, self._sockets)
         self._await_row(lambda: self._row.running)
-        tool = self._checked_tool()
-        details = {**tool.details(self._settings), "watchdog_hz": self._settings.watchdog_hz}
+        details = {
+            **self._checked_tool(),
+            "watchdog_hz": self._settings.watchdog_hz,
+            "remote_control": dashboard.ask("is in remote control"),
+            "robot_mode": dashboard.ask("robotmode").rpartition(" ")[2],
+            "safety_status": dashboard.ask("safetystatus").rpartition(" ")[2],
+            "speed_slider": self._receive.getTargetSpeedFraction(),
+        }
         return Opened(model, serial, polyscope, self._row, details)
 
     def read(self) -> ArmRow | None:
@@ -147,13 +154,21 @@ class UrLink:
                 RefusedError, "another program runs on the controller", "stop it at the pendant, or its host"
             )
 
-    def _checked_tool(self) -> Tool:
-        x, y, z = self._receive.getPayloadCog()
-        found = Tool(self.client.tcp_offset, self._receive.getPayload(), (x, y, z))
-        if reason := disagreement(self._settings, found):
+    def _checked_tool(self) -> Mapping[str, object]:
+        settings, found = self._settings, self._tool()
+        changed = settings.tool == "set" and disagreement(settings, found) != ""
+        if changed:
+            self.client.mount(stated(settings, found), found)
+            self._await_row(lambda: disagreement(settings, self._tool()) == "")
+        tool = self._tool()
+        if reason := disagreement(settings, tool):
             self.client.leave()
             raise LinkError(RefusedError, reason, PENDANT)
-        return found
+        return {**tool.details(settings), **({"tool_found": found._asdict()} if changed else {})}
+
+    def _tool(self) -> Tool:
+        x, y, z = self._receive.getPayloadCog()
+        return Tool(self.client.tcp_offset, self._receive.getPayload(), (x, y, z))
 
     def _await_row(self, wanted: Callable[[], bool]) -> bool:
         """Read rows until one is as wanted; False where none came in time."""

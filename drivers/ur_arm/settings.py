@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -19,18 +19,27 @@ class UrArmSettings(ArmSettings):
     """Rows a second: the controller's cycle (e-Series 500 Hz, RTDE guide), or every second, third … of them."""
     tcp_offset: Pose | None = None
     """The tool's point in the flange's frame: metres and rotation vector, as the pendant's TCP page shows it. An arm
-    whose controller has another one is refused; None records the controller's, and compares nothing."""
+    whose controller has another one is refused, or given this one (`tool`); None records the controller's, and
+    compares nothing."""
     payload_kg: float | None = Field(None, ge=0.0, le=50.0)
     """Mass that the arm carries, likewise: a wrong one shifts the stream of forces."""
     payload_cog_m: Vector | None = None
     """Its centre of gravity in the flange's frame, likewise."""
+    tool: Literal["compare", "set"] = "compare"
+    """"set" gives a controller with another tool the profile's, and its own back at closing."""
     watchdog_hz: float = Field(10.0, ge=5.0, le=50.0)
     """The controller stops the program when commands come more rarely (client: 10 Hz)."""
 
     @model_validator(mode="after")
-    def _whole_cycles(self) -> Self:
+    def _consistent(self) -> Self:
         if CYCLES_HZ % self.rate_hz:
             raise ValueError(
                 f"rate_hz = {self.rate_hz:g} is no whole part of {CYCLES_HZ:g}: take 500, 250 or 125"
             )
+        if self.tool == "set" and (self.tcp_offset, self.payload_kg, self.payload_cog_m) == (
+            None,
+            None,
+            None,
+        ):
+            raise ValueError('tool = "set" needs tcp_offset, payload_kg or payload_cog_m')
         return self

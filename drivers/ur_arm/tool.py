@@ -16,7 +16,7 @@ SAME_M, SAME_RAD = 1e-4, 1e-3
 SAME_KG, SAME_COG_M = 0.01, 1e-3
 """The same for payloads, and their centres of gravity (assumption: 0.1 N, the pendant's last digit)."""
 
-PENDANT = "correct the profile, or Installation > TCP and Payload at the pendant"
+PENDANT = 'correct the profile, or Installation > TCP and Payload at the pendant, or write tool = "set"'
 
 
 class Tool(NamedTuple):
@@ -42,10 +42,10 @@ NO_TOOL = Tool((0.0,) * 6, 0.0, (0.0,) * 3)
 """What a controller counts with where nobody has entered a tool."""
 
 
-def stated(settings: UrArmSettings) -> Tool:
-    """The profile's tool; none where it states none."""
+def stated(settings: UrArmSettings, otherwise: Tool = NO_TOOL) -> Tool:
+    """The profile's tool, with what it does not state from another one."""
     given = {name: getattr(settings, name) for name in Tool._fields}
-    return NO_TOOL._replace(**{name: value for name, value in given.items() if value is not None})
+    return otherwise._replace(**{name: value for name, value in given.items() if value is not None})
 
 
 def disagreement(settings: UrArmSettings, found: Tool) -> str:

@@ -51,6 +51,24 @@ def test_an_arm_with_the_profile_s_tool_is_opened_and_records_it() -> None:
         assert details["not_stated_by_the_profile"] == ()
 
 
+def test_an_arm_is_given_the_profile_s_tool_and_its_own_back() -> None:
+    own = {"tcp_offset": (0.0, 0.0, 0.2, 0.0, 0.0, 0.0), "payload_kg": 2.0, "payload_cog_m": (0.0, 0.0, 0.04)}
+    with EmulatedUr(**own) as other:
+        given = settings(other, **TOOL, tool="set")
+        arm = UrArm("arm", given, other.clock)
+        details: dict[str, Any] = dict(arm.open().details)
+        assert details["tool_found"]["payload_kg"] == pytest.approx(2.0)
+        for name, value in TOOL.items():
+            assert details[name] == pytest.approx(value)
+        assert (details["robot_mode"], details["speed_slider"]) == ("RUNNING", 1.0)
+        arm.close()
+        again = UrArm("arm", settings(other, **own), other.clock)
+        found = again.open().details
+        again.close()
+        for name, value in own.items():
+            assert found[name] == pytest.approx(value, abs=1e-9)
+
+
 OTHER_CLIENT = """
 import sys, time, rtde_control
 control = rtde_control.RTDEControlInterface(sys.argv[1])

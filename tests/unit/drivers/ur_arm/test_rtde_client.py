@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import sys
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -12,6 +13,7 @@ from drivers.arm.link import ArmRow
 from drivers.core.clock import VirtualClock
 from drivers.ur_arm.client import RtdeClient, RtdeSockets
 from drivers.ur_arm.settings import UrArmSettings
+from drivers.ur_arm.tool import Tool
 
 SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=(0.3, 0.0, 0.3, 0.0, 3.14, 0.0))
 
@@ -51,6 +53,28 @@ def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch
     assert client.recover() == ""
     assert done[-2:] == ["hold", "setWatchdog"]
     assert "leave" in done
+
+
+def test_a_tool_that_was_set_is_set_again_after_a_recovery_and_taken_back_at_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sent: list[object] = []
+    control = MagicMock(isConnected=lambda: True, getTCPOffset=lambda: [0.1] * 6)
+    control.setTcp, control.setPayload = sent.append, lambda kg, cog: sent.append((kg, cog))
+    monkeypatch.setitem(
+        sys.modules, "rtde_control", SimpleNamespace(RTDEControlInterface=lambda host: control)
+    )
+    row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
+    dashboard = SimpleNamespace(ask=lambda question: "true")
+    client = RtdeClient(SETTINGS, dashboard, VirtualClock(), lambda: row, RtdeSockets())
+    own, tool = Tool((0.2,) * 6, 1.0, (0.0,) * 3), Tool((0.3,) * 6, 2.0, (0.0,) * 3)
+    client.leave()
+    assert sent == [], "nothing was set"
+    client.mount(tool, own)
+    assert client.recover() == ""
+    client.leave()
+    given = [[list(each.tcp_offset), (each.payload_kg, [0.0, 0.0, 0.0])] for each in (tool, tool, own)]
+    assert sent == [line for each in given for line in each]
 
 
 def test_a_connection_that_was_made_again_is_another_link_however_quickly(

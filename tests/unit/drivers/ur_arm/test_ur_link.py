@@ -15,6 +15,8 @@ from drivers.core.errors import PortError, RefusedError, SilentError
 from drivers.ur_arm import link
 from drivers.ur_arm.controller import PLAYING
 from drivers.ur_arm.settings import UrArmSettings
+from drivers.ur_arm.tool import Tool
+from tests.refusals import refused
 
 START = (0.3, 0.0, 0.3, 0.0, 3.14, 0.0)
 REST = (0.0,) * 6
@@ -34,6 +36,7 @@ class Receive:
     def __init__(self):
         self.device_s, self.connected, self.torn = 7.0, True, False
         self.safety, self.runtime = NORMAL, STOPPED
+        self.payload_kg = 1.25
 
     def getTimestamp(self):  # noqa: N802
         return self.device_s
@@ -50,10 +53,13 @@ class Receive:
         return list(FORCE)
 
     def getPayload(self):  # noqa: N802
-        return 1.25
+        return self.payload_kg
 
     def getPayloadCog(self):  # noqa: N802
         return [0.0, 0.01, 0.06]
+
+    def getTargetSpeedFraction(self):  # noqa: N802
+        return 0.5
 
     def getSafetyStatusBits(self):  # noqa: N802
         return self.safety
@@ -74,6 +80,8 @@ class Dashboard:
             "is in remote control": "true",
             "get robot model": "UR5",
             "get serial number": "20195500",
+            "robotmode": "Robotmode: RUNNING",
+            "safetystatus": "Safetystatus: NORMAL",
             "stop": "Stopped",
         }
 
@@ -97,6 +105,7 @@ class Opening:
         self.hosts, self.streams, self.uploads, self.left = [], [], [], 0
         self.error, self.row_s, self.plays_s = None, CYCLE_S, math.inf
         self.each = lambda: None
+        self.mounted, self.takes_payload = [], True
         self.stands = self.controls = True
         self.sockets = SimpleNamespace(stands=lambda: self.stands)
         module: Any = ModuleType("rtde_receive")
@@ -126,7 +135,13 @@ class Opening:
         self.uploads.append((settings, dashboard, clock, receiving))
         self.rest(3.0)
         self.plays_s = self.clock.monotonic_s() + 0.05
-        return SimpleNamespace(tcp_offset=TCP, leave=self.leave, connected=lambda: self.controls)
+        return SimpleNamespace(
+            tcp_offset=TCP, leave=self.leave, connected=lambda: self.controls, mount=self.mount
+        )
+
+    def mount(self, tool, found):
+        self.mounted.append((tool, found))
+        self.receive.payload_kg = tool.payload_kg if self.takes_payload else 1.25
 
     def leave(self):
         self.left += 1
@@ -156,6 +171,10 @@ def test_a_link_that_opens_reports_what_the_arm_is_and_its_program_runs(opening)
         "payload_cog_m": (0.0, 0.01, 0.06),
         "not_stated_by_the_profile": ("tcp_offset", "payload_kg", "payload_cog_m"),
         "watchdog_hz": 10.0,
+        "remote_control": "true",
+        "robot_mode": "RUNNING",
+        "safety_status": "NORMAL",
+        "speed_slider": 0.5,
     }
     assert opened == Opened("UR5", "20195500", "5.9.4", row, details)
     assert at_s == pytest.approx(opening.plays_s, abs=2 * CYCLE_S)
@@ -266,6 +285,28 @@ def test_an_arm_with_another_tool_than_the_profile_states_is_refused_and_its_pro
     refused = caught.value
     assert (refused.kind, refused.reason) == (RefusedError, "its payload_kg is 1.25, the profile's 0.5")
     assert "pendant" in refused.advice
+    assert opening.left == 1
+
+
+FOUND = Tool(TCP, 1.25, (0.0, 0.01, 0.06))
+
+
+@pytest.mark.parametrize(
+    ("payload_kg", "mounted"), [(0.5, [(FOUND._replace(payload_kg=0.5), FOUND)]), (1.25, [])]
+)
+def test_an_arm_is_given_the_profile_s_tool_where_the_profile_says_so(opening, payload_kg, mounted):
+    opening.link._settings = SETTINGS.model_copy(update={"payload_kg": payload_kg, "tool": "set"})
+    details = opening.opens().details
+    assert opening.mounted == mounted
+    assert details["payload_kg"] == payload_kg
+    assert details.get("tool_found") == (FOUND._asdict() if mounted else None)
+
+
+def test_an_arm_that_does_not_take_the_tool_is_refused(opening):
+    opening.takes_payload = False
+    opening.link._settings = SETTINGS.model_copy(update={"payload_kg": 0.5, "tool": "set"})
+    with refused(LinkError, "payload_kg is 1.25", "0.5", "pendant"):
+        opening.link.open(False)
     assert opening.left == 1
 
 
