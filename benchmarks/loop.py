@@ -55,7 +55,7 @@ REPEATS = 3
 PARTS: tuple[tuple[str, type[Any], tuple[str, ...]], ...] = (
     ("physics", Bench, ("advance", "wrench", "places", "on_plan")),
     ("physics", FingerPart, ("sample", "events")),
-    ("physics", FingertipPart, ("sample", "finger_n", "texels_v")),
+    ("physics", FingertipPart, ("sample", "forces_n", "texels_v")),
     ("physics", AuraPart, ("baseband", "carrier")),
     ("signals", Signals, ("push",)),
     ("detectors", Loop, ("_detect",)),

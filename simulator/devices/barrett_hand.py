@@ -86,10 +86,11 @@ class EmulatedBarrettHand:
         return int(counts(self._source.forces_n(finger, np.array([t_s])), self._settings)[0])
 
 
-def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedSlcan:
+def emulated(settings: Mapping[str, Any], bench: Any) -> EmulatedSlcan:
     """An adapter with the hand on its bus.
 
     Raises:
         RefusedError: the bench has no fingers.
     """
-    return EmulatedSlcan(EmulatedBarrettHand(FingerStrainSettings(), part(bench, "fingers", "hand")))
+    part(bench, "forces_n", "hand")
+    return EmulatedSlcan(EmulatedBarrettHand(FingerStrainSettings(), bench))

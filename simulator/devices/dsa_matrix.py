@@ -244,11 +244,12 @@ class EmulatedDsaMatrix:
         return codec.MatrixInfo(error, size_mm, size_mm, matrix.columns, matrix.rows, uid)
 
 
-def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedDsaMatrix:
+def emulated(settings: Mapping[str, Any], bench: Any) -> EmulatedDsaMatrix:
     """The matrices' controller, on a line as fast as the driver's.
 
     Raises:
         RefusedError: the bench has no taxels.
     """
     matrix = EmulatedDsaMatrixSettings(baud=settings.get("baud", 115_200))
-    return EmulatedDsaMatrix(matrix, part(bench, "taxels", "matrix"))
+    part(bench, "texels_v", "matrix")
+    return EmulatedDsaMatrix(matrix, bench)

@@ -43,7 +43,7 @@ class MockBarrettHand(MockSensor):
     _settings: MockBarrettHandSettings
 
     def _wire(self) -> None:
-        part(self._bench, "fingers", self.name)
+        part(self._bench, "forces_n", self.name)
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
@@ -90,7 +90,7 @@ class MockBarrettHand(MockSensor):
     def read(self) -> Sequence[SampleBlock]:
         """What was sampled since the last call."""
         now_s = self._clock.now()
-        self._bench.fingers.advance(now_s)
+        self._bench.advance(now_s)
         blocks = [block for stream in self._next for block in self._sample(stream, now_s)]
         arrived = self._arrived(blocks, now_s)
         for block in arrived:
@@ -108,7 +108,7 @@ class MockBarrettHand(MockSensor):
             return []
         self._next[stream] = last + 1
         times_s = np.arange(first, last + 1) / rate_hz
-        raw = counts(self._bench.fingers.forces_n(self._fingers[stream], times_s), self._settings)
+        raw = counts(self._bench.forces_n(self._fingers[stream], times_s), self._settings)
         if self._faults.active(now_s, "full_scale"):
             raw = np.zeros_like(raw)
         raw = self._faults.held(now_s, stream, raw[:, None])[:, 0]

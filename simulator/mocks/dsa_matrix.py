@@ -19,7 +19,7 @@ from drivers.core.messages import (
 )
 from drivers.core.settings import Settings
 from drivers.dsa_matrix import codec
-from simulator.devices.dsa_matrix import Texels, counts
+from simulator.devices.dsa_matrix import counts
 from simulator.mocks.base import MockSensor
 from simulator.physics.bench import part
 
@@ -40,8 +40,8 @@ class MockDsaMatrix(MockSensor):
     _settings: MockDsaMatrixSettings
 
     def _wire(self) -> None:
-        taxels: Texels = part(self._bench, "taxels", self.name)
-        channels = codec.channel_names((matrix.rows, matrix.columns) for matrix in taxels.matrices())
+        part(self._bench, "texels_v", self.name)
+        channels = codec.channel_names((matrix.rows, matrix.columns) for matrix in self._bench.matrices())
         rate_hz = float(self._settings.frame_hz)
         self._info = StreamInfo(f"{self.name}.taxels", channels, "V", codec.VOLT_PER_COUNT, rate_hz)
 
@@ -76,13 +76,13 @@ class MockDsaMatrix(MockSensor):
     def read(self) -> Sequence[SampleBlock]:
         """Frames since the last call."""
         now_s, rate_hz = self._clock.now(), self._settings.frame_hz
-        self._bench.taxels.advance(now_s)
+        self._bench.advance(now_s)
         last = last_tick(now_s, rate_hz)
         if self._next is None or last < self._next:
             return ()
         times_s = np.arange(self._next, last + 1) / rate_hz
         self._next = last + 1
-        texels = counts(self._bench.taxels.texels_v(times_s), self._settings.threshold_counts)
+        texels = counts(self._bench.texels_v(times_s), self._settings.threshold_counts)
         if self._faults.active(now_s, "full_scale"):
             texels = np.full_like(texels, codec.TEXEL_MAX)
         t0_s = float(times_s[0])

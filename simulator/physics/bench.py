@@ -246,8 +246,8 @@ class Bench:
 
 PARTS = {
     "jaws": ("the jaws of a gripper", "aura"),
-    "fingers": ("the fingers of a hand", "slip"),
-    "taxels": ("tactile matrices", "slip"),
+    "forces_n": ("the fingers of a hand", "slip"),
+    "texels_v": ("tactile matrices", "slip"),
     "carrier": ("fingers that sound", "aura"),
     "streams": ("the sensors of a board", "finger"),
     "load": ("a fingertip for weights", "slip"),
@@ -256,7 +256,7 @@ PARTS = {
 
 
 def part(
-    bench: object, name: Literal["jaws", "fingers", "taxels", "carrier", "streams", "load"], device: str
+    bench: object, name: Literal["jaws", "forces_n", "texels_v", "carrier", "streams", "load"], device: str
 ) -> Any:
     """What a device is wired to.
 

@@ -42,7 +42,7 @@ class FingertipPart(BenchPart):
 
     offers = (
         *("streams", "sample", "events", "excite", "set_tendon", "load", "sensor", "contacts", "slips"),
-        *("fingers", "finger_n", "taxels", "texels_v"),
+        *("forces_n", "matrices", "texels_v"),
     )
 
     def __init__(self, bench: Bench, settings: SlipBenchSettings) -> None:
@@ -50,7 +50,6 @@ class FingertipPart(BenchPart):
         self._settings = settings
         self._plants: dict[SlipPlantSettings, SlipPlant] = {}
         self._computed = dict.fromkeys(PLANTS, 0)
-        self.fingers = self.taxels = Felt(self)
         self._begin("fingertip")
 
     def warm_up(self) -> None:
@@ -118,10 +117,7 @@ class FingertipPart(BenchPart):
 
     def advance(self, t_s: float) -> None:
         """See `BenchPart`; the tip's own state is followed whatever is subscribed."""
-        last = self._track.number(t_s - self.bench.origin_s)
-        while self._track.count < last:
-            first = self._track.count + 1
-            numbers = np.arange(first, min(last, first + self._track.room - 1) + 1)
+        for numbers in self._track.due(t_s - self.bench.origin_s):
             times_s = self.bench.origin_s + numbers / self._plant.settings.rate_hz
             plant, tracks = self._plant, self._tracks(times_s)
             values = plant.feel(*tracks)
@@ -142,13 +138,17 @@ class FingertipPart(BenchPart):
             ]
         )
 
-    def finger_n(self, finger: int, times_s: Floats) -> Floats:
+    def forces_n(self, finger: int, times_s: Floats) -> Floats:
         """What a finger of the hand feels at recent instants, N, shape (n,)."""
         bridge = SENSORS[PLANTS["barrett_finger"]].bridges[0]
         if self.sensor == "barrett_finger" and finger == FINGER:
             return self._shown(times_s)[:, 0] / bridge.gain
         sigma_n = self._settings.noise_scale * bridge.noise / bridge.gain
         return sigma_n * self._idle(finger, times_s)
+
+    def matrices(self) -> Sequence[Matrix]:
+        """One matrix: the tip has one fingertip."""
+        return (MATRIX,)
 
     def texels_v(self, times_s: Floats) -> Floats:
         """What the texels show at recent instants, V, shape (n, cells): the patch, and each texel's own noise.
@@ -221,29 +221,6 @@ class FingertipPart(BenchPart):
 
 _BEHIND = ("tangential_n", "normal_n", "roll_rad")
 """What is kept beside the bridges' values, in the last columns."""
-
-
-class Felt:
-    """What hand and matrices are wired to: see `simulator.devices.barrett_hand.FingerForces`, `dsa_matrix.Texels`."""
-
-    def __init__(self, tip: FingertipPart) -> None:
-        self._tip = tip
-
-    def advance(self, t_s: float) -> None:
-        """Let time pass until `t_s`."""
-        self._tip.bench.advance(t_s)
-
-    def forces_n(self, finger: int, times_s: Floats) -> Floats:
-        """Force at a fingertip, shape (n,)."""
-        return self._tip.finger_n(finger, times_s)
-
-    def matrices(self) -> Sequence[Matrix]:
-        """One matrix: the tip has one fingertip."""
-        return (MATRIX,)
-
-    def texels_v(self, times_s: Floats) -> Floats:
-        """What the texels read, shape (n, cells)."""
-        return self._tip.texels_v(times_s)
 
 
 def slip_bench(settings: SlipBenchSettings) -> Bench:

@@ -84,10 +84,7 @@ class PadPart(BenchPart):
 
     def advance(self, t_s: float) -> None:
         """See `BenchPart`."""
-        last = self._track.number(t_s - self.bench.origin_s)
-        while self._track.count < last:
-            first = self._track.count + 1
-            numbers = np.arange(first, min(last, first + self._track.room - 1) + 1)
+        for numbers in self._track.due(t_s - self.bench.origin_s):
             arm_m, press_m = self._tracks(numbers)
             self._track.push(self._plant.advance(arm_m, press_m, np.zeros(len(numbers))))
             self._truth.follow(numbers, self._plant.slid_m, self._plant.normal_n)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import overload
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,24 +36,18 @@ class Track:
         self._kept = np.zeros((round(KEEP_S * rate_hz), width))
         self.count = 0
 
-    @property
-    def room(self) -> int:
-        """How many samples may be pushed at once."""
-        return len(self._kept)
+    def due(self, t_s: float) -> Iterator[Ints]:
+        """Numbers of the samples that are missing up to a time since the trial began, as many as fit at once."""
+        last = int(self.number(np.array(t_s)))
+        while self.count < last:
+            yield np.arange(self.count + 1, min(last, self.count + len(self._kept)) + 1)
 
-    @overload
-    def number(self, t_s: float) -> int: ...
-
-    @overload
-    def number(self, t_s: Floats) -> Ints: ...
-
-    def number(self, t_s: float | Floats) -> int | Ints:
-        """Number of the last sample at or before a time since the trial began; never below 0."""
-        found = np.maximum(np.floor(np.asarray(t_s) * self._rate_hz + 1e-6), 0.0).astype(np.int64)
-        return found if found.ndim else int(found)
+    def number(self, times_s: Floats) -> Ints:
+        """Number of the last sample at or before each time since the trial began; never below 0."""
+        return np.asarray(np.maximum(np.floor(times_s * self._rate_hz + 1e-6), 0.0), np.int64)
 
     def push(self, rows: Floats) -> None:
-        """The next samples, shape (n, width), no more than there is room for."""
+        """The next samples, shape (n, width): those of `due`."""
         first = (self.count + 1) % len(self._kept)
         fitting = min(len(rows), len(self._kept) - first)
         self._kept[first : first + fitting] = rows[:fitting]

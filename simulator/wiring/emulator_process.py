@@ -23,66 +23,6 @@ REPLY_TIMEOUT_S = 30.0
 ROOT = Path(__file__).resolve().parents[2]
 
 
-class EmulatorProcess:
-    """An emulator in a child process; it ends with this object, and by itself when this program dies.
-
-    Args:
-        scene: As `simulator.wiring.emulator.Emulator` takes it.
-
-    Raises:
-        SilentError: it does not come up.
-        RefusedError: it cannot make this bench.
-    """
-
-    def __init__(self, scene: Mapping[str, Any]) -> None:
-        # The child reads nothing after the scene: its input stays open for as long as this process lives.
-        self._child = subprocess.Popen(
-            [sys.executable, "-m", "simulator.wiring.emulator"],
-            cwd=ROOT,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
-        assert self._child.stdin is not None
-        assert self._child.stdout is not None
-        self._child.stdin.write(json.dumps(scene).encode() + b"\n")
-        self._child.stdin.flush()
-        ready, _, _ = select.select([self._child.stdout], [], [], START_TIMEOUT_S)
-        line = self._child.stdout.readline() if ready else b""
-        if not line:
-            self.close()
-            raise SilentError(
-                "emulator",
-                "starting",
-                f"did not come up within {START_TIMEOUT_S:g} s" if not ready else "ended at once",
-                f"start it by itself to see why: {PROGRAM} emulate PROFILE",
-            )
-        self.endpoints: dict[str, Any] = json.loads(line)
-        if "refused" in self.endpoints:
-            self.close()
-            raise RefusedError(**self.endpoints["refused"])
-        self._control = EmulatorControl(self.endpoints)
-        self.begin_trial = self._control.begin_trial
-        self.account = self._control.account
-        self.inject = self._control.inject
-        self.scene = self._control.scene
-
-    def close(self) -> None:
-        """End the child; never raises."""
-        with contextlib.suppress(AttributeError, OSError):
-            self._control.close()
-        with contextlib.suppress(OSError):
-            if self._child.stdin is not None:
-                self._child.stdin.close()
-        try:
-            self._child.wait(timeout=5.0)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.wait()
-        if self._child.stdout is not None:
-            self._child.stdout.close()
-
-
 class EmulatorControl:
     """The control port of a running emulator.
 
@@ -144,3 +84,59 @@ class EmulatorControl:
         """Close the connection."""
         self._lines.close()
         self._socket.close()
+
+
+class EmulatorProcess(EmulatorControl):
+    """An emulator in a child process; it ends with this object, and by itself when this program dies.
+
+    Args:
+        scene: As `simulator.wiring.emulator.Emulator` takes it.
+
+    Raises:
+        SilentError: it does not come up.
+        RefusedError: it cannot make this bench.
+    """
+
+    def __init__(self, scene: Mapping[str, Any]) -> None:
+        # The child reads nothing after the scene: its input stays open for as long as this process lives.
+        self._child = subprocess.Popen(
+            [sys.executable, "-m", "simulator.wiring.emulator"],
+            cwd=ROOT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        assert self._child.stdin is not None
+        assert self._child.stdout is not None
+        self._child.stdin.write(json.dumps(scene).encode() + b"\n")
+        self._child.stdin.flush()
+        ready, _, _ = select.select([self._child.stdout], [], [], START_TIMEOUT_S)
+        line = self._child.stdout.readline() if ready else b""
+        if not line:
+            self.close()
+            raise SilentError(
+                "emulator",
+                "starting",
+                f"did not come up within {START_TIMEOUT_S:g} s" if not ready else "ended at once",
+                f"start it by itself to see why: {PROGRAM} emulate PROFILE",
+            )
+        endpoints = json.loads(line)
+        if "refused" in endpoints:
+            self.close()
+            raise RefusedError(**endpoints["refused"])
+        super().__init__(endpoints)
+
+    def close(self) -> None:
+        """End the child; never raises."""
+        with contextlib.suppress(AttributeError, OSError):
+            super().close()
+        with contextlib.suppress(OSError):
+            if self._child.stdin is not None:
+                self._child.stdin.close()
+        try:
+            self._child.wait(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+        if self._child.stdout is not None:
+            self._child.stdout.close()

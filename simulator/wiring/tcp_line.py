@@ -21,6 +21,11 @@ sound)."""
 UNREAD_BYTES = 1 << 20
 """Of the same: beyond, the host does not read the answers that it requested, and is disconnected (assumption)."""
 
+SOCK_DIAG, BY_FAMILY, REQUEST = 4, 20, 1
+"""Netlink's protocol that tells what a connection has not read, its message, its flag (linux/sock_diag.h)."""
+
+ANY = 0xFFFFFFFF
+
 
 class NetworkDevice(EmulatedDevice, Protocol):
     """A device made of software, at the far end of a connection.
@@ -52,7 +57,7 @@ class TcpLine:
         self._listener = self._clients.listen()
         host, port = self._listener.getsockname()
         self.endpoint: Mapping[str, str] = {"port": f"{scheme}:{host}:{port}"}
-        self._kernel = _Kernel()
+        self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_DGRAM, SOCK_DIAG)
 
     def open(self, faults: FaultSchedule, clock: Clock) -> None:
         """See `FarEnd.open`; it listens from the start."""
@@ -89,35 +94,23 @@ class TcpLine:
     def unread(self) -> bool:
         """See `FarEnd.unread`; False where the kernel gives no answer."""
         with contextlib.suppress(OSError):  # the host has just gone: its next turn sees to that
-            return any(self._kernel.unread(host) for host in self._clients.unsent)
+            return any(_unread(self._netlink, host) for host in self._clients.unsent)
         return False
 
     def unplug(self) -> None:
         """See `FarEnd.unplug`: the host sees its connection end, and no more answers."""
         self._clients.close()
-        self._kernel.close()
-
-
-class _Kernel:
-    """Queries Linux for what a connection's other end, on the same machine, has not read yet (`sock_diag(7)`)."""
-
-    SOCK_DIAG, BY_FAMILY, REQUEST = 4, 20, 1  # netlink's protocol, its message, its flag (linux/sock_diag.h)
-    ANY = 0xFFFFFFFF
-
-    def __init__(self) -> None:
-        self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_DGRAM, self.SOCK_DIAG)
-
-    def close(self) -> None:
-        """Close the netlink socket."""
         self._netlink.close()
 
-    def unread(self, connection: socket.socket) -> bool:
-        """Whether bytes lie in the other end's queue; False where the kernel gives no answer."""
-        (here, here_port), (there, there_port) = connection.getsockname(), connection.getpeername()
-        which = struct.pack("!HH4s12x4s12x", there_port, here_port, *map(socket.inet_aton, (there, here)))
-        body = struct.pack("=BBBxI", socket.AF_INET, socket.IPPROTO_TCP, 0, self.ANY) + which
-        body += struct.pack("=III", 0, self.ANY, self.ANY)
-        self._netlink.send(struct.pack("=IHHII", 16 + len(body), self.BY_FAMILY, self.REQUEST, 0, 0) + body)
-        answer = self._netlink.recv(4096)
-        kind = struct.unpack_from("=4xH", answer)[0]
-        return bool(kind == self.BY_FAMILY and struct.unpack_from("=I", answer, 16 + 56)[0])
+
+def _unread(netlink: socket.socket, connection: socket.socket) -> bool:
+    """Whether a connection's other end, on the same machine, has not read all yet; False where the kernel gives no
+    answer."""
+    (here, here_port), (there, there_port) = connection.getsockname(), connection.getpeername()
+    which = struct.pack("!HH4s12x4s12x", there_port, here_port, *map(socket.inet_aton, (there, here)))
+    body = struct.pack("=BBBxI", socket.AF_INET, socket.IPPROTO_TCP, 0, ANY) + which
+    body += struct.pack("=III", 0, ANY, ANY)
+    netlink.send(struct.pack("=IHHII", 16 + len(body), BY_FAMILY, REQUEST, 0, 0) + body)
+    answer = netlink.recv(4096)
+    kind = struct.unpack_from("=4xH", answer)[0]
+    return bool(kind == BY_FAMILY and struct.unpack_from("=I", answer, 16 + 56)[0])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,8 +17,9 @@ from tests.steady import SteadyForces
 def opened(*faults: dict[str, Any]) -> HandBench:
     clock = VirtualClock()
     schedule = FaultSchedule([Fault(device="hand", **fault) for fault in faults])
-    fingers = SimpleNamespace(fingers=SteadyForces(FORCES_N))
-    return HandBench(MockBarrettHand("hand", MockBarrettHandSettings(), clock, fingers, schedule), clock)
+    return HandBench(
+        MockBarrettHand("hand", MockBarrettHandSettings(), clock, SteadyForces(FORCES_N), schedule), clock
+    )
 
 
 @pytest.fixture

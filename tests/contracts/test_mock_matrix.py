@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,7 +16,7 @@ from tests.contracts.matrix_suite import TEXELS, MatrixBench, MatrixContract, st
 def opened(*faults: dict[str, Any]) -> MatrixBench:
     clock = VirtualClock()
     schedule = FaultSchedule([Fault(device="dsa", **fault) for fault in faults])
-    scene = SimpleNamespace(taxels=steady())
+    scene = steady()
     return MatrixBench(MockDsaMatrix("dsa", MockDsaMatrixSettings(), clock, scene, schedule), clock)
 
 

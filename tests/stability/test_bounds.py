@@ -116,8 +116,8 @@ def slip(bench: Any, settings: Any) -> Iterator[Any]:
         now_s = np.array([bench.t_s])
         yield from (bench.sample(stream, now_s) for stream in ("fingertip", "flexible"))
         yield bench.wrench(now_s, (0.0, 0.0, -1.0))
-        yield bench.fingers.forces_n(11, now_s)
-        yield bench.taxels.texels_v(now_s)
+        yield bench.forces_n(11, now_s)
+        yield bench.texels_v(now_s)
 
 
 def aura(bench: Any, _: Any) -> Iterator[Any]:
