@@ -23,7 +23,7 @@ from benchmarks.results import in_parallel, progress, save, workers
 from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
-from controller.measures.truth import delay_s, not_before
+from controller.measures.trial import delay_s, not_before
 from controller.reports.counts import wilson
 from drivers.core.messages import SampleBlock
 from simulator.physics.aura import BOTH, LEFT, RIGHT, AuraMotion, AuraPlant

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.pretouch import CONTACT_TNR, LATE_S, LEVEL, SET_OUT_S, rate
 from config.script import run_trials
 from controller.detectors.level import LevelPaperDetector, LevelPaperSettings
-from controller.measures.truth import not_before
+from controller.measures.trial import not_before
 from controller.recording.reader import Run
 from simulator.physics.aura_objects import SIDES
 from simulator.physics.aura_settings import SIDE_SETTINGS

@@ -20,7 +20,7 @@ from benchmarks.results import kept, save
 from benchmarks.slip import ARMED_S, SETTLE_S
 from controller.detectors.calibration import Statistic, poisson_interval, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
-from controller.reports.slip_verdicts import VERDICTS
+from controller.reports.slip_scores import VERDICTS
 from simulator.physics.fingertip_part import slip_bench
 from simulator.physics.fingertip_settings import CONVERTER_V, FINGER, Sensor, SlipBenchSettings
 from simulator.physics.noise import gaussian_at

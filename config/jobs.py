@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from config.trials import Trial
     from controller.batches import Batch
     from controller.campaign import Campaign, CampaignPlan, Console
-    from controller.recording.resuming import ResumedRun
+    from controller.recording.joining import ResumedRun
 
 BATCH_S = 1.0
 """What a batch is to take, s of wall time: beginning one costs 0.02 s, and at the end no worker waits long."""

@@ -25,7 +25,7 @@ from controller.live_view import LiveView
 from controller.loop import Aborted, Loop, LoopOperator, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.outcomes import counted, exit_of, successes_in
-from controller.recording.resuming import ResumedRun, clear, hold
+from controller.recording.joining import ResumedRun, clear, hold
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
 from controller.rig import Rig, TrialScene

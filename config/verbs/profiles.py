@@ -52,7 +52,7 @@ def check(
         return verbs.for_each_part(check, parts, [*verbs.sets(overrides), *["--connect"] * connect])
     from config.assemble import plan_campaign
     from config.costs import counted
-    from config.toml_text import to_toml
+    from config.source import to_toml
     from config.trials import chosen, distinct
 
     loaded = verbs.loaded_profile(profile, overrides, csv)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from config.profile import Profile
     from controller.campaign import CampaignPlan, Console
     from controller.console import ConsoleOperator
-    from controller.recording.resuming import ResumedRun
+    from controller.recording.joining import ResumedRun
     from controller.recording.run_folder import RunFolder
     from controller.watching.foxglove import FoxgloveStream
     from controller.watching.page import PageProcess
@@ -124,8 +124,8 @@ def resume(run: str, out: Path, **how: Any) -> int:
     Exit codes: as of `run`.
     """
     from config.assemble import plan_campaign
-    from config.resuming import profile_of
-    from controller.recording.resuming import broken_off
+    from config.merging import profile_of
+    from controller.recording.joining import broken_off
     from controller.recording.run_folder import RunFolder
 
     found = RunFolder.find(run, out)

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from behaviors.aura import AuraSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, PreTouch
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence
-from controller.measures.truth import delay_s, not_before
+from controller.measures.trial import TrialEvidence, delay_s, not_before
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,7 @@ import numpy as np
 from behaviors.events import Contact, ContactLost
 from behaviors.flexion import FlexionSettings
 from controller.measures import Column, transient
-from controller.measures.trial import TrialEvidence
-from controller.measures.truth import delay_s, not_before
+from controller.measures.trial import TrialEvidence, delay_s, not_before
 
 HIGHLIGHTS = ("contact_false", "following_false", "free_rise_hz")
 """Columns shown during a run."""

@@ -22,8 +22,7 @@ from behaviors.events import (
 from behaviors.slip import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence
-from controller.measures.truth import delay_s, not_before
+from controller.measures.trial import TrialEvidence, delay_s, not_before
 from controller.signals.spectrum import BlockCutter, block_peaks
 from drivers.core.messages import SampleBlock
 

@@ -13,8 +13,7 @@ from behaviors.events import BaselineReady, Contact
 from behaviors.transient import TransientSettings
 from controller.detectors.protocol import quantity_of
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence
-from controller.measures.truth import not_before
+from controller.measures.trial import TrialEvidence, not_before
 from drivers.core.messages import Standstill
 
 ONSET_N = 0.005

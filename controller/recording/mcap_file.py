@@ -21,7 +21,7 @@ from mcap.records import Attachment, Channel, Chunk, Footer, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from controller.recording.lock import lock
+from controller.recording.run_folder import lock
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last eight bytes of a file (MCAP specification, "Magic")."""
@@ -81,7 +81,7 @@ class McapWriter:
         self._mirror = mirror
         self._file = path.open("wb")
         with suppress(OSError):  # not every file system knows locks
-            lock(self._file.fileno())  # see `mcap_repair`
+            lock(self._file.fileno())  # see `close_cut`
         self._writer = Writer(self._file)
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._topics: dict[str, int] = {}
@@ -243,3 +243,57 @@ def _unpacked(path: Path, place: ChunkPlace) -> bytes:
     if zlib.crc32(plain) != chunk.uncompressed_crc:
         raise ValueError("its checksum is another")
     return plain
+
+
+CLOSED_AFTERWARDS = "closed_afterwards"
+"""Name of the metadata record in a file that was cut off and closed later (`close_cut`)."""
+
+
+def close_cut(path: Path) -> bool:
+    """Close a file that was cut off, up to its last whole chunk, so that every reader of MCAP takes it.
+
+    The file is replaced whole or not at all. One that is being written, or has its footer, is left alone.
+
+    Returns:
+        Whether it was closed now.
+
+    Raises:
+        ValueError: no MCAP file, or a chunk is damaged.
+        OSError: it cannot be read, or no second one be written beside it.
+    """
+    with path.open("rb") as cut:
+        try:
+            lock(cut.fileno())
+        except OSError:  # its writer lives, or is not to be asked
+            return False
+        if any(isinstance(record, Footer) for record in records(path)):
+            return False
+        whole = path.with_suffix(".mcap.tmp")
+        try:
+            writer = McapWriter(whole)
+            try:
+                _copy(path, writer)
+                writer.add_metadata(CLOSED_AFTERWARDS, {})
+                writer.finish()
+            finally:
+                writer.abandon()
+            whole.replace(path)
+        finally:
+            whole.unlink(missing_ok=True)
+    return True
+
+
+def _copy(path: Path, writer: McapWriter) -> None:
+    """Every whole record of a cut file."""
+    numbers = {
+        number: writer.topic(channel.topic, schema.name, schema.data, channel.metadata)
+        for number, (channel, schema) in topics(path).items()
+    }
+    for record in records(path):
+        if isinstance(record, ChunkPlace):
+            for channel, sequence, log_time_ns, data in messages(path, record):
+                writer.add(numbers[channel], log_time_ns, data, sequence)
+        elif isinstance(record, Metadata):
+            writer.add_metadata(record.name, record.metadata)
+        elif isinstance(record, Attachment):
+            writer.attach(record.name, record.media_type, record.data, record.log_time)

@@ -15,8 +15,7 @@ from mcap.records import Channel, Footer, Metadata
 
 from controller.outcomes import is_success, successes_in, word_of
 from controller.recording.ledger import Cell, read_ledger
-from controller.recording.mcap_file import ChunkPlace, messages, records, topics
-from controller.recording.mcap_repair import CLOSED_AFTERWARDS, close_cut
+from controller.recording.mcap_file import CLOSED_AFTERWARDS, ChunkPlace, close_cut, messages, records, topics
 from controller.recording.run_folder import RunFolder, RunFolderError
 from controller.recording.schemas import (
     RAW,

@@ -13,8 +13,7 @@ from behaviors.events import BaselineRefused, ContactLost, Event, GuardStopped
 from controller.detectors.protocol import Quantity
 from controller.limits import GuardSettings
 from controller.recording.disk import DiskThread
-from controller.recording.event_log import EventLog
-from controller.recording.ledger import Ledger
+from controller.recording.ledger import EventLog, Ledger
 from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import BIN_S, DETECTOR, TrialRecording, extremes_of_bins

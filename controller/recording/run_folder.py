@@ -281,3 +281,16 @@ def _folder_part(profile: str) -> str:
 def _profile_of(name: str) -> str:
     """The profile's part of a run folder's name."""
     return name.partition("_")[2].rpartition("_")[0]
+
+
+def lock(descriptor: int) -> None:
+    """Lock what is open for this program alone, until it is closed.
+
+    Raises:
+        OSError: another program holds it, or the system or the file system has no such locks.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows, where runs are read and none is made
+        raise OSError("this system has no flock") from None
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controller.measures.truth import not_before
+from controller.measures.trial import not_before
 from controller.recording.reader import Run
 from controller.reports.counts import Comparison, Mean, Row, grouped, mean_of, over_rows
 from controller.reports.papers import table

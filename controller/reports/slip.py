@@ -25,9 +25,12 @@ from controller.reports.run_account import setting_of
 from controller.reports.section import Figure, Kind, Printed, Result, Section
 from controller.reports.slip_figures import draw_fingertip_spectra, draw_run
 from controller.reports.slip_scores import (
+    LEAST,
+    NOT_JUDGED,
     PLAIN,
     SENSORS,
     TABLE_1,
+    VERDICTS,
     Condition,
     SensorScore,
     condition_of,
@@ -35,7 +38,6 @@ from controller.reports.slip_scores import (
     measured_rows,
     read_scores,
 )
-from controller.reports.slip_verdicts import LEAST, NOT_JUDGED, VERDICTS
 from controller.scales import NOTHING
 
 FIGURES = {

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from controller.measures.transient import ONSET_N
-from controller.measures.truth import not_before
+from controller.measures.trial import not_before
 from controller.recording.reader import Run
 from controller.reports.approaches import (
     BOUNDS,

@@ -16,8 +16,7 @@ from simulator.physics.aura_objects import NOTHING, OBJECTS, AuraObject, Side
 from simulator.physics.aura_scene import FORCE, LOAD, TOOL, WIDTH, AuraScene, Layout, Lift, Weight
 from simulator.physics.aura_settings import AuraPlantSettings
 from simulator.physics.bench import Bench, BenchPart, Floats
-from simulator.physics.jaws import GripObject, JawsSettings
-from simulator.physics.jaws_drive import JawsDrive
+from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
 
 
 class AuraBenchSettings(AuraPlantSettings):

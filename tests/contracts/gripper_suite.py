@@ -23,8 +23,7 @@ from drivers.core.messages import (
     Standstill,
     Stop,
 )
-from simulator.physics.jaws import GripObject, JawsSettings
-from simulator.physics.jaws_drive import JawsDrive
+from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
 from tests.contracts.crank import Crank
 
 SCENE = JawsSettings(

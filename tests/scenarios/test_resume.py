@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from controller.recording.joining import hold
 from controller.recording.reader import open_run
-from controller.recording.resuming import hold
 from controller.recording.run_folder import RunFolder
 
 ROOT = Path(__file__).resolve().parents[2]

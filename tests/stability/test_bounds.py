@@ -16,8 +16,7 @@ from controller.registry import KINDS, find
 from simulator.physics.aura_drive import AuraDrive
 from simulator.physics.aura_settings import EchoSettings
 from simulator.physics.finger import FingerPlant, FingerSettings
-from simulator.physics.jaws import JawsSettings
-from simulator.physics.jaws_drive import JawsDrive
+from simulator.physics.jaws_drive import JawsDrive, JawsSettings
 from simulator.physics.piecewise import rising
 from simulator.physics.slip import SlipPlant
 from simulator.physics.slip_sensors import SENSORS

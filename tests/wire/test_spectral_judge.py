@@ -13,8 +13,7 @@ from can.interfaces.slcan import slcanBus
 
 from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
 from simulator.devices.slcan import EmulatedSlcan
-from simulator.physics.jaws import GripObject, JawsSettings
-from simulator.physics.jaws_drive import JawsDrive
+from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
 
 spectral = pytest.importorskip("Spectral_BLDC.Spectral_BLDC", reason="the vendor's client is not installed")
 

@@ -6,8 +6,7 @@ import pytest
 
 from drivers.core.can_frame import CanFrame
 from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
-from simulator.physics.jaws import GripObject, JawsSettings
-from simulator.physics.jaws_drive import JawsDrive
+from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
 
 POLL = CanFrame(0x7A)
 CLEAR = CanFrame(0x02)

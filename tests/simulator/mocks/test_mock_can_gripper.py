@@ -24,8 +24,7 @@ from drivers.core.messages import (
 )
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.mocks.can_gripper import MockCanGripper, MockCanGripperSettings
-from simulator.physics.jaws import GripObject, JawsSettings
-from simulator.physics.jaws_drive import JawsDrive
+from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
 
 SCENE = JawsSettings(objects={"mug": GripObject(width_m=0.040)})
 GRIP = Grip("gripper", 0.030, 0.1, 20.0)

@@ -8,8 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.can_gripper.codec import GripFinding
-from simulator.physics.jaws import GripObject, Jaws, JawsSettings
-from simulator.physics.jaws_drive import JawsDrive
+from simulator.physics.jaws_drive import GripObject, Jaws, JawsDrive, JawsSettings
 from simulator.physics.jaws_kernel import TICK_S
 
 OBJECTS = {

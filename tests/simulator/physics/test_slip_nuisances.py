@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from simulator.physics.fingertip_settings import SlipBenchSettings
-from simulator.physics.slip import SlipPlant
-from simulator.physics.slip_nuisances import SlipNuisances
+from simulator.physics.slip import SlipNuisances, SlipPlant
 from simulator.physics.slip_sensors import SENSORS
 
 FINGERTIP = SENSORS["fingertip"]

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from config.profile import load_profile
-from config.toml_text import to_toml
+from config.source import to_toml
 
 leaves = st.one_of(
     st.booleans(),

@@ -6,8 +6,7 @@ import shutil
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
 
-from controller.recording.mcap_file import McapWriter
-from controller.recording.mcap_repair import close_cut
+from controller.recording.mcap_file import McapWriter, close_cut
 from tests.unit.controller.recording.test_mcap_file import read, write
 
 

@@ -12,9 +12,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from behaviors.events import Contact, GuardStopped
 from controller.limits import GuardSettings
 from controller.recording import disk
-from controller.recording.event_log import EventLog
 from controller.recording.layouts import FOXGLOVE, PLOTJUGGLER, write_layouts
-from controller.recording.ledger import read_ledger
+from controller.recording.ledger import EventLog, read_ledger
 from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder

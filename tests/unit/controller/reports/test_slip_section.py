@@ -11,8 +11,16 @@ from controller.recording.series import Series
 from controller.reports import slip
 from controller.reports.report import build_report
 from controller.reports.slip import interval
-from controller.reports.slip_scores import PLAIN, PLANT, SENSORS, TABLE_1, condition_of, read_scores
-from controller.reports.slip_verdicts import NOT_JUDGED, verdict_of
+from controller.reports.slip_scores import (
+    NOT_JUDGED,
+    PLAIN,
+    PLANT,
+    SENSORS,
+    TABLE_1,
+    condition_of,
+    read_scores,
+    verdict_of,
+)
 from simulator.physics.fingertip_settings import SlipBenchSettings
 from tests.unit.controller.reports.synthetic_runs import begun, text_of, write_rows
 
