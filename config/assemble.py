@@ -87,6 +87,7 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
         clock,
         begin_trial=begin_trial,
         account=emulator.account,
+        place=lambda: _metres(emulator.scene()),
         close=emulator.close,
         time="wall" if emulator.endpoints.get("realtime") else "held",
     )
@@ -175,8 +176,14 @@ def _mock_rig(profile: Profile) -> Rig:
         slips=(lambda: bench.slips) if hasattr(bench, "slips") else None,
         lifts=(lambda: bench.lifts) if hasattr(bench, "lifts") else None,
         account=bench.account,
+        place=lambda: _metres(bench.scene(clock.now())),
         ahead=ahead.skip,
     )
+
+
+def _metres(scene: Mapping[str, float]) -> Mapping[str, float]:
+    """The places in a scene."""
+    return {name: value for name, value in scene.items() if name.endswith("_m")}
 
 
 # --- what is run on it ---------------------------------------------------------------------------

@@ -271,7 +271,7 @@ class Campaign:
             self._rig.clock.leave()
             if self._resumed is not None:
                 _check_devices(self._resumed.manifest["devices"], infos)
-            self._manifest["devices"] = {name: _described(info) for name, info in infos.items()}
+            self._manifest["devices"] = {name: described(info) for name, info in infos.items()}
             folder.write_manifest(self._manifest)
             recorder = Opened(
                 folder,
@@ -549,7 +549,8 @@ def _check_devices(before: Mapping[str, Any], infos: Mapping[str, DeviceInfo]) -
                 )
 
 
-def _described(info: DeviceInfo) -> dict[str, Any]:
+def described(info: DeviceInfo) -> dict[str, Any]:
+    """What a device said of itself, for a manifest."""
     return {
         "model": info.model,
         "serial": info.serial,

@@ -43,6 +43,7 @@ class Rig:
         slips: Likewise: instants at which a contact really began and ceased to slip, where the bench knows slip.
         lifts: Likewise: how far an object was really lifted, where the bench knows weight.
         account: What the plant did: tiers, what was skipped; for the manifest.
+        place: Where things really stand, on a simulated bench, in metres by name; for judging that they stand still.
         close: Closes what is not a device (an emulator's process).
         time: Of the clock: it jumps, waits for a process that is late, or is the host's.
         ahead: Lets turns in which nothing happens pass as one, where time may be tried and taken back: see
@@ -57,6 +58,7 @@ class Rig:
     slips: Callable[[], Sequence[tuple[float, bool]]] | None = None
     lifts: Callable[[], Sequence[tuple[float, float, float]]] | None = None
     account: Callable[[], Mapping[str, Any]] = dict
+    place: Callable[[], Mapping[str, float]] = dict
     close: Callable[[], None] = lambda: None
     ahead: Callable[..., int] | None = None
     time: BenchTime = "virtual"

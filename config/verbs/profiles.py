@@ -1,4 +1,4 @@
-"""Verbs on a profile: `list`, `check`, `plan`, `emulate`."""
+"""Verbs on a profile: `list`, `check`, `plan`, `certify`, `emulate`."""
 
 from __future__ import annotations
 
@@ -118,6 +118,72 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: 
     return verbs.DONE
 
 
+@click.command(cls=verbs.Verb, short_help="Drive each limit of a bench past once: does it act?")
+@click.argument("profile")
+@verbs.set_option
+@verbs.out_option
+def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
+    """Drive each limit of a PROFILE past once, slowly, stop first, and write a certificate of what acted.
+
+    On hardware each motion waits for Enter, and none is faster than 1 mm/s but the way home, which has the device's own
+    speed. Stand clear, with the emergency stop in reach and 5 mm free before each mover.
+
+    \b
+    Example:
+      run.py certify mock/transient
+      run.py certify hardware/first_contact
+
+    Exit codes: 0 every limit acted, 1 one did not or was not shown, 2 usage or profile, 3 device, 130 interrupted.
+    """
+    from config.certificate import bench_to_prove, certified, rows, summary, write
+    from config.parts import parts_of
+    from controller.campaign import described, program
+    from controller.certify import Certifier
+    from controller.recording.run_folder import RunFolder
+    from drivers.core.clock import utc_now
+    from drivers.core.errors import DeviceError
+
+    if parts := parts_of(profile):
+        return verbs.for_each_part(certify, parts, [*verbs.sets(overrides), "--out", str(out)])
+    from config.assemble import build_rig
+
+    loaded, started = verbs.loaded_profile(profile, overrides), utc_now()
+    hardware = loaded.bench == "hardware"
+
+    def consent(text: str) -> None:
+        if hardware:
+            click.prompt(
+                f"{text}: press Enter, or Ctrl+C to end", default="", show_default=False, prompt_suffix=""
+            )
+
+    folder = RunFolder.create(out, f"certify-{loaded.name}", started)
+    proofs, ended, failure = [], "", None
+    with closing(build_rig(loaded)) as rig:
+        certifier = Certifier(bench_to_prove(loaded, rig, consent))
+        try:
+            for proof in certifier.proofs():
+                proofs.append(proof)
+                _, row = rows([proof])
+                verbs.say(
+                    "  ".join(cell for cell in (f"{row[3]:>9}", f"{row[0]:32}", *row[1:3], *row[4:]) if cell)
+                )
+        except (DeviceError, click.Abort, KeyboardInterrupt) as error:
+            ended, failure = str(error) or "interrupted", error
+    about = {
+        "profile": loaded.name,
+        "profile_hash": loaded.hash,
+        "bench": loaded.bench,
+        "started_utc": started.isoformat(),
+        "devices": {name: described(info) for name, info in certifier.infos.items()},
+        **program(),
+    }
+    write(folder.path, about, proofs, ended)
+    verbs.say(f"{summary(proofs, ended)}\ncertificate: {folder.path / 'certificate.md'}")
+    if failure is not None:
+        raise failure
+    return verbs.DONE if certified(proofs) else verbs.FAILED
+
+
 @click.command(cls=verbs.Verb, short_help="Serve a profile's emulated devices.")
 @click.argument("profile")
 @verbs.set_option
@@ -146,4 +212,4 @@ def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
         ended.wait()
 
 
-VERBS = (list_, check, plan, emulate)
+VERBS = (list_, check, plan, certify, emulate)

@@ -91,6 +91,7 @@ class MockUrArm(MockDriver):
         self._answer: type[Reached | Standstill] | None = None
         self._commanded = 0
         self._fence = ""
+        self._seen_s = self.watched_until_s = 0.0
         super().restart()
 
     def open(self) -> DeviceInfo:
@@ -125,6 +126,7 @@ class MockUrArm(MockDriver):
         """
         command = valid(self.name, self._settings, self._infos, command)
         now_s = self._clock.now()
+        self._look(now_s)
         if isinstance(command, Listen):
             self._listen(command.streams & self._infos.keys(), now_s)
         elif not self._gone(now_s):
@@ -198,6 +200,14 @@ class MockUrArm(MockDriver):
         found: NDArray[np.float64] = self.axis.offsets(np.array([t_s]))[0]
         return found
 
+    def _look(self, now_s: float) -> None:
+        """Stop what has moved without being looked at for `loop_timeout_s`, as the real arm's process does."""
+        blind_s, self._seen_s = self._seen_s + self._settings.loop_timeout_s, now_s
+        if now_s > max(blind_s, self.watched_until_s) and self.axis.moving(blind_s):
+            self._brake(blind_s, self._settings.stop_m_s2)
+            reason = "the program has not looked at it in time; what held its loop up?"
+            self._report(Stalled(blind_s, self.name, reason, command_id=self._commanded))
+
     def _brake(self, now_s: float, deceleration_m_s2: float) -> None:
         self.axis.stop(now_s, deceleration_m_s2)
         self._bench.on_plan(now_s)
@@ -215,6 +225,7 @@ class MockUrArm(MockDriver):
     def read(self) -> Sequence[SampleBlock]:
         """Rows since the last call, of the subscribed streams."""
         now_s = self._clock.now()
+        self._look(now_s)
         last = last_tick(now_s, self._settings.rate_hz)
         if not self._subscribed or last < self._next_tick:
             return ()
@@ -274,6 +285,7 @@ class MockUrArm(MockDriver):
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""
         now_s = self._clock.now()
+        self._look(now_s)
         stall = self._faults.begun(now_s, "stall")
         if stall is not None:
             self._halted = f"the arm is in a protective stop (stall injected at {stall.at_s:g} s)"
@@ -286,6 +298,11 @@ class MockUrArm(MockDriver):
     def alone_s(self) -> float:
         """How long it may go unread: then it reports that a motion has ended."""
         return math.inf if self._answer is None else self.axis.arrival_s + STILL_S - self._clock.now()
+
+    @property
+    def blind_s(self) -> float:
+        """How long it may be left alone: then it stops on its way."""
+        return math.inf if self._answer is None else self._settings.loop_timeout_s
 
     def _cut_off(self, now_s: float) -> None:
         """The controller's watchdog trips: no client leads the arm any more."""

@@ -1,0 +1,167 @@
+"""Every limit of every shipped bench acts when it is driven past, and one that does not fails the certificate."""
+
+from __future__ import annotations
+
+import json
+import math
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from config.assemble import build_rig
+from config.certificate import bench_to_prove, certified
+from config.profile import load_profile
+from controller.certify import NOT_AT_REST, Certifier
+from controller.guard import Guard, GuardSettings
+from controller.limits import Bounds, MoverLimits
+from simulator.mocks.ur_arm import MockUrArm
+from simulator.mocks.zaber_stage import MockZaberStage
+
+MOCK = sorted(
+    f"mock/{path.stem}"
+    for path in Path("config/profiles/mock").glob("*.toml")
+    if not path.stem.startswith("bench_")
+)
+
+INPUTS = {
+    "position_stream",
+    "pose_stream",
+    "force_stream",
+    "force_channels",
+    "force_median_s",
+    "movers",
+}
+"""What tells the guard where to look, and how: no limits themselves."""
+
+BOX = {
+    "limits.workspace_min_m": "[0.3, -0.2, 0.2]",
+    "limits.workspace_max_m": "[0.5, 0.0, 0.3]",
+    "limits.pose_stream": '"arm.pose"',
+}
+
+
+def proved(name, consent=lambda text: None, **sets):
+    profile = load_profile(name, sets)
+    with closing(build_rig(profile)) as rig:
+        return list(Certifier(bench_to_prove(profile, rig, consent)).proofs())
+
+
+def of(proofs, limit):
+    return [proof for proof in proofs if proof.limit == limit]
+
+
+def distinct():
+    """Of the profiles with the same devices, limits and plant one: the others' certificates are the same."""
+    found = {}
+    for name in MOCK:
+        resolved = load_profile(name).resolved
+        bench = [resolved[key] for key in ("devices", "limits", "loop")] + [resolved["plant"]["kind"]]
+        found.setdefault(json.dumps(bench, sort_keys=True), name)
+    return sorted(found.values())
+
+
+@pytest.mark.parametrize("name", distinct())
+def test_every_limit_of_a_shipped_mock_bench_acts(name):
+    proofs = proved(name)
+    bad = [proof for proof in proofs if proof.verdict not in ("acted", "nothing to bound")]
+    assert not bad
+    moving = [proof for proof in proofs if proof.way_m is not None]
+    assert all(math.isfinite(proof.way_m) and proof.way_m < 2.3e-3 for proof in moving)
+    assert bool(moving) == (name != "mock/weights")
+
+
+def test_no_setting_of_the_guard_is_left_out():
+    proofs = [
+        *proved("mock/transient_arm", **BOX, **{"limits.range_streams": '["board.load_cell"]'}),
+        *proved("mock/touch"),
+    ]
+    assert certified(proofs)
+    shown = {proof.limit.rpartition(".")[2] for proof in proofs}
+    assert set(GuardSettings.model_fields) - shown - INPUTS == set()
+    assert shown >= set(MoverLimits.model_fields) - INPUTS
+
+
+def test_stop_and_pause_come_before_anything_else_goes_wrong():
+    limits = [proof.limit for proof in proved("mock/touch")]
+    first = next(place for place, limit in enumerate(limits) if "." in limit)
+    assert {limit.partition(" ")[0] for limit in limits[:first]} == {"home", "stop", "pause"}
+    assert {limit.rpartition(" ")[2] for limit in limits[:first]} == {"arm", "gripper"}
+
+
+def nothing(*_, **__):
+    return ()
+
+
+DEFECTS = [
+    ("mock/transient", Guard, "_force", nothing, {"limits.force_n"}),
+    ("mock/transient", Bounds, "position", nothing, {"limits.travel_m", "limits.travel_min_m"}),
+    ("mock/transient", Bounds, "admit_speed", nothing, {"limits.speed_m_s"}),
+    ("mock/transient", MockZaberStage, "_look", nothing, {"limits.blind_travel_m"}),
+    ("mock/transient_arm", MockUrArm, "_look", nothing, {"limits.blind_travel_m", "devices.arm.loop_timeout_s"}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "kind", "method", "broken", "limits"), DEFECTS)
+def test_a_limit_that_does_not_act_fails_the_certificate(monkeypatch, name, kind, method, broken, limits):
+    monkeypatch.setattr(kind, method, broken)
+    proofs = proved(name)
+    assert not certified(proofs)
+    assert {proof.limit for proof in proofs if proof.verdict == "failed"} == limits
+
+
+def test_silence_and_lateness_that_nobody_notices_fail_it(monkeypatch):
+    check = Guard.check
+    monkeypatch.setattr(
+        Guard,
+        "check",
+        lambda self, t_s, blocks, moving, late_s=0.0, saturated=(): check(self, t_s, blocks, moving),
+    )
+    monkeypatch.setattr("controller.arrivals.Arrivals._silent", lambda *_: None)
+    failed = {proof.limit for proof in proved("mock/transient") if proof.verdict == "failed"}
+    assert failed == {"limits.stale_s", "limits.late_s"}
+
+
+def test_a_bench_that_does_not_stop_is_driven_past_nothing(monkeypatch):
+    axis_stop = "simulator.physics.stage_axis.StageAxis.stop"
+    monkeypatch.setattr(axis_stop, lambda self, *_: None)
+    proofs = proved("mock/transient")
+    failed = [proof for proof in proofs if proof.verdict == "failed"]
+    assert [proof.limit for proof in failed] == ["stop of stage"]
+    assert NOT_AT_REST in failed[0].acted
+    assert {proof.verdict for proof in proofs[proofs.index(failed[0]) + 1 :]} == {"not tried"}
+
+
+def test_a_person_is_asked_before_each_motion_and_may_end_it():
+    asked = []
+
+    class EndedError(Exception):
+        pass
+
+    def consent(text):
+        asked.append(text)
+        if len(asked) == 3:
+            raise EndedError
+
+    with pytest.raises(EndedError):
+        proved("mock/transient", consent)
+    assert ["home" in asked[0], *("1 mm/s" in text for text in asked[1:])] == [True, True, True]
+    assert all("stage" in text for text in asked)
+
+
+def test_the_verb_writes_a_certificate_and_its_exit_code_says_it(verb, tmp_path, monkeypatch):
+    code, out, _ = verb("certify", "mock/weights", "--out", tmp_path)
+    assert code == 0
+    assert "4 of 4 limits acted" in out
+    (folder,) = tmp_path.iterdir()
+    document = json.loads((folder / "certificate.json").read_text())
+    assert document["certified"]
+    assert {limit["limit"] for limit in document["limits"]} >= {
+        "limits.stale_s",
+        "devices.board.tendon_max_m",
+    }
+    assert "| limits.stale_s | 0.1 s |" in (folder / "certificate.md").read_text()
+    monkeypatch.setattr("controller.arrivals.Arrivals._silent", lambda *_: None)
+    code, out, _ = verb("certify", "mock/weights", "--out", tmp_path)
+    assert code == 1
+    assert "3 of 4 limits acted; 1 failed" in out
