@@ -8,7 +8,7 @@ import threading
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import Field
 
@@ -32,9 +32,12 @@ class CanPort(Settings):
     """Where a CAN bus is; settings of drivers on one are derived from these."""
 
     port: str = Field(min_length=1)
-    """Serial port of a slcan adapter, or name of the interface (`can0`) or of the virtual bus."""
-    interface: Literal["slcan", "socketcan", "virtual"] = "slcan"
-    """Which of python-can's interfaces."""
+    """Serial port of a slcan adapter, or what python-can calls the channel: `can0`, `PCAN_USBBUS1`, `0`, a multicast
+    address, the name of a virtual bus."""
+    interface: str = "slcan"
+    """Which of python-can's interfaces, as its documentation names them: `socketcan`, `pcan`, `kvaser`, `gs_usb` …"""
+    options: dict[str, bool | int | float | str] = Field(default={})
+    """What else that interface takes, by its names; `bitrate` has its own setting."""
     bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000)
     """Bits per second on the bus; a socketcan interface has its own (`ip link set can0 type can bitrate …`)."""
     tty_baud: int = Field(default=115_200, ge=9_600, le=4_000_000)
@@ -55,8 +58,10 @@ def _bus(port: CanPort) -> can.BusABC:
         )
     import can
 
+    channel = int(port.port) if port.port.isdecimal() else port.port
     # A python-can configuration file must not change what a profile does.
-    return can.Bus(interface=port.interface, channel=port.port, ignore_config=True)
+    options: dict[str, Any] = {"bitrate": port.bitrate, **port.options}
+    return can.Bus(interface=port.interface, channel=channel, ignore_config=True, **options)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,16 +117,24 @@ def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
     if port.interface == "slcan":
         # python-can reports neither the error number nor that another program holds the port.
         open_serial(device, SerialPort(port=port.port, baud=port.tty_baud), clock).close()
+    if port.interface not in can.VALID_INTERFACES:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise PortError(
+            device, doing, f"python-can knows no interface {port.interface}", f"there are: {known}"
+        )
     try:
         bus = _bus(port)
-    except (can.CanError, OSError, ValueError) as error:
+    except Exception as error:  # each maker's library has its own
+        reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise PortError(
             device,
             doing,
-            f"{port.interface} {port.port} cannot be opened ({error})",
+            f"{port.interface} {port.port} cannot be opened ({reason})",
             f"is it up? see: ip link show {port.port}"
             if port.interface == "socketcan"
-            else "see: ls /dev/serial/by-id",
+            else "see: ls /dev/serial/by-id"
+            if port.interface == "slcan"
+            else f"its library, port and options: see python-can's documentation of {port.interface}",
         ) from error
     if port.interface == "slcan":
         with suppress(OSError, ValueError, NotImplementedError):  # ptys refuse

@@ -1,4 +1,4 @@
-"""For serial drivers: a port, and one thread that time-stamps arriving bytes."""
+"""For serial drivers: a port, here or on the network, and one thread that time-stamps arriving bytes."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import errno
 import os
 import re
 import threading
+import warnings
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 
 import serial
 from pydantic import Field
@@ -18,6 +21,12 @@ from drivers.core.settings import Settings
 
 JOIN_TIMEOUT_S = 1.0
 """Longest wait for the reader thread at close; it is woken, so this is not expected to pass (assumption)."""
+
+LOOK_S = 0.1
+"""How long a read of a network port lasts, which cannot be woken (assumption: closing may take so long)."""
+
+CHUNK = 65_536
+"""Bytes taken from a socket at once."""
 
 _LINE_END = re.compile(rb"[\r\n]+")
 
@@ -41,9 +50,12 @@ class SerialPort(Settings):
     """Where a serial device is; settings of drivers on one are derived from these."""
 
     port: str = Field(min_length=1)
-    """Path of the port, `/dev/serial/by-id/...` or a pty."""
+    """Path of the port, `/dev/serial/by-id/...` or a pty; or a serial server's, `socket://HOST:PORT` (bare bytes) or
+    `rfc2217://HOST:PORT` (which sets the line speed too)."""
     baud: int = Field(default=115_200, ge=1_200, le=12_000_000)
     """Line speed in bits per second; 8 data bits, no parity, 1 stop bit, no flow control."""
+    dtr: bool = True
+    """Whether the lines DTR and RTS are on once the port is open; many boards reset when they change."""
 
 
 def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
@@ -59,17 +71,26 @@ def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
     """
     port = where.port
     try:
-        opened = serial.Serial(port, where.baud, timeout=None, exclusive=True)
+        opened = serial.serial_for_url(port, where.baud, do_not_open=True)
+        if not where.dtr:
+            opened.dtr = opened.rts = False
+        if "://" in port:
+            opened.timeout = LOOK_S
+        else:
+            opened.exclusive = True
+        with warnings.catch_warnings():  # of pyserial's own thread for RFC 2217
+            warnings.simplefilter("ignore", DeprecationWarning)
+            opened.open()
     except (OSError, ValueError) as error:
         # pyserial keeps the number of a failed open, but not that of a failed tcgetattr.
-        configured = isinstance(error, serial.SerialException) and error.errno is None
+        local = "://" not in port
+        configured = local and isinstance(error, serial.SerialException) and error.errno is None
         number = errno.ENOTTY if configured else getattr(error, "errno", None)
-        reason, advice = _ADVICE.get(
-            number or 0, (f"cannot be opened ({error})", "see: ls /dev/serial/by-id")
-        )
+        remedy = "is that host up, and its serial server?" if "://" in port else "see: ls /dev/serial/by-id"
+        reason, advice = _ADVICE.get(number or 0, (f"cannot be opened ({error})", remedy))
         raise PortError(device, "opening its port", f"{port} {reason}", advice.format(port=port)) from error
-    # An FTDI adapter holds bytes back for 16 ms by default (its data sheet); ptys refuse.
-    with suppress(OSError, ValueError, NotImplementedError):
+    # An FTDI adapter holds bytes back for 16 ms by default (its data sheet); ptys refuse, the network has none.
+    with suppress(AttributeError, OSError, ValueError, NotImplementedError):
         opened.set_low_latency_mode(True)
     return SerialLink(device, opened, clock)
 
@@ -116,6 +137,11 @@ class SerialLink:
         self._clock = clock
         self._arrived: deque[tuple[float, bytes]] = deque()
         self._closing = False
+        url = str(port.port)
+        self._socket = url.startswith("socket://")
+        self._write: Callable[[bytes], int | None] = port.write
+        if "://" not in url or self._socket:
+            self._write = partial(os.write, port.fileno())
         self._reader = threading.Thread(target=self._fill, name=f"{device}-reader", daemon=True)
         self._reader.start()
 
@@ -132,7 +158,7 @@ class SerialLink:
         # lost the processor after the last byte was taken.
         try:
             while data:
-                data = data[os.write(self._port.fileno(), data) :]
+                data = data[self._write(data) :]
         except BlockingIOError:
             self.fault = self.fault or "the port takes no more bytes"
         except OSError as error:
@@ -150,7 +176,7 @@ class SerialLink:
     def close(self) -> None:
         """Close the port and wait for the thread. Never raises; may be called twice."""
         self._closing = True
-        with suppress(OSError):
+        with suppress(OSError, AttributeError):  # on the network there is none
             self._port.cancel_read()
         self._reader.join(JOIN_TIMEOUT_S)
         with suppress(OSError):
@@ -162,7 +188,15 @@ class SerialLink:
                 data = self._port.read(1)
                 arrival_s = self._clock.monotonic_s()
                 if data:
-                    self._arrived.append((arrival_s, data + self._port.read(self._port.in_waiting)))
+                    self._arrived.append((arrival_s, data + self._rest()))
         except (OSError, TypeError) as error:  # TypeError: the port was closed under a read that hung
             if not self._closing:
                 self.fault = self.fault or f"the port was taken away ({error})"
+
+    def _rest(self) -> bytes:
+        """What has arrived besides; pyserial would take it from a socket byte by byte."""
+        if not self._socket:
+            return self._port.read(self._port.in_waiting)
+        with suppress(BlockingIOError):
+            return os.read(self._port.fileno(), CHUNK)
+        return b""

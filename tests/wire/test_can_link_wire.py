@@ -18,6 +18,7 @@ from drivers.core.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFr
 from drivers.core.clock import WallClock
 from drivers.core.errors import PortError
 from simulator.devices.slcan import EmulatedSlcan
+from tests.refusals import refused
 
 ASK = CanFrame(0x100, b"\x01")
 
@@ -203,14 +204,33 @@ def test_an_interface_that_is_absent_is_a_port_error_in_one_line() -> None:
     assert "\n" not in str(error.value)
 
 
-def test_two_links_speak_on_a_virtual_bus() -> None:
-    port = CanPort(port="bench of two", interface="virtual")
+@pytest.mark.parametrize(
+    ("interface", "named"),
+    [("vector", ("vector 0", "python-can's documentation")), ("nix", ("no interface nix", "kvaser"))],
+)
+def test_an_adapter_whose_library_is_missing_or_that_nobody_knows_is_a_port_error(
+    interface: str, named: tuple[str, ...]
+) -> None:
+    with refused(PortError, "hand", *named):
+        open_can("hand", CanPort(port="0", interface=interface), WallClock())
+
+
+@pytest.mark.parametrize(
+    "port",
+    [
+        CanPort(port="bench of two", interface="virtual", options={"rx_queue_size": 100}),
+        CanPort(port="239.74.163.2", interface="udp_multicast", options={"port": 43_713, "hop_limit": 0}),
+    ],
+    ids=["virtual", "udp_multicast"],
+)
+def test_two_links_speak_on_a_bus_without_an_adapter(port: CanPort) -> None:
     one, other = open_can("one", port, WallClock()), open_can("other", port, WallClock())
     try:
         one.send(ASK)
         other.send(CanFrame(0x32, remote=True))
         assert gathered(other, 1)[0].frame == ASK
-        assert gathered(one, 1)[0].frame == CanFrame(0x32, remote=True)
+        own = port.interface == "udp_multicast"  # which hears itself
+        assert gathered(one, 1 + own)[-1].frame == CanFrame(0x32, remote=True)
     finally:
         one.close()
         other.close()

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import os
+import socket
+import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import serial
+import serial.rfc2217
 
 from drivers.core.clock import WallClock
 from drivers.core.errors import PortError
 from drivers.core.links import SerialLink, SerialPort, open_serial
+from drivers.zaber_stage.driver import ZaberStage
+from drivers.zaber_stage.mounting import ZaberStageSettings
+from tests.refusals import refused
+from tests.unit.drivers.zaber_stage.stage_bench import Wire
 
 
 class Pty:
@@ -108,3 +119,92 @@ def test_a_port_that_another_program_holds_says_how_to_find_it(pty: Pty, link: S
 def test_what_is_no_serial_port_is_called_so(path: str) -> None:
     with pytest.raises(PortError, match="is no serial port"):
         open_serial("stage", SerialPort(port=path), WallClock())
+
+
+class Far:
+    """A serial server on this machine: one connection, and what it does with it."""
+
+    def __init__(self, serves: Callable[[socket.socket], None]) -> None:
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.where = f"127.0.0.1:{self._server.getsockname()[1]}"
+        self._serves = serves
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        with self._server.accept()[0] as connection:
+            self._serves(connection)
+
+    def end(self) -> None:
+        self._thread.join(10.0)
+        self._server.close()
+
+
+def echoed_by_rfc2217(connection: socket.socket) -> None:
+    """pyserial's own server of RFC 2217 before a line that is looped back."""
+    line = serial.serial_for_url("loop://", timeout=0)
+    server = serial.rfc2217.PortManager(line, connection_of(connection))
+    connection.settimeout(0.01)
+    while True:
+        try:
+            data = connection.recv(4096)
+            if not data:
+                break
+            line.write(b"".join(server.filter(data)))
+        except TimeoutError:
+            pass
+        except OSError:
+            break
+        connection.sendall(b"".join(server.escape(line.read(line.in_waiting))))
+    line.close()
+
+
+def connection_of(connection: socket.socket) -> Any:
+    return SimpleNamespace(write=connection.sendall)
+
+
+def test_bytes_of_all_values_pass_a_serial_server_of_rfc_2217() -> None:
+    far = Far(echoed_by_rfc2217)
+    link = open_serial("board", SerialPort(port=f"rfc2217://{far.where}", dtr=False), WallClock())
+    got = b""
+
+    def whole() -> bool:
+        nonlocal got
+        got += b"".join(data for _, data in link.receive())
+        return len(got) == 256
+
+    assert link.send(bytes(range(256))) is not None
+    assert eventually(whole)
+    assert got == bytes(range(256))
+    link.close()
+    link.close()
+    far.end()
+
+
+def test_a_stage_behind_a_serial_server_of_bare_bytes_is_opened_and_its_end_is_noticed() -> None:
+    wire = Wire(homed=True)
+    going = threading.Event()
+    going.set()
+
+    def stage(connection: socket.socket) -> None:
+        connection.settimeout(0.01)
+        while going.is_set():
+            with suppress(TimeoutError):
+                connection.sendall(wire.receive(connection.recv(4096), time.monotonic()))
+
+    far = Far(stage)
+    settings = ZaberStageSettings(port=f"socket://{far.where}", retry_s=1.0, reply_timeout_s=5.0)
+    device = ZaberStage("stage", settings, WallClock())
+    assert device.open().serial == "40001"
+    going.clear()
+    far.end()
+    statuses: list[Any] = []
+    assert eventually(lambda: bool(statuses.extend(device.poll()) or statuses))
+    assert "taken away" in statuses[0].reason
+    device.close()
+
+
+@pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+def test_a_serial_server_that_is_not_there_is_a_port_error(scheme: str) -> None:
+    with refused(PortError, "stage", f"{scheme}://127.0.0.1:1", "refused", "serial server"):
+        open_serial("stage", SerialPort(port=f"{scheme}://127.0.0.1:1"), WallClock())
