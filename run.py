@@ -12,7 +12,7 @@ from pathlib import Path
 
 import click
 
-from config.verbs import Program, profiles, recordings, results, running
+from config.verbs import Program, by_hand, profiles, recordings, results, running
 from drivers.core.errors import PROGRAM
 
 
@@ -52,7 +52,7 @@ def cli() -> None:
     """
 
 
-for _module in (profiles, running, recordings, results):
+for _module in (profiles, running, by_hand, recordings, results):
     for _verb in _module.VERBS:
         cli.add_command(_verb)
 

@@ -266,13 +266,13 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
             scene=TrialScene(trial.id, seed, trial.factors, plant),
             behavior=_behavior(own, trial),
             detectors=detectors,
-            guard=Guard(_limits(own)),
+            guard=Guard(limits_of(own)),
             signals=make_signals(own),
             measure=lambda evidence, outcome, own=own: measure(evidence, own.behavior, outcome),  # type: ignore[misc]
         )
 
 
-def _limits(profile: Profile) -> GuardSettings:
+def limits_of(profile: Profile) -> GuardSettings:
     """The guard's settings; on a bench without noise a stuck sensor cannot be detected."""
     limits: GuardSettings = profile.limits  # type: ignore[assignment]
     quiet = profile.plant is not None and getattr(profile.plant.settings, "quiet", False)

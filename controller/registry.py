@@ -50,6 +50,7 @@ class DriverKind(PlainKind):
         mock_faults: What the mock can show (`simulator.devices.faults.Kind`).
         emulated_faults: Likewise the twin.
         streams: What its device sends, where that is known before it is opened.
+        moves: Whether it may move: while it does, the streams of `[limits]` are read.
     """
 
     mock: str = ""
@@ -57,6 +58,7 @@ class DriverKind(PlainKind):
     mock_faults: Sequence[str] = ()
     emulated_faults: Sequence[str] = ()
     streams: Sequence[str] = ()
+    moves: bool = True
 
     @classmethod
     def own(cls, name: str, folders: Sequence[Path]) -> DriverKind:

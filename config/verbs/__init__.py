@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import sys
@@ -341,6 +342,25 @@ def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
     ):
         verb = decorate(verb)
     return verb
+
+
+def joined(path: Path | None) -> Mapping[str, Any] | None:
+    """What an emulator printed into a file; None without one."""
+    if path is None:
+        return None
+    try:
+        endpoints = json.loads(path.read_text(encoding="utf-8"))
+        host, port = endpoints["control"]["host"], endpoints["control"]["port"]
+        if not (isinstance(host, str) and isinstance(port, int) and 0 < port < 65_536):
+            raise ValueError
+        if not all(isinstance(where, dict) for where in dict(endpoints["devices"]).values()):
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = (
+            error.strerror if isinstance(error, OSError) else f"not the line that `{PROGRAM} emulate` prints"
+        )
+        raise click.BadParameter(f"{path}: {reason}", param_hint="--endpoints") from None
+    return dict(endpoints)
 
 
 def loaded_profile(profile: str, overrides: Mapping[str, str], csv: Path | None = None) -> Profile:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -193,7 +192,7 @@ def _carried_out(
         workers = crew.count if crew else 1
         time = f"time: {duration(loaded.name, loaded.experiment, loaded.bench, plan.count, workers)}"
         page = stack.enter_context(closing(_page())) if watched else None
-        joined = _endpoints(endpoints)
+        joined = verbs.joined(endpoints)
         rig = None if crew else stack.enter_context(closing(build_rig(loaded, joined, realtime)))
         operator = stack.enter_context(ConsoleOperator(asking=rig.asking if rig else ()))
         console = _console(operator, page, time, plan.successes)
@@ -246,24 +245,6 @@ def _crew(
         return nullcontext()
     jobs_for(loaded, plan, 2)
     return nullcontext(kept) if kept else closing(cluster(scheduler))
-
-
-def _endpoints(path: Path | None) -> Mapping[str, Any] | None:
-    if path is None:
-        return None
-    try:
-        endpoints = json.loads(path.read_text(encoding="utf-8"))
-        host, port = endpoints["control"]["host"], endpoints["control"]["port"]
-        if not (isinstance(host, str) and isinstance(port, int) and 0 < port < 65_536):
-            raise ValueError
-        if not all(isinstance(where, dict) for where in dict(endpoints["devices"]).values()):
-            raise ValueError
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        reason = (
-            error.strerror if isinstance(error, OSError) else f"not the line that `{PROGRAM} emulate` prints"
-        )
-        raise click.BadParameter(f"{path}: {reason}", param_hint="--endpoints") from None
-    return dict(endpoints)
 
 
 def _console(

@@ -1,0 +1,181 @@
+"""Verbs without an experiment: `monitor`, `jog`, `home`, `tare`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from config import verbs
+from controller.registry import row
+
+if TYPE_CHECKING:
+    from config.profile import Profile
+    from controller.by_hand import HandOperator, HandResult, HandSession
+
+HOME_S = 120.0
+"""Longest way home. Assumption: twice a stage of 0.5 m at a slow 10 mm/s, and an arm that is unlocked before."""
+
+CODES = {
+    "done": verbs.DONE,
+    "guard": verbs.GUARD,
+    "fault": verbs.DEVICE,
+    "interrupted": verbs.INTERRUPTED,
+}
+
+
+def bench_options(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """A PROFILE, other values for its settings, and the emulator to join."""
+    for decorate in (verbs.endpoints_option, verbs.set_option, click.argument("profile")):
+        verb = decorate(verb)
+    return verb
+
+
+def loaded_bench(name: str, overrides: Mapping[str, str]) -> Profile:
+    """A profile with one bench.
+
+    Raises:
+        click.UsageError: it has parts.
+    """
+    from config.parts import parts_of
+
+    if parts := parts_of(name):
+        first = next(iter(parts.tried))[0]
+        raise click.UsageError(f"{name} has parts, each with a bench of its own: name one, such as {first}")
+    return verbs.loaded_profile(name, overrides)
+
+
+def session_on(
+    loaded: Profile,
+    devices: Collection[str],
+    operator: HandOperator,
+    endpoints: Path | None = None,
+    paced: bool = False,
+) -> HandSession:
+    """Some devices of a profile's bench, for what a person asks for; still closed."""
+    from config.assemble import build_rig, limits_of, make_signals
+    from controller.by_hand import HandSession
+    from controller.rig import TrialScene
+
+    own = {name: entry for name, entry in loaded.devices.items() if name in devices}
+    plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
+    return HandSession(
+        build_rig(replace(loaded, devices=own), verbs.joined(endpoints)),
+        limits_of(loaded),
+        operator,
+        loaded.loop,  # type: ignore[arg-type]
+        lambda: make_signals(loaded),
+        TrialScene(0, 0, {}, plant),
+        paced,
+    )
+
+
+def known_device(loaded: Profile, name: str) -> str:
+    """The name of a device, if the profile has it.
+
+    Raises:
+        click.UsageError: it does not.
+    """
+    if name not in loaded.devices:
+        from config.hints import near_or_all
+
+        raise click.UsageError(f"{loaded.name} has no device {name}; {near_or_all(name, loaded.devices)}")
+    return name
+
+
+def may_move(loaded: Profile) -> Sequence[str]:
+    """The devices of a profile that may move; what they are tells the device itself."""
+    return [name for name, entry in loaded.devices.items() if row("driver", entry.kind).moves]
+
+
+def ended(result: HandResult) -> int:
+    """Print why it did not go as asked; the exit code."""
+    if result.outcome != "done":
+        verbs.complain(result.reason or f"{result.outcome}: the bench is still")
+    return CODES.get(result.outcome, verbs.FAILED)
+
+
+@click.command(cls=verbs.Verb, short_help="Send a profile's movers to their reference positions.")
+@bench_options
+@click.argument("device", required=False)
+def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoints: Path | None) -> int:
+    """Send each mover of a PROFILE home, or DEVICE alone, one after the other, under the guard.
+
+    A stage goes to its home sensor, an arm in a straight line to start_pose, a gripper calibrates where it has not
+    since it was switched on: its jaws must be empty. Only the mover is opened, and what its limits need.
+
+    \b
+    Example:
+      run.py home hardware/transient
+      run.py home hardware/slip arm
+
+    Exit codes: 0 at home, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130 interrupted.
+    """
+    from config.assemble import limits_of, make_signals
+    from controller import by_hand
+    from controller.console import ConsoleOperator
+    from drivers.core.messages import Reached
+
+    loaded, found = loaded_bench(profile, overrides), False
+    for mover in [known_device(loaded, device)] if device else may_move(loaded):
+        devices = by_hand.needed(limits_of(loaded), make_signals(loaded), mover)
+        with ConsoleOperator() as operator, session_on(loaded, devices, operator, endpoints) as session:
+            if mover not in session.movers:
+                if device:
+                    raise click.UsageError(f"{mover} has no home: it does not move by itself")
+                continue
+            verbs.say(f"{mover}: going home")
+            result = by_hand.home(session, mover, HOME_S)
+            if code := ended(result):
+                return code
+            found = True
+            at_m = next(each.position_m for each in reversed(result.events) if isinstance(each, Reached))
+            verbs.say(f"{mover}: stands at home, at {at_m * 1e3:.3f} mm")
+    if not found:
+        raise click.UsageError(f"{loaded.name} has nothing that moves")
+    return verbs.DONE
+
+
+@click.command(cls=verbs.Verb, short_help="Take what force sensors read now for zero.")
+@bench_options
+@click.argument("device", required=False)
+def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoints: Path | None) -> int:
+    """Take the present level of each force sensor of a PROFILE for zero, or of DEVICE alone; nothing moves.
+
+    \b
+    Example:
+      run.py tare hardware/transient
+      run.py tare hardware/slip arm
+    """
+    from controller import by_hand
+    from controller.console import ConsoleOperator
+
+    loaded = loaded_bench(profile, overrides)
+    asked = [known_device(loaded, device)] if device else list(loaded.devices)
+    codes = []
+    with ConsoleOperator() as operator, session_on(loaded, asked, operator, endpoints) as session:
+        forces = [
+            stream
+            for info in session.infos.values()
+            for stream in info.streams.values()
+            if stream.unit in FORCES
+        ]
+        if not forces:
+            raise click.UsageError(f"{', '.join(asked)}: no stream in {' or '.join(FORCES)} to tare")
+        for stream in forces:
+            result, levels = by_hand.tare(session, stream.name)
+            codes.append(ended(result))
+            if result.outcome == "done":
+                before, after = (" ".join(f"{value:.4g}" for value in level) for level in levels)
+                verbs.say(f"{stream.name}: {before} {stream.unit} is zero now; it reads {after}")
+    return max(codes)
+
+
+FORCES = ("N", "N m")
+"""Units of the streams that are tared."""
+
+
+VERBS = (home, tare)

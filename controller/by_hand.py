@@ -1,0 +1,392 @@
+"""A bench by hand: what a person asks for goes through the loop and the guard of a trial; nothing is recorded."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from behaviors.events import Event, Tick
+from behaviors.machine import Behavior, StatePlan, on
+from controller.guard import Guard, GuardRefusal, GuardSettings
+from controller.loop import Aborted, Loop, LoopSettings
+from controller.rig import Rig, TrialScene
+from controller.signals.protocol import Signal, Signals
+from drivers.core.clock import monotonic_s, rest
+from drivers.core.errors import DeviceError
+from drivers.core.messages import (
+    Command,
+    DeviceInfo,
+    Home,
+    Listen,
+    Reached,
+    SampleBlock,
+    Status,
+    StreamInfo,
+    Tare,
+)
+
+Steer = Callable[[Event], Sequence[Command] | None]
+"""What is commanded upon an event, a `Tick` in every turn among them; None ends."""
+
+WINDOW_S = 1.0
+"""How much of each stream is kept: what its noise and rate are told from."""
+
+LISTEN_S = 0.01
+"""How often what has come is taken where nothing moves."""
+
+LEVEL_S = 0.5
+"""How long a stream's level is measured before and after a tare. Assumption: hundreds of samples of a force sensor."""
+
+
+class HandOperator(Protocol):
+    """Who may interrupt."""
+
+    def poll(self) -> str | None:
+        """See `LoopOperator.poll`."""
+
+    def suspend(self) -> None:
+        """See `LoopOperator.suspend`."""
+
+
+class ByHand(Behavior):
+    """Commands what its steering function makes of each event; a failure, or a refusal, ends it as it ends a trial.
+
+    Args:
+        steer: Is asked at every event, and in every turn.
+        mover: Is stopped where something fails; "" where nothing moves.
+        streams: What is read meanwhile, beside what the guard watches.
+        deadline_s: Longest time.
+    """
+
+    def __init__(
+        self, steer: Steer, mover: str, streams: frozenset[str], deadline_s: float = math.inf
+    ) -> None:
+        self._steer = steer
+        super().__init__({"BY_HAND": StatePlan(deadline_s, measures=streams)}, mover)
+
+    @property
+    def due_s(self) -> float:
+        """In every turn."""
+        return -math.inf
+
+    def handle(self, event: Event) -> Sequence[Command]:
+        """The commands that follow from an event."""
+        commands = super().handle(event)
+        if self.done:
+            return commands
+        asked = self._steer(event)
+        if asked is None:
+            self.conclude("done")
+            self._fire("finished")
+        return [*commands, *(asked or ())]
+
+    table = (on("finished", "BY_HAND", "DONE"),)
+
+
+class Latest:
+    """The last second of every stream, and no more: the loop's witness where nothing is recorded."""
+
+    failure = None
+
+    def __init__(self) -> None:
+        self._blocks: dict[str, deque[SampleBlock]] = {}
+
+    def record(self, blocks: Sequence[SampleBlock]) -> None:
+        """Keep the blocks of a turn."""
+        for block in blocks:
+            if len(block):
+                kept = self._blocks.setdefault(block.stream, deque())
+                kept.append(block)
+                while kept[-1].last_s - kept[0].last_s > WINDOW_S:
+                    kept.popleft()
+
+    def values(self, stream: str) -> NDArray[np.float64]:
+        """What has come of it, in its unit, shape (n, channels); (0, 0) where nothing has."""
+        blocks = self._blocks.get(stream)
+        return np.concatenate([block.physical for block in blocks]) if blocks else np.empty((0, 0))
+
+    def times(self, stream: str) -> NDArray[np.float64]:
+        """The bench time of each of them, shape (n,)."""
+        blocks = self._blocks.get(stream)
+        return np.concatenate([block.times for block in blocks]) if blocks else np.empty(0)
+
+    def _nothing(self, *_: object, **__: object) -> None:
+        """Nothing else is kept."""
+
+    readings = skip = event = _nothing
+
+
+@dataclass(frozen=True)
+class HandResult:
+    """How it ended.
+
+    Attributes:
+        outcome: "done", "guard", "fault" or "interrupted".
+        reason: Why, where it is not "done".
+        events: What happened.
+    """
+
+    outcome: str
+    reason: str
+    events: Sequence[Event] = ()
+
+
+@dataclass
+class HandSession:
+    """Some devices of a bench, open, and what a person has done with them. Use as a context manager.
+
+    Args:
+        rig: Has the devices that are needed (`needed`), and no others.
+        limits: Of the guard, which every command goes through.
+        operator: Who may interrupt.
+        loop: Rates.
+        make_signals: Makes the profile's signals, fresh.
+        scene: For a simulated bench.
+        paced: Whether virtual time passes as the wall clock does, for a person who looks on.
+
+    Attributes:
+        infos: What `open` found, by device.
+        latest: What came last, of every stream that is read.
+        lost: Samples lost, by stream.
+    """
+
+    rig: Rig
+    limits: GuardSettings
+    operator: HandOperator
+    loop: LoopSettings = field(default_factory=LoopSettings)
+    make_signals: Callable[[], Sequence[Signal]] = tuple
+    scene: TrialScene = field(default_factory=lambda: TrialScene(0, 0, {}))
+    paced: bool = False
+    infos: dict[str, DeviceInfo] = field(default_factory=dict)
+    latest: Latest = field(default_factory=Latest)
+    lost: Mapping[str, int] = field(default_factory=dict)
+
+    def __enter__(self) -> HandSession:
+        """Opens every device.
+
+        Raises:
+            DeviceError: one does not open; those that did are closed.
+        """
+        try:
+            for name, device in self.rig.devices.items():
+                self.infos[name] = device.open()
+            self.rig.clock.leave()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Closes every device, and the bench."""
+        for device in self.rig.devices.values():
+            with suppress(Exception):
+                device.close()
+        self.rig.close()
+
+    @property
+    def signals(self) -> Sequence[Signal]:
+        """The signals whose sources are open, fresh."""
+        made = {signal.info.name: signal for signal in self.make_signals()}
+        return [signal for signal in made.values() if sources([signal.info.name], made) <= self.infos.keys()]
+
+    @property
+    def streams(self) -> Mapping[str, StreamInfo]:
+        """All that can be read."""
+        sent = {name: stream for info in self.infos.values() for name, stream in info.streams.items()}
+        return sent | {signal.info.name: signal.info for signal in self.signals}
+
+    @property
+    def movers(self) -> Sequence[str]:
+        """The devices that can move."""
+        return [name for name, info in self.infos.items() if info.mover]
+
+    def run(
+        self,
+        steer: Steer,
+        mover: str = "",
+        streams: Collection[str] = (),
+        *,
+        limits: GuardSettings | None = None,
+        deadline_s: float = math.inf,
+    ) -> HandResult:
+        """Have something done; every mover stands still when this returns.
+
+        Args:
+            steer: Gives the commands.
+            mover: That is commanded.
+            streams: To be read, beside the guard's own.
+            limits: Others than the session's.
+            deadline_s: Longest time.
+
+        Raises:
+            UnfitStreamError: a stream that the bench does not have.
+        """
+        self._begin()
+        guard = Guard(limits or self.limits)
+        operator = _Operator(self.operator, self.rig, self.paced)
+        loop = Loop(self.rig, self.infos, guard, self.latest, operator, self.loop)
+        self.lost = loop.account.lost
+        behavior = ByHand(steer, mover, frozenset(streams), deadline_s)
+        outcome = reason = ""
+        try:
+            loop.run(behavior, {}, self.signals)
+        except (Aborted, KeyboardInterrupt):
+            outcome = "interrupted"
+        except GuardRefusal as refusal:
+            outcome, reason = "guard", f"guard: {refusal}"
+        except DeviceError as error:
+            outcome, reason = "fault", str(error)
+        outcome = outcome or loop.account.outcome or behavior.outcome
+        reason = reason or loop.account.reason or behavior.reason
+        if loop.account.not_at_rest:
+            still = f"NOT seen standing still: {', '.join(loop.account.not_at_rest)}: look at the bench"
+            outcome, reason = "fault", "; ".join(filter(None, (reason, still)))
+        return HandResult(outcome, reason, loop.events)
+
+    def listen(self, streams: Collection[str]) -> Iterator[tuple[float, Sequence[Status]]]:
+        """Read these streams, turn by turn, into `latest`; nothing is commanded but to send them.
+
+        Gives bench time and what the devices reported. Ends when the operator has it end.
+        """
+        self._begin()
+        clock, signals = self.rig.clock, Signals(self.signals)
+        asked = signals.subscribe(frozenset(streams))
+        operator = _Operator(self.operator, self.rig, self.paced)
+        for name, device in self.rig.devices.items():
+            device.apply(Listen(name, frozenset(stream for stream in asked if _owner(stream) == name)))
+        try:
+            while operator.poll() != "abort":
+                clock.wait_until(clock.now() + LISTEN_S)
+                blocks: list[SampleBlock] = []
+                statuses: list[Status] = []
+                for device in self.rig.devices.values():
+                    blocks += device.read()
+                    statuses += device.poll()
+                made, saturated = signals.push(blocks)
+                self.latest.record([*blocks, *made])
+                yield clock.now(), [*statuses, *saturated]
+        finally:
+            for name, device in self.rig.devices.items():
+                with suppress(DeviceError):
+                    device.apply(Listen(name, frozenset()))
+            clock.leave()
+
+    def _begin(self) -> None:
+        """A new bench time, as before a trial."""
+        self.rig.clock.restart()
+        self.rig.begin_trial(self.scene)
+        self.latest = Latest()
+
+
+class _Operator:
+    """The session's operator, as the loop knows one; where he is to look on, virtual time keeps to the wall clock."""
+
+    def __init__(self, operator: HandOperator, rig: Rig, paced: bool) -> None:
+        self._operator, self._clock = operator, rig.clock
+        self._begun_s = monotonic_s() if paced and rig.clock.virtual else -math.inf
+        self.suspend = operator.suspend
+
+    def poll(self) -> str | None:
+        """Waits for the wall clock, then asks."""
+        rest(max(0.0, self._clock.now() - (monotonic_s() - self._begun_s)))
+        return self._operator.poll()
+
+    def state(self, name: str, t_s: float) -> None:
+        """There is nothing to show."""
+
+
+# --- which devices -------------------------------------------------------------------------------
+
+
+def limits_of(limits: GuardSettings, mover: str) -> GuardSettings:
+    """The limits that hold while one mover alone moves: with its own table, those of the other movers watch nothing."""
+    if mover not in limits.movers:
+        return limits.model_copy(update={"movers": {}})
+    unwatched = dict.fromkeys(("position_stream", "pose_stream", "workspace_min_m", "workspace_max_m"))
+    return limits.model_copy(update={**unwatched, "movers": {mover: limits.movers[mover]}})
+
+
+def needed(limits: GuardSettings, signals: Iterable[Signal], mover: str) -> frozenset[str]:
+    """The devices without which a mover may not move: itself, and those that its limits' streams come from."""
+    made = {signal.info.name: signal for signal in signals}
+    return sources(Guard(limits_of(limits, mover)).inputs, made) | {mover}
+
+
+def sources(streams: Iterable[str], signals: Mapping[str, Signal]) -> frozenset[str]:
+    """The devices that streams come from, through signals or not."""
+    return frozenset(
+        device
+        for stream in streams
+        for device in (sources(signals[stream].inputs, signals) if stream in signals else (_owner(stream),))
+    )
+
+
+def _owner(stream: str) -> str:
+    return stream.partition(".")[0]
+
+
+# --- what a person asks for ----------------------------------------------------------------------
+
+
+def home(session: HandSession, mover: str, deadline_s: float) -> HandResult:
+    """Send a mover to its reference position; it stands there, or the reason says why not."""
+
+    def steer(event: Event) -> Sequence[Command] | None:
+        if isinstance(event, Reached) and event.device == mover:
+            return None
+        return [commands.pop()] if commands else ()
+
+    commands: list[Command] = [Home(mover)]
+    return session.run(steer, mover, limits=limits_of(session.limits, mover), deadline_s=deadline_s)
+
+
+def tare(session: HandSession, stream: str) -> tuple[HandResult, Sequence[NDArray[np.float64]]]:
+    """Take a stream's level for zero, where nothing moves; how it went, and its levels before and after, by channel."""
+    device = _owner(stream)
+    levels: list[Any] = []
+    begun_s, asked = 0.0, False
+
+    def steer(event: Event) -> Sequence[Command] | None:
+        nonlocal begun_s, asked
+        if not isinstance(event, Tick) or event.t_s - begun_s < 2.0 * LEVEL_S:
+            return ()
+        recent = session.latest.times(stream) > event.t_s - LEVEL_S
+        levels.append(session.latest.values(stream)[recent].mean(axis=0) if recent.any() else np.array(()))
+        if asked:
+            return None
+        begun_s, asked = event.t_s, True
+        return [Tare(device, stream)]
+
+    return session.run(steer, streams=[stream], limits=unwatched(session.limits)), levels
+
+
+def unwatched(limits: GuardSettings) -> GuardSettings:
+    """Limits that look at no stream, for what moves nothing."""
+    none = ("force_n", "position_stream", "pose_stream", "workspace_min_m", "workspace_max_m")
+    return limits.model_copy(update={**dict.fromkeys(none), "movers": {}, "range_streams": ()})
+
+
+PLACES = (
+    ("pose", "start_pose", "in [devices.{}]"),
+    ("position", "start_m", "on the axis of {}, for example in [behavior]"),
+    ("width", "width_m", "opening of {}"),
+)
+"""Streams that tell where a mover stands, the most telling first, and the settings that they are pasted into."""
+
+
+def place(session: HandSession, device: str) -> str:
+    """Where a mover stands, as a line of TOML for a profile; "" where it has not told."""
+    for name, setting, section in PLACES:
+        values = session.latest.values(f"{device}.{name}")
+        if len(values):
+            shown = [f"{value:.6g}" for value in values[-1].tolist()]
+            text = f"[{', '.join(shown)}]" if len(shown) > 1 else shown[0]
+            return f"{setting} = {text}  # {section.format(device)}"
+    return ""
