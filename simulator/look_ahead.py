@@ -41,9 +41,6 @@ class LookAhead:
     come often enough.
 
     Args:
-        clock: Of the bench.
-        bench: What the devices are on.
-        devices: All of them.
         faults: What goes wrong. A fault acts on single turns: while any is set, none are taken as one.
 
     Attributes:

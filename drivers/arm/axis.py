@@ -13,11 +13,7 @@ Quaternion = tuple[float, float, float, float]
 class Axis:
     """The approach axis: poses ⇄ positions.
 
-    Args:
-        settings: Of the arm.
-
     Attributes:
-        settings: The same.
         direction: Of the axis, in the base frame.
     """
 

@@ -22,10 +22,7 @@ def valid(device: str, settings: ArmSettings, streams: Collection[str], command:
     """The command as it will be sent: too great a speed is clamped.
 
     Args:
-        device: Name in the profile.
-        settings: Of the arm.
         streams: What it can send.
-        command: As asked for.
 
     Raises:
         CommandError: not for an arm, not finite, or out of range.

@@ -42,11 +42,6 @@ class ArmDriver(Driver):
     `<name>.pose` (m and rotation vector), `<name>.force` (N and N m on the tool, base frame). A row that the client
     skipped is a jump in the sequence, and `Lost`.
 
-    Args:
-        name: Name in the profile.
-        settings: Of the arm.
-        clock: Gives bench time.
-
     Attributes:
         link: To its make of controller; a make sets it.
     """

@@ -58,8 +58,6 @@ class FreeMotion:
     Args:
         start: The last twist that the controller was sent.
         goal: The twist that is asked for.
-        begin_s: When it begins.
-        duration_s: As asked for.
         acceleration: Greatest, m/s^2 and rad/s^2.
     """
 
@@ -112,7 +110,6 @@ def line_speed(settings: ArmSettings, length_m: float, speed: float) -> float:
     """Speed of a straight move: of the tool's point, or in rad/s where it only turns.
 
     Args:
-        settings: Of the arm.
         length_m: Way of the tool's point.
         speed: As asked for, m/s or rad/s.
     """

@@ -36,9 +36,6 @@ class ArmHost:
     """One process for one arm.
 
     Args:
-        name: Of the device.
-        settings: Of the arm.
-        link: To its make of controller.
         clock: The bench's.
         again: Whether it replaces one that died.
 

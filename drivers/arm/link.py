@@ -62,11 +62,7 @@ class Opened:
     """The arm is connected, takes commands, and its watchdog is set.
 
     Attributes:
-        model: As the controller reports it.
-        serial: Likewise.
         version: Of the controller's software.
-        row: Its latest.
-        details: For the manifest.
     """
 
     model: str
@@ -81,8 +77,6 @@ class LinkError(Exception):
 
     Args:
         kind: Which error it is, should it come while opening.
-        reason: What happened.
-        advice: What to do about it.
     """
 
     def __init__(self, kind: type[DeviceError], reason: str, advice: str) -> None:

@@ -76,15 +76,10 @@ class MotionControl:
     """Carries commands out.
 
     Args:
-        name: Of the device.
-        settings: Of the arm.
         client: The arm's controller.
         now: The host's monotonic time in seconds.
         report: Takes each status, with its time in host monotonic seconds.
         seen: What is known of the arm at the start.
-
-    Attributes:
-        state: What the arm does.
     """
 
     def __init__(

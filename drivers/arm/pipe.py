@@ -23,9 +23,6 @@ class Start(NamedTuple):
     """The first message to the arm's process.
 
     Attributes:
-        name: Of the device.
-        settings: Of the arm.
-        link: To its make of controller.
         again: Whether it replaces a process that died.
         turns: File descriptor of an `eventfd` that counts the turns of the program's loop and does not block.
         clock: The bench's.

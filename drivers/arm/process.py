@@ -55,7 +55,6 @@ class ArmProcess:
     """Both threads' common ground.
 
     Args:
-        pipe: To the program.
         start: Its first message.
     """
 

@@ -48,14 +48,11 @@ class Streams:
     """The streams of one arm.
 
     Args:
-        name: Of the device.
-        settings: Of the arm.
         bench: Turns monotonic time into bench time.
 
     Attributes:
         info: The streams, by `device.stream`.
         listening: Those that are subscribed.
-        rows: How many rows have come.
         missed: How many the controller took that did not come.
     """
 

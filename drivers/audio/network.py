@@ -70,8 +70,6 @@ class NetworkRecorder:
     """A client of a recorder; protocol: docs/reference/audio.md.
 
     Args:
-        device: Name in the profile.
-        settings: Of the audio.
         address: `HOST:PORT`.
     """
 

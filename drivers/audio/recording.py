@@ -40,8 +40,6 @@ class Recording:
     frame is due, or as soon as it is asked for where `paced` is false.
 
     Args:
-        device: Name in the profile.
-        settings: Of the audio.
         address: Path of the file.
     """
 

@@ -40,8 +40,6 @@ class SoundCard:
     without a step.
 
     Args:
-        device: Name in the profile.
-        settings: Of the audio.
         address: Part of the card's name; empty for the system's own choice.
     """
 
@@ -196,7 +194,6 @@ class _Callback:
         overruns: How often the card reported input as lost or made up.
         underruns: The same of output.
         sweeps: Chirps whose end has arrived at the input, by the latency that the card reports.
-        fault: Why the stream has ended.
         closing: It is meant to end.
     """
 

@@ -34,12 +34,10 @@ class SourceFound:
         what: What it is, to begin a sentence with: "the recording take.wav".
         model: For the manifest.
         rate_hz: Frames a second.
-        channels: How many.
         bits: Of a sample; None where it is not reported.
         clock: Name of the clock that its frames count.
         serial: Its serial number, or "".
         version: Its version, or "".
-        details: More, for the manifest.
     """
 
     what: str

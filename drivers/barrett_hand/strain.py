@@ -30,12 +30,6 @@ class FingerStrain:
 
     Values are raw counts less the zero, so that a force is value times scale; the zero is a whole count.
 
-    Args:
-        device: Name in the profile.
-        finger: Node of the finger.
-        rate_hz: Of the readings.
-        settings: Of the gauge.
-
     Attributes:
         info: Its stream, `<device>.strain_<finger>`.
         zero: Raw counts at no force.

@@ -45,8 +45,6 @@ class GripperOutcome:
     last command: a `Stop` or a `Home` that drives nothing leaves a grip a grip.
 
     Args:
-        device: Name in the profile.
-        units: Of the gripper.
         hold_s: How long something must hold the jaws.
 
     Attributes:

@@ -73,7 +73,6 @@ class PeriodicQuestion:
     never farther than that from its due time.
 
     Attributes:
-        frame: The question.
         answers: Identifiers of the frames that answer it.
         period_s: Time between two cycles.
         answer_s: How long an answer may take.
@@ -103,7 +102,6 @@ def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
 
     Args:
         device: Name in the profile, for errors.
-        port: Where it is.
         clock: Time-stamps frames, and times the cycles.
 
     Raises:

@@ -119,9 +119,6 @@ class DeviceClock:
     Args:
         max_drift_ppm: Bound on the drift. A crystal is within 100 ppm; the default allows for two of them.
         wrap_s: When the clock wraps to zero; None where it never does.
-
-    Attributes:
-        restarts: How often it restarted.
     """
 
     def __init__(self, max_drift_ppm: float = 200.0, wrap_s: float | None = None) -> None:
@@ -263,7 +260,6 @@ class Timeline:
         """Monotonic host time in seconds of a block's first sample, at extended device time `first_s`.
 
         Args:
-            clock: Of the device.
             first_s: In seconds.
             goes_on: The stream does, by the same clock; else, and after a gap of `SETTLING_S`, nothing but the order
                 of times binds it to the block before.

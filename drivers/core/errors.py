@@ -13,10 +13,7 @@ class DeviceError(Exception):
     """A device cannot do its part.
 
     Args:
-        device: Name in the profile.
         doing: What was going on ("opening", "moving to 0.012 m").
-        reason: What happened.
-        advice: What to do about it.
     """
 
     def __init__(self, device: str, doing: str, reason: str, advice: str) -> None:
@@ -60,7 +57,6 @@ def lacking(library: str, extra: str) -> tuple[str, str]:
     """Reason and advice where a library is missing that is installed on demand.
 
     Args:
-        library: What cannot be imported.
         extra: Of touchbench, which brings it.
     """
     return f"{library} is not installed", f"install it: pip install 'touchbench[{extra}]'"

@@ -54,7 +54,6 @@ class StreamTrack:
     segment is numbered by host time, and never directly follows the last: no gap looks closed.
 
     Args:
-        clock: Of the device.
         rate_hz: Of the stream; None where samples are irregular.
         counter_modulus: At what the device's counter of samples is zero again: 256 for 8 bits, `ENDLESS` for never;
             None where it has none. Device time must be right to half of what the counter spans.
@@ -91,7 +90,6 @@ class StreamTrack:
         Args:
             shown_s: What the device's clock showed at the first of them.
             arrival_s: In seconds.
-            n: How many.
             span_s: Device time from the first to the last; of a regular stream it is known.
             counter: Number of the first by the device; None where it has none.
             joins: They may become part of the block of those before, whose times then go on.
@@ -153,12 +151,7 @@ class StreamTrack:
 
 
 class Samples:
-    """Samples of one stream that come one by one, made into blocks without a gap.
-
-    Args:
-        info: Of the stream.
-        dtype: Of the values.
-    """
+    """Samples of one stream that come one by one, made into blocks without a gap."""
 
     def __init__(self, info: StreamInfo, dtype: type[np.generic]) -> None:
         self.info = info
@@ -174,7 +167,6 @@ class Samples:
         """Take the sample number `seq`, of shape (channels,); one that does not follow on the last begins a block.
 
         Args:
-            seq: Its number.
             t_s: Its time, in seconds.
             arrival_s: When it was in hand, in seconds.
             values: Of its channels.
@@ -207,10 +199,7 @@ class SampleStream:
     """One stream of samples that come one by one, from a device with a clock of its own, made into blocks.
 
     Args:
-        info: Of the stream.
-        clock: Of the device.
         bench: Turns monotonic time into bench time.
-        dtype: Of the values.
         counter_modulus: See `StreamTrack`.
     """
 

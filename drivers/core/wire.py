@@ -46,12 +46,7 @@ LinkT = TypeVar("LinkT", bound=Link)
 
 
 class Driver:
-    """A device's name, its clock, and the blocks and statuses that the loop has not taken yet.
-
-    Args:
-        name: In the profile.
-        clock: Gives bench time.
-    """
+    """A device's name, its clock, and the blocks and statuses that the loop has not taken yet."""
 
     def __init__(self, name: str, clock: Clock) -> None:
         self.name = name
@@ -135,9 +130,7 @@ class WireDriver(Driver, Generic[LinkT]):
     """A driver over a link; with `_valid` and `_carry_out` it implements `drivers.core.protocols.Device`.
 
     Args:
-        name: In the profile.
         settings: Of the device, and where it is: `XSettings` beside `X`.
-        clock: Gives bench time.
         connect: Opens the link, with the same three; raises `PortError`. None is the device's own way, `_opens`.
     """
 
@@ -220,9 +213,7 @@ class Inquiry:
     """Queries to a device while it is being opened, one at a time.
 
     Attributes:
-        device: Name in the profile.
         doing: For errors.
-        link: To it.
         clock: Times the answers.
         timeout_s: How long an answer may take.
         strange: Describes what arrived that was no answer; "" where nothing did.

@@ -52,11 +52,7 @@ class PersonSettings(SerialPort):
 
 
 class ConsolePerson:
-    """The terminal that the program runs in: the answer comes from its keyboard, not over a line.
-
-    Args:
-        clock: Gives monotonic time.
-    """
+    """The terminal that the program runs in: the answer comes from its keyboard, not over a line."""
 
     fault = None
 

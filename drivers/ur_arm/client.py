@@ -78,7 +78,6 @@ class RtdeClient:
     """The control interface of one arm; see `drivers.arm.link.Client`.
 
     Args:
-        settings: Of the arm.
         dashboard: A connection of our own.
         clock: For what takes too long.
         latest: The arm's latest row.

@@ -20,9 +20,6 @@ _VERSION = re.compile(r"\d+\.\d+\.\d+(\.\d+)?")
 class Dashboard:
     """A connection to the dashboard of our own: it works while the client is blocked.
 
-    Args:
-        host: Address of the controller.
-
     Raises:
         LinkError: nothing listens there, or what answers is no dashboard.
     """

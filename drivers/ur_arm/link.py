@@ -43,7 +43,6 @@ class UrLink:
     """Implements `drivers.arm.link.ArmLink`: the receive interface here, the control interface as `client`.
 
     Args:
-        settings: Of the arm.
         clock: The bench's.
     """
 

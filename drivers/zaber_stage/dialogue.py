@@ -15,11 +15,9 @@ class StageQuestion:
     """A command on its way.
 
     Attributes:
-        text: Of the command.
         id: Under which it was last written.
         first_s: Monotonic time of its first writing.
         sent_s: Likewise of its last.
-        attempts: How often it was written.
         reply: The answer, once it has come.
         arrival_s: Monotonic time at which it came.
     """

@@ -95,9 +95,6 @@ class Mounting:
     """Turns positions on the approach axis into what the device counts, and back.
 
     `counts` are whole microsteps on the approach axis, from its zero.
-
-    Args:
-        settings: Of the stage.
     """
 
     def __init__(self, settings: StageLimits) -> None:
@@ -152,7 +149,6 @@ class Mounting:
         """Why a stage that knows where it is refuses a valid motion, or "".
 
         Args:
-            command: The motion.
             here: Where it is, in counts.
             acceleration_m_s2: At which it brakes.
         """

@@ -34,12 +34,7 @@ DATA_SHEET = "hold travel and speed in the profile against the stage's data shee
 
 
 class RejectedError(Exception):
-    """Why a procedure cannot go on.
-
-    Args:
-        reason: Why.
-        advice: What to do about it.
-    """
+    """Why a procedure cannot go on."""
 
     def __init__(self, reason: str, advice: str = DATA_SHEET) -> None:
         super().__init__(reason)
@@ -70,12 +65,7 @@ Moving = Generator[str, codec.StageReply, StageWay | None]
 
 
 class Procedures:
-    """The procedures of one stage; remembers what opening changed in it.
-
-    Args:
-        settings: Of the stage.
-        mounting: Of the same.
-    """
+    """The procedures of one stage; remembers what opening changed in it."""
 
     def __init__(self, settings: ZaberStageSettings, mounting: Mounting) -> None:
         self._settings = settings

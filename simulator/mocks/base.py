@@ -19,9 +19,7 @@ class OverMemory(WireDriver[Any]):
     far end answers at once. Faults begin after it.
 
     Args:
-        name: In the profile.
         settings: `MockXSettings`: the real one's, without a port.
-        clock: Bench time.
         bench: What the far end is wired to.
         faults: What goes wrong, and when.
     """
@@ -52,9 +50,7 @@ class MockDriver(Driver):
     """A device in the process.
 
     Args:
-        name: In the profile.
         settings: Of the device: `MockXSettings` beside `MockX`.
-        clock: Bench time.
         bench: What the device is wired to.
         faults: What goes wrong, and when.
 

@@ -47,9 +47,6 @@ class MockZaberStage(MockDriver):
 
     It is homed where it was once, in whichever trial. A motion that is not read (`read`, `poll`) halts at the end
     of its command's `blind_travel_m` and goes on at the next reading, as the real stage does.
-
-    Attributes:
-        axis: Its motion.
     """
 
     _settings: MockZaberStageSettings
