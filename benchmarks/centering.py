@@ -28,8 +28,7 @@ from drivers.can_gripper.units import STROKE_M
 from drivers.core.messages import SampleBlock
 from drivers.ur_arm.settings import CYCLES_HZ as ENCODER_HZ
 from simulator.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraMotion, AuraPlant
-from simulator.physics.aura_objects import NOTHING, OBJECTS, SIX
-from simulator.physics.aura_settings import RoomSettings
+from simulator.physics.aura_settings import NOTHING, OBJECTS, SIX, RoomSettings
 from simulator.physics.gripper_part import AuraBenchSettings, jaws_settings
 from simulator.physics.tool_motion import ToolMotion
 

@@ -31,7 +31,7 @@ from controller.recording.reader import open_run
 from controller.reports.approaches import read_approaches
 from controller.reports.figures import FAINT, INK, LOOKS, OURS, PAPER, RIVAL, TRUTH, Drawing, Figures
 from controller.reports.transient_figures import Trace, representative, trace_of
-from simulator.physics.aura_objects import OBJECTS, SIDES
+from simulator.physics.aura_settings import OBJECTS, SIDES
 
 OUT, PICTURES = FOLDER.parent / "figures", ROOT / "docs" / "pictures"
 COLUMNS, LINES = 100, 40

@@ -27,7 +27,7 @@ from controller.measures.trial import delay_s, not_before
 from controller.reports.counts import wilson
 from drivers.core.messages import SampleBlock
 from simulator.physics.aura import BOTH, LEFT, RIGHT, AuraMotion, AuraPlant
-from simulator.physics.aura_objects import NOTHING, OBJECTS, SIDES, SIX, SOFT, Side
+from simulator.physics.aura_settings import NOTHING, OBJECTS, SIDES, SIX, SOFT, Side
 from simulator.physics.gripper_part import AuraBenchSettings
 
 Floats = NDArray[np.float64]

@@ -20,8 +20,7 @@ from benchmarks.results import in_parallel, save, workers
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 from simulator.physics.aura import RIGHT, AuraMotion, AuraPlant
-from simulator.physics.aura_objects import OBJECTS, SIDES, SIX, Side
-from simulator.physics.aura_settings import EchoSettings, RoomSettings
+from simulator.physics.aura_settings import OBJECTS, SIDES, SIX, EchoSettings, RoomSettings, Side
 from simulator.physics.gripper_part import AuraBenchSettings
 
 Rng = np.random.Generator

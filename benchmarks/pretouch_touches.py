@@ -17,8 +17,7 @@ from config.script import run_trials
 from controller.detectors.level import LevelPaperDetector, LevelPaperSettings
 from controller.measures.trial import not_before
 from controller.recording.reader import Run
-from simulator.physics.aura_objects import SIDES
-from simulator.physics.aura_settings import SIDE_SETTINGS
+from simulator.physics.aura_settings import SIDE_SETTINGS, SIDES
 from simulator.physics.gripper_part import AuraBenchSettings
 
 Bools = NDArray[np.bool_]

@@ -24,8 +24,8 @@ from controller.detectors.calibration import span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.reports.counts import wilson
 from drivers.core.messages import SampleBlock
+from simulator.physics.slip import SENSORS as PLANTS
 from simulator.physics.slip import SlipNuisances, SlipPlant, SlipPlantSettings
-from simulator.physics.slip_sensors import SENSORS as PLANTS
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

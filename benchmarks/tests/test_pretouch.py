@@ -9,7 +9,7 @@ from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
 from benchmarks.pretouch import FULL, Event, events, passage, rate, seen_at, threshold_at, touch
 from benchmarks.pretouch_rooms import TRAINING, UNDULATION_M, Passing, commanded, simulate
 from benchmarks.pretouch_touches import THRESHOLDS, TouchTrial, scored
-from simulator.physics.aura_objects import SIX
+from simulator.physics.aura_settings import SIX
 
 
 def event(kind, t_s):

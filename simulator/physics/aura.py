@@ -21,8 +21,7 @@ from simulator.physics.aura_kernel import (
     reflections,
     slow_waves,
 )
-from simulator.physics.aura_objects import AuraObject, Side
-from simulator.physics.aura_settings import AuraPlantSettings, RoomSettings
+from simulator.physics.aura_settings import AuraObject, AuraPlantSettings, RoomSettings, Side
 from simulator.physics.noise import gaussian_at
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simulator.physics import gripper_kernel as kernel
 from simulator.physics.aura import ENVELOPE_HZ, AuraMotion
-from simulator.physics.aura_objects import AuraObject
+from simulator.physics.aura_settings import AuraObject
 from simulator.physics.jaws_drive import Jaws
 from simulator.physics.jaws_kernel import SEEN
 

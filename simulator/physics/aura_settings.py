@@ -3,12 +3,66 @@
 from __future__ import annotations
 
 import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
 from drivers.core.settings import Settings
-from simulator.physics.aura_objects import Side
+
+Side = Literal["normal", "back", "front", "top", "bottom"]
+"""Sides of a finger (Fig. 3)."""
+
+SIDES: tuple[Side, ...] = ("normal", "back", "front", "top", "bottom")
+
+NOTHING = "none"
+"""Name of the object that is not there."""
+
+
+class AuraObject(Settings):
+    """Something that stands upright in front of a finger, or between two."""
+
+    width_m: float = Field(gt=0.0, le=0.2)
+    """Along x, on which the jaws close."""
+
+    depth_m: float = Field(gt=0.0, le=0.5)
+    """Along y, across the finger."""
+
+    height_m: float = Field(gt=0.0, le=0.5)
+    """Along z, lengthwise of the finger."""
+
+    radius_m: float = Field(gt=0.0, le=10.0)
+    """Radius of curvature of what faces the finger; a flat face has a large one."""
+
+    absorption: float = Field(ge=0.0, le=1.0)
+    """Share of the sound's power at 40 kHz that stays in it."""
+
+    coupling: float = Field(ge=0.0, le=1.0)
+    """How much it loads a finger that it touches, as a share of what a rigid body does."""
+
+    stiffness_n_m: float = Field(default=2e4, gt=0.0, le=1e6)
+    """Force for each metre by which the jaws squeeze it (as `simulator.physics.jaws_drive.GripObject`)."""
+
+    @property
+    def reflectivity(self) -> float:
+        """Sound pressure that comes back from a flat piece of it, as a share of what arrived."""
+        return float((1.0 - self.absorption) ** 0.5)
+
+
+OBJECTS: Mapping[str, AuraObject] = {
+    name: AuraObject.model_validate(row)
+    for name, row in tomllib.loads(Path(__file__).with_name("aura_objects.toml").read_text("utf-8")).items()
+}
+"""By the names that trials use."""
+
+SIX = ("mug", "hand_sanitizer", "transparent_plastic", "notebook", "water_cup", "paper_cylinder")
+"""The objects of the paper's deployment (IV.B)."""
+
+SOFT = ("sponge", "cloth")
+"""Ours: "soft objects absorb sound making them relatively harder to detect" (IV.B.1)."""
+
 
 Pair = Annotated[tuple[float, float], Strict(False)]
 """One number for the right finger and one for the left."""

@@ -24,8 +24,7 @@ from simulator.physics.fingertip_settings import (
     SlipBenchSettings,
 )
 from simulator.physics.noise import gaussian_at
-from simulator.physics.slip import SlipPlant, SlipPlantSettings
-from simulator.physics.slip_sensors import SENSORS
+from simulator.physics.slip import SENSORS, SlipPlant, SlipPlantSettings
 from simulator.physics.slip_track import SlipTruth, Track
 
 

@@ -9,8 +9,7 @@ from pydantic import Field
 
 from drivers.core.settings import Settings
 from simulator.physics.bench import StreamSpec
-from simulator.physics.slip import SlipNuisances, SlipPlantSettings
-from simulator.physics.slip_sensors import SENSORS
+from simulator.physics.slip import SENSORS, SlipNuisances, SlipPlantSettings
 
 Sensor = Literal["fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa"]
 Bridge = Literal["x", "y", "t"]

@@ -12,9 +12,8 @@ from pydantic import Field, Strict
 from drivers.core.clock import last_tick
 from drivers.core.errors import RefusedError
 from simulator.physics.aura import ENVELOPE_HZ, FINGERS
-from simulator.physics.aura_objects import NOTHING, OBJECTS, AuraObject, Side
 from simulator.physics.aura_scene import FORCE, LOAD, TOOL, WIDTH, AuraScene, Layout, Lift, Weight
-from simulator.physics.aura_settings import AuraPlantSettings
+from simulator.physics.aura_settings import NOTHING, OBJECTS, AuraObject, AuraPlantSettings, Side
 from simulator.physics.bench import Bench, BenchPart, Floats
 from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
 

@@ -13,8 +13,7 @@ from simulator.physics.aura_scene import FORCE, OBJECT, TOOL, Weight
 from simulator.physics.bench import Bench, BenchPart, Floats, StreamSpec
 from simulator.physics.fingertip_settings import CONVERTER_V
 from simulator.physics.gripper_part import AuraBenchSettings, GripperPart, ticks_of
-from simulator.physics.slip import SlipPlant, SlipPlantSettings
-from simulator.physics.slip_sensors import SENSORS
+from simulator.physics.slip import SENSORS, SlipPlant, SlipPlantSettings
 from simulator.physics.slip_track import SlipTruth, Track
 
 PAD = "pad"

@@ -1,14 +1,16 @@
 """A fingertip on a table: touch, roll, slip, stop, as a force sensor feels it.
 
 The equations, their sources and what is assumed: docs/explanation/slip.md. The five sensors of Fernandez et al. are
-settings of this one plant, in `slip_sensors`.
+settings of this one plant, in slip_sensors.toml.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -195,6 +197,13 @@ class SlipPlantSettings(Settings):
             * self.event_load_n
             * math.hypot(self.static_excess, math.sqrt(2.0) * self.roughness)
         )
+
+
+SENSORS: Mapping[str, SlipPlantSettings] = {
+    name: SlipPlantSettings.model_validate(row, strict=False)
+    for name, row in tomllib.loads(Path(__file__).with_name("slip_sensors.toml").read_text("utf-8")).items()
+}
+"""The five sensors of Fernandez et al. as settings of the plant, by name; each number's source is in the table."""
 
 
 class SlipPlant:

@@ -23,11 +23,9 @@ from drivers.core.compiled import make_signed
 from drivers.core.errors import DeviceError
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.devices.ur_controller.server import UrServer
-from simulator.wiring.bench_clock import BenchClock
+from simulator.wiring.bench_clock import BenchClock, Pace
 from simulator.wiring.control_port import ControlPort, Request
-from simulator.wiring.far_ends import FarEnd, Line, Network
-from simulator.wiring.pace import Pace
-from simulator.wiring.tcp_line import TcpLine
+from simulator.wiring.far_ends import FarEnd, Line, Network, TcpLine
 
 STEP_S = 0.002
 """How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""

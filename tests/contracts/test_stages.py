@@ -33,8 +33,8 @@ from drivers.core.messages import (
 from drivers.zaber_stage.codec import MICROSTEP_M
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
-from simulator.devices.memory_line import MemoryLine
 from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.mocks.base import MemoryLine
 from simulator.mocks.zaber_stage import MockZaberStage, MockZaberStageSettings
 from simulator.physics.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
 from tests.contracts.crank import Crank

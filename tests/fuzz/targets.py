@@ -53,14 +53,13 @@ from simulator.devices.barrett_hand import (
     EmulatedBarrettHand,
 )
 from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
-from simulator.devices.memory_line import MemoryLine
 from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
-from simulator.devices.ur_controller.dashboard import DashboardSession
 from simulator.devices.ur_controller.rtde import PackageError
-from simulator.devices.ur_controller.session import RtdeSession, ScriptSession
+from simulator.devices.ur_controller.session import DashboardSession, RtdeSession, ScriptSession
 from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.mocks.base import MemoryLine
 from simulator.physics.fingertip_settings import Matrix
 from simulator.physics.stage_axis import StageAxis
 from simulator.wiring.control_port import ControlPort

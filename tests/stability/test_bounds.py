@@ -18,8 +18,7 @@ from simulator.physics.aura_settings import EchoSettings
 from simulator.physics.finger import FingerPlant, FingerSettings
 from simulator.physics.jaws_drive import JawsDrive, JawsSettings
 from simulator.physics.piecewise import rising
-from simulator.physics.slip import SlipPlant
-from simulator.physics.slip_sensors import SENSORS
+from simulator.physics.slip import SENSORS, SlipPlant
 from simulator.physics.stage_axis import StageAxis
 from simulator.physics.tool_motion import ToolMotion
 from tests.contracts.test_detectors import INPUTS

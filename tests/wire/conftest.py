@@ -15,10 +15,9 @@ import pytest
 
 from controller.campaign import Campaign, Outcome
 from simulator.devices.faults import FaultSchedule
-from simulator.wiring.bench_clock import BenchClock
+from simulator.wiring.bench_clock import BenchClock, Pace
 from simulator.wiring.emulator import STEP_S
 from simulator.wiring.far_ends import EmulatedDevice, FarEnd, Line
-from simulator.wiring.pace import Pace
 from tests.wire.emulated_ur import EmulatedUr
 from tests.wire.ur_hand import Hand
 

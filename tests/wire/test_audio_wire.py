@@ -17,7 +17,7 @@ from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentErr
 from drivers.core.messages import Failed, Lost, Refused, SampleBlock
 from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
 from simulator.devices.faults import Fault, FaultSchedule
-from simulator.wiring.tcp_line import TcpLine
+from simulator.wiring.far_ends import TcpLine
 from tests.contracts.audio_suite import FINGERS, TONE, AudioContract, AudioTrial, SteadyFingers
 
 PATIENT = {"reply_timeout_s": 5.0, "silence_timeout_s": 5.0}

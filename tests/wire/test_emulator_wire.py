@@ -14,8 +14,8 @@ import pytest
 from drivers.core.clock import WallClock
 from drivers.core.settings import Settings
 from simulator.devices.faults import FaultSchedule
+from simulator.wiring.bench_clock import AHEAD_S
 from simulator.wiring.emulator import PASS_S, Emulator
-from simulator.wiring.pace import AHEAD_S
 
 HELD_UP_S = 0.2
 

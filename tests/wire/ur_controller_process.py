@@ -24,8 +24,7 @@ from drivers.core.settings import Settings
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
 from simulator.devices.ur_controller.server import UrServer
 from simulator.physics.arm_motion import StiffPlane
-from simulator.wiring.bench_clock import BenchClock
-from simulator.wiring.pace import Pace
+from simulator.wiring.bench_clock import BenchClock, Pace
 
 
 class Order(Settings):

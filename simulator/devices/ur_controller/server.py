@@ -17,10 +17,9 @@ from typing import Protocol
 from drivers.core.clock import Clock, WallClock
 from simulator.devices.tcp_clients import TcpClients
 from simulator.devices.ur_controller.controller import UrController
-from simulator.devices.ur_controller.dashboard import GREETING, DashboardSession
 from simulator.devices.ur_controller.rtde import PackageError
 from simulator.devices.ur_controller.script import STEP_S
-from simulator.devices.ur_controller.session import RtdeSession, ScriptSession
+from simulator.devices.ur_controller.session import GREETING, DashboardSession, RtdeSession, ScriptSession
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
 """Ports of a controller; the client takes no others (script manual)."""

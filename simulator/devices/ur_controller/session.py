@@ -1,15 +1,24 @@
-"""One client's RTDE connection: bytes in, bytes out."""
+"""One client's connection, bytes in, bytes out: RTDE with its variables, script, dashboard."""
 
 from __future__ import annotations
 
+import math
+import tomllib
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from simulator.devices.ur_controller import rtde
-from simulator.devices.ur_controller.controller import UrController
-from simulator.devices.ur_controller.rtde import PackageKind, Recipe
+from simulator.devices.ur_controller.controller import Runtime, Safety, UrController
+from simulator.devices.ur_controller.registers import registers
+from simulator.devices.ur_controller.rtde import PackageError, PackageKind, Recipe, Value
 from simulator.devices.ur_controller.script import STEP_S
-from simulator.devices.ur_controller.variables import INPUTS, OUTPUTS, Output
+from simulator.physics import arm, rigid
+
+if TYPE_CHECKING:
+    from simulator.devices.ur_controller.controller import UrController
+
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 500.0
 """Rates of the stream on an e-Series; requests beyond are clipped to them (RTDE guide)."""
@@ -172,3 +181,147 @@ class ScriptSession:
             )
             return
         self._controller.start_program(int(digits))
+
+
+POWERED_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1
+"""`robot_status_bits`."""
+
+
+class Output(NamedTuple):
+    """A variable that the controller sends.
+
+    Attributes:
+        kind: Its type on the wire.
+        value: Its value, or what finds it.
+    """
+
+    kind: str
+    value: Value | Callable[[UrController], Value]
+
+
+_TABLE: dict[str, Any] = tomllib.loads(Path(__file__).with_name("variables.toml").read_text("utf-8"))
+
+INPUTS: dict[str, str] = {**registers("input"), **_TABLE["inputs"]}
+"""Type of each input. `external_force_torque` is taken and changes nothing: no program here can select it."""
+
+
+def _register(way: str, name: str) -> Callable[[UrController], Value]:
+    return (lambda c: c.inputs[name]) if way == "input" else (lambda c: c.outputs[name])
+
+
+_CONSTANTS = {
+    name: Output(row["kind"], tuple(row["value"]) if isinstance(row["value"], list) else row["value"])
+    for name, row in _TABLE["constants"].items()
+}
+
+OUTPUTS = {
+    **_CONSTANTS,
+    "timestamp": Output("DOUBLE", lambda c: c.t_s),
+    "target_q": Output("VECTOR6D", lambda c: c.arm.joints_rad),
+    "target_qd": Output("VECTOR6D", lambda c: c.arm.joint_speeds_rad_s),
+    "target_qdd": Output("VECTOR6D", lambda c: c.arm.joint_accelerations_rad_s2),
+    "actual_q": Output("VECTOR6D", lambda c: c.arm.joints_rad),
+    "actual_qd": Output("VECTOR6D", lambda c: c.arm.joint_speeds_rad_s),
+    "actual_TCP_pose": Output("VECTOR6D", lambda c: c.arm.pose),
+    "actual_TCP_speed": Output("VECTOR6D", lambda c: c.arm.twist),
+    "actual_TCP_force": Output("VECTOR6D", lambda c: c.force),
+    "target_TCP_pose": Output("VECTOR6D", lambda c: c.arm.pose),
+    "target_TCP_speed": Output("VECTOR6D", lambda c: c.arm.twist),
+    "tcp_force_scalar": Output("DOUBLE", lambda c: math.hypot(*c.force[:3])),
+    "tcp_offset": Output("VECTOR6D", lambda c: rigid.pose(c.arm.tool)),
+    "elbow_position": Output("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[0]),
+    "elbow_velocity": Output("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[1]),
+    "ft_raw_wrench": Output("VECTOR6D", lambda c: c.raw_force),
+    "payload": Output("DOUBLE", lambda c: c.payload[0]),
+    "payload_cog": Output("VECTOR3D", lambda c: c.payload[1:]),
+    "safety_mode": Output("INT32", lambda c: int(c.safety)),
+    "safety_status": Output("INT32", lambda c: int(c.safety)),
+    "safety_status_bits": Output("UINT32", lambda c: c.safety.bits),
+    "robot_status_bits": Output(
+        "UINT32", lambda c: POWERED_ON | (PROGRAM_RUNNING if c.runtime is c.runtime.PLAYING else 0)
+    ),
+    "runtime_state": Output("UINT32", lambda c: int(c.runtime)),
+    "speed_scaling": Output("DOUBLE", lambda c: c.arm.scaling),
+    "target_speed_fraction": Output("DOUBLE", lambda c: c.panel.slider),
+    "actual_digital_output_bits": Output("UINT64", lambda c: c.panel.digital_bits),
+    "actual_configurable_digital_output_bits": Output("UINT64", lambda c: c.panel.digital_bits >> 8 & 0xFF),
+    "analog_io_types": Output("UINT32", lambda c: c.panel.analog_types),
+    "standard_analog_output0": Output("DOUBLE", lambda c: c.panel.analog(0)),
+    "standard_analog_output1": Output("DOUBLE", lambda c: c.panel.analog(1)),
+    **{
+        name: Output(kind, _register(way, name))
+        for way in ("input", "output")
+        for name, kind in registers(way).items()
+    },
+}
+"""What can be read. The arm follows exactly, so that what is actual is the target."""
+
+
+GREETING = b"Connected: Universal Robots Dashboard Server\n"
+
+LINE_BYTES = 1024
+"""Longest line that it reads (assumption: a command and a path)."""
+
+TOO_EARLY = "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop"
+
+
+def _stop(controller: UrController) -> str:
+    controller.stop_program("dashboard")
+    return "Stopped"
+
+
+def _unlock(controller: UrController) -> str:
+    free = controller.safety is Safety.NORMAL or controller.unlock()
+    return "Protective stop releasing" if free else TOO_EARLY
+
+
+def _playing(controller: UrController) -> bool:
+    return controller.runtime is Runtime.PLAYING
+
+
+_ANSWERS: dict[str, Callable[[UrController], str]] = {
+    "polyscopeversion": lambda c: f"URSoftware {c.settings.version} (Sep 30 2021)",
+    "get serial number": lambda c: c.settings.serial,
+    "get robot model": lambda c: "UR5",
+    "is in remote control": lambda c: str(c.remote).lower(),
+    "robotmode": lambda c: "Robotmode: RUNNING",
+    "safetystatus": lambda c: f"Safetystatus: {c.safety.name}",
+    "running": lambda c: f"Program running: {str(_playing(c)).lower()}",
+    "programstate": lambda c: f"{'PLAYING' if _playing(c) else 'STOPPED'} <unnamed>",
+    "stop": _stop,
+    "unlock protective stop": _unlock,
+    "close safety popup": lambda c: "closing safety popup",
+    "close popup": lambda c: "closing popup",
+    "play": lambda c: "Failed to execute: play",
+    "pause": lambda c: "Failed to execute: pause",
+    "quit": lambda c: "Disconnected",
+}
+
+
+class DashboardSession:
+    """One client's connection to the dashboard."""
+
+    def __init__(self, controller: UrController) -> None:
+        self._controller = controller
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> bytes:
+        """Take bytes, answer each whole line with a line.
+
+        Raises:
+            PackageError: longer than a line may be.
+        """
+        *lines, rest = (self._buffer + data).split(b"\n")
+        if max(map(len, [*lines, rest])) > LINE_BYTES:
+            raise PackageError(f"a line of more than {LINE_BYTES} bytes")
+        self._buffer = rest
+        return b"".join(
+            self._answer(line.decode("utf-8", "replace").strip()).encode() + b"\n" for line in lines
+        )
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    def _answer(self, line: str) -> str:
+        answer = _ANSWERS.get(line.lower())
+        return f'could not understand: "{line}"' if answer is None else answer(self._controller)

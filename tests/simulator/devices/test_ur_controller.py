@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simulator.devices.ur_controller.controller import Runtime, Safety, UrController
-from simulator.devices.ur_controller.dashboard import DashboardSession
+from simulator.devices.ur_controller.session import DashboardSession
 from tests.simulator.devices.ur_desk import Desk, desk, down
 
 MOVE_L, ZERO_FORCE, SPEED_L, SPEED_STOP, STOP_L, WATCHDOG = 3, 8, 10, 15, 33, 35

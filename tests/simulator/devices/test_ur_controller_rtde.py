@@ -7,8 +7,7 @@ import pytest
 from simulator.devices.ur_controller import rtde
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
 from simulator.devices.ur_controller.rtde import PackageError, PackageKind
-from simulator.devices.ur_controller.session import RtdeSession, ScriptSession
-from simulator.devices.ur_controller.variables import INPUTS, OUTPUTS
+from simulator.devices.ur_controller.session import INPUTS, OUTPUTS, RtdeSession, ScriptSession
 from simulator.physics.arm import elbow
 
 PROTOCOL = bytes.fromhex("0005 56 0002")

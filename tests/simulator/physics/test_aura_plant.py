@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from controller.signals.transducer import analyse
 from simulator.physics.aura import COUNTS, LEFT, RIGHT, AuraMotion, AuraPlant
-from simulator.physics.aura_objects import OBJECTS, SIDES, SIX, SOFT
-from simulator.physics.aura_settings import AuraPlantSettings, EchoSettings, RoomSettings
+from simulator.physics.aura_settings import (
+    OBJECTS,
+    SIDES,
+    SIX,
+    SOFT,
+    AuraPlantSettings,
+    EchoSettings,
+    RoomSettings,
+)
 
 HALF_WAVE_M = 343.2 / 40_000.0 / 2.0
 """Half a wavelength in air of 20 degrees, where sound makes 343.2 m/s: 4.29 mm."""

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from simulator.physics.fingertip_settings import SlipBenchSettings
-from simulator.physics.slip import SlipNuisances, SlipPlant
-from simulator.physics.slip_sensors import SENSORS
+from simulator.physics.slip import SENSORS, SlipNuisances, SlipPlant
 
 FINGERTIP = SENSORS["fingertip"]
 FT = FINGERTIP.model_copy(update={"bridges": FINGERTIP.bridges[-1:], "rolling_n": 0.0})

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from simulator.physics.slip import SlipPlant
-from simulator.physics.slip_sensors import SENSORS
+from simulator.physics.slip import SENSORS, SlipPlant
 
 PRESS_M = 1e-3
 

@@ -7,9 +7,19 @@ from collections.abc import Callable
 
 import pytest
 
-from simulator.wiring import bench_clock, pace
-from simulator.wiring.bench_clock import ABSENCE_S, LOOK_S, PATIENCE_S, PLACES, SLACK_S, BenchClock, ClockPage
-from simulator.wiring.pace import AHEAD_S, UNREAD_S, Pace
+from simulator.wiring import bench_clock
+from simulator.wiring.bench_clock import (
+    ABSENCE_S,
+    AHEAD_S,
+    LOOK_S,
+    PATIENCE_S,
+    PLACES,
+    SLACK_S,
+    UNREAD_S,
+    BenchClock,
+    ClockPage,
+    Pace,
+)
 
 STEP_S = 0.002
 
@@ -35,8 +45,7 @@ class Wall:
 @pytest.fixture
 def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
     made = Wall()
-    for module in (bench_clock, pace):
-        monkeypatch.setattr(module, "monotonic_s", made.monotonic_s)
+    monkeypatch.setattr(bench_clock, "monotonic_s", made.monotonic_s)
     monkeypatch.setattr(bench_clock, "rest", made.rest)
     return made
 

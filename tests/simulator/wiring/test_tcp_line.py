@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from simulator.wiring.tcp_line import UNREAD_BYTES, TcpLine
+from simulator.wiring.far_ends import UNREAD_BYTES, TcpLine
 
 PATIENCE_S = 10.0
 """Loopback takes microseconds; a busy machine only takes its time."""

@@ -4,8 +4,7 @@ import pytest
 from behaviors.events import BaselineReady, BaselineRefused, SlipEnded, SlipStarted
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from drivers.core.messages import SampleBlock
-from simulator.physics.slip import SlipPlant
-from simulator.physics.slip_sensors import SENSORS
+from simulator.physics.slip import SENSORS, SlipPlant
 
 STREAM = "board.tangential"
 

@@ -32,8 +32,8 @@ from drivers.core.messages import (
 from drivers.zaber_stage.codec import LONGEST_S, meaning
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
-from simulator.devices.memory_line import MemoryLine
 from simulator.devices.zaber_stage import Fault
+from simulator.mocks.base import MemoryLine
 from tests.unit.drivers.zaber_stage.stage_bench import EVERYTHING, STEP_M, StageBench, Wire
 
 
