@@ -15,14 +15,14 @@ class FingerTrialSettings(Settings):
     mover: DeviceName = "stage"
     """Device that carries the probe."""
 
-    exciter: DeviceName = "board"
-    """Device that switches the finger's excitation."""
+    exciter: DeviceName | None = "board"
+    """Device that switches the finger's excitation; "none": it is on, by a circuit that nothing here switches."""
 
-    load_cell_stream: StreamName = "board.load_cell"
-    """The reference: force behind the probe (N)."""
+    load_cell_stream: StreamName | None = "board.load_cell"
+    """The reference: force behind the probe (N); "none": it is not measured."""
 
-    period_stream: StreamName = "board.period"
-    """Period counts of the excitation (s)."""
+    period_stream: StreamName | None = "board.period"
+    """Period counts of the excitation (s); "none": they are not counted."""
 
     settle_s: float = Field(default=90.0, ge=0.0, le=3600.0)
     """Wait after power-on (III.B: 90 s)."""
@@ -41,14 +41,23 @@ class FingerTrial(Behavior):
 
     def enter_HOMING(self) -> None:
         """Know where the mover is, excite the finger."""
-        self.command(Excite(self.settings.exciter, True))
+        self.excite(True)
         self.command(Home(self.settings.mover))
 
     def enter_DONE(self) -> None:
         """The finger rests."""
-        self.command(Excite(self.settings.exciter, False))
+        self.excite(False)
 
     def enter_FAILED(self) -> None:
         """Nothing moves after an error."""
         super().enter_FAILED()
-        self.command(Excite(self.settings.exciter, False))
+        self.excite(False)
+
+    def excite(self, on: bool) -> None:
+        """Switch the excitation, where a device does."""
+        if self.settings.exciter is not None:
+            self.command(Excite(self.settings.exciter, on))
+
+    def measured(self, *streams: str | None) -> frozenset[str]:
+        """Those of the streams that this bench has."""
+        return frozenset(stream for stream in streams if stream is not None)

@@ -12,11 +12,14 @@ from behaviors.events import Event, Tick
 from behaviors.machine import StatePlan, on
 from behaviors.transient import Transient, TransientFactors, TransientSettings
 from drivers.core.messages import Command, SetTendon
-from drivers.core.settings import StreamName
+from drivers.core.settings import DeviceName, StreamName
 
 
 class FlexionSettings(TransientSettings):
     """How one approach to a finger that is being flexed is run."""
+
+    exciter: DeviceName = "board"
+    """Device that switches the finger's excitation, and pulls its tendon."""
 
     tendon_stream: StreamName = "board.tendon"
     """Where the tendon is (m)."""

@@ -70,8 +70,8 @@ class Static(FingerTrial):
 
     def __init__(self, settings: StaticSettings, factors: StaticFactors, detectors: frozenset[str]) -> None:
         motion = settings.motion_timeout_s
-        measured = frozenset(
-            (settings.accelerometer_stream, settings.load_cell_stream, settings.period_stream)
+        measured = self.measured(
+            settings.accelerometer_stream, settings.load_cell_stream, settings.period_stream
         )
         self.settings = settings
         self.factors = factors

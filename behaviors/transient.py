@@ -70,13 +70,11 @@ class Transient(FingerTrial, Approaching):
         self._detectors = detectors
         self._ready: set[str] = set()
         self._settled = False
-        self._measured = frozenset(
-            (
-                settings.load_cell_stream,
-                settings.period_stream,
-                settings.position_stream,
-                *settings.waveform_streams,
-            )
+        self._measured = self.measured(
+            settings.load_cell_stream,
+            settings.period_stream,
+            settings.position_stream,
+            *settings.waveform_streams,
         )
         super().__init__(self._plan(), settings.mover, frozenset({settings.detector}))
 

@@ -84,6 +84,9 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         return outcome, row
     detect_s = contact.t_s
     row.update(detect_s=detect_s, **_certificate(evidence, settings, position, detect_s))
+    if settings.load_cell_stream is None and evidence.truth is None:
+        row["false_contacts"] = None  # nothing on this bench tells a true contact from a false one
+        return outcome, row
     reference_s = touch_of(row, evidence)
     if reference_s is None or not not_before(detect_s, reference_s):
         row["false_contacts"] = 1
@@ -103,7 +106,7 @@ def touch_of(row: Mapping[str, Any], evidence: TrialEvidence) -> float | None:
 
 
 def _tared(
-    evidence: TrialEvidence, stream: str, begun_s: float
+    evidence: TrialEvidence, stream: str | None, begun_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Load cell of approach, stop and hold, less its mean over the baseline before."""
     baseline_s = evidence.entered_s.get("BASELINE", -math.inf)

@@ -99,7 +99,8 @@ class LineSensor(WireDriver[SerialLink]):
     def _forget(self) -> None:
         self._lines = LineBuffer(LONGEST_LINE)
         self._malformed = 0
-        self._listening = False
+        self._streams: dict[str, SampleStream] = {}
+        self._listening = frozenset[str]()
         self._received_s = 0.0
 
     def _identify(self, link: SerialLink) -> DeviceInfo:
@@ -117,13 +118,13 @@ class LineSensor(WireDriver[SerialLink]):
         link.send(self.stop)  # an earlier host may have left it on
         found = inquiry.ask(lambda: link.send(self.query), self._identity, ATTEMPTS)
         clock = DeviceClock(s.max_drift_ppm, wrap_s=found.wrap_s)
-        self._stream = SampleStream(found.stream, clock, self._clock, np.int32, found.counter_modulus)
-        streams = {found.stream.name: found.stream}
+        name = found.stream.name
+        self._streams[name] = SampleStream(found.stream, clock, self._clock, np.int32, found.counter_modulus)
         return DeviceInfo(
             self.name,
             found.model,
             found.serial,
-            streams=streams,
+            streams={name: found.stream},
             clock=f"{self.name}'s own",
             details={"port": s.port},
         )
@@ -138,10 +139,11 @@ class LineSensor(WireDriver[SerialLink]):
         return command
 
     def _carry_out(self, command: Command) -> None:
-        wanted = isinstance(command, Listen) and bool(command.streams)
+        wanted = command.streams if isinstance(command, Listen) else frozenset[str]()
         if wanted != self._listening and self._link is not None:
+            for name in wanted - self._listening:
+                self._streams[name].begin()
             self._listening, self._received_s = wanted, self._clock.monotonic_s()
-            self._stream.begin()
             self._sent(command, self._link.send(self.start if wanted else self.stop))
 
     def _update(self, link: SerialLink) -> str | None:
@@ -149,21 +151,35 @@ class LineSensor(WireDriver[SerialLink]):
             for message in self._messages(data):
                 if isinstance(message, LineSample) and self._listening:
                     self._received_s = arrival_s
-                    t_s, lost = self._stream.push(message.counts, message.shown_s, arrival_s, message.counter)
-                    if lost is not None:
-                        self._lost(t_s, self._stream_name, lost)
-        self._blocks += self._stream.take()
+                    self._take(message, arrival_s)
+        for stream in self._streams.values():
+            self._blocks += stream.take()
         limit_s, silent_s = self._settings.silence_timeout_s, self._clock.monotonic_s() - self._received_s
-        silent = self._listening and silent_s > limit_s
+        silent = bool(self._listening) and silent_s > limit_s
         return f"no sample in {limit_s:g} s; is it powered?" if silent else None
+
+    def _take(self, sample: LineSample, arrival_s: float) -> None:
+        """Handle a sample that is listened to."""
+        self._push(self._stream_name, sample, arrival_s)
+
+    def _push(self, name: str, sample: LineSample, arrival_s: float) -> None:
+        """Number and date the counts of a stream."""
+        t_s, lost = self._streams[name].push(sample.counts, sample.shown_s, arrival_s, sample.counter)
+        if lost is not None:
+            self._lost(t_s, name, lost)
 
     def _identity(self, arrived: tuple[float, bytes]) -> LineIdentity | None:
         return next((found for found in self._messages(arrived[1]) if isinstance(found, LineIdentity)), None)
 
     def _messages(self, data: bytes) -> Iterator[LineIdentity | LineSample]:
         for line in self._lines.feed(data):
-            try:
-                if (message := self.parse(line)) is not None:
-                    yield message
-            except ValueError:  # `CodecError` is one, and so is what `float` says of a garbled number
-                self._malformed += 1
+            if (message := self._parsed(line)) is not None:
+                yield message
+
+    def _parsed(self, line: bytes) -> LineIdentity | LineSample | None:
+        """See `parse`; a line that makes no sense is counted."""
+        try:
+            return self.parse(line)
+        except ValueError:  # `CodecError` is one, and so is what `float` says of a garbled number
+            self._malformed += 1
+            return None

@@ -117,7 +117,7 @@ class Bench:
         t_s: How far time has passed here.
         origin_s: When the present trial began.
         key: Seed of the run and number of the trial, which key every noise.
-        observed: Streams of the sensor board that are subscribed.
+        observed: What the sensor board and others read of the sensors.
         felt: Whether the mover's own force sensor is read.
         mover: What carries the tool, or None.
     """
@@ -126,6 +126,7 @@ class Bench:
         self.t_s = self.origin_s = 0.0
         self.key = (0, 0)
         self.observed: frozenset[str] = frozenset()
+        self._read: dict[str, frozenset[str]] = {}
         self.felt = False
         self.mover: Any = None
         self._settings = settings
@@ -167,6 +168,7 @@ class Bench:
     def restart(self) -> None:
         """Time begins anew: the tool stands at its start pose."""
         self.origin_s = 0.0
+        self._read = {}
         for part in self._parts:
             part.restart()
         if self.mover is not None:
@@ -191,7 +193,7 @@ class Bench:
         settings = type(self._settings).model_validate({**plant, **chosen})
         self.t_s = self.origin_s = t_s
         self.key = (seed, trial)
-        self.observed = frozenset()
+        self.observed = self._others()
         for part in self._parts:
             part.begin(settings, factors)
 
@@ -205,11 +207,19 @@ class Bench:
         """Whether the mover's own force sensor is read."""
         self.felt = on
 
+    def read(self, device: str, streams: frozenset[str]) -> None:
+        """What another device than the board reads of the same sensors, from now on."""
+        self._read[device] = streams
+        self.observed |= streams
+
+    def _others(self) -> frozenset[str]:
+        return frozenset().union(*self._read.values())
+
     def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
         """Let time pass until `t_s`; `observe` names the board's subscribed streams, None those of last
         time."""
         if observe is not None:
-            self.observed = observe
+            self.observed = observe | self._others() if self._read else observe
         if t_s <= self.t_s:
             return
         for part in self._parts:

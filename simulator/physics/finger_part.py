@@ -34,6 +34,8 @@ class FingerBenchSettings(FingerSettings):
 
     surface_m: float = Field(default=0.003, gt=0.0, le=0.1)
     """Where the resting finger's surface is, on the approach axis. Assumption: a 3 mm gap at the start."""
+    always_excited: bool = False
+    """Whether the loop that excites the finger is on from the start: a bench on which no device switches it."""
 
 
 class FingerPart(BenchPart):
@@ -81,6 +83,8 @@ class FingerPart(BenchPart):
         self._period_times_s = self._periods_s = np.empty(0)
         self._tendon_s, self._tendon_m = [self.bench.origin_s], [0.0]
         self.contacts: list[tuple[float, bool]] = []
+        if self._settings.always_excited:
+            self._plant.excite(True)
 
     # motion and force of the mover
 

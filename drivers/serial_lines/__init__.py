@@ -1,0 +1,1 @@
+"""Any board that prints a line of numbers for each sample."""

@@ -1,0 +1,229 @@
+"""Any board that prints a line of numbers for each sample: columns, units and rate are the profile's."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from drivers.core.clock_model import DeviceClock
+from drivers.core.errors import (
+    CodecError,
+    DeviceError,
+    PortError,
+    ProtocolError,
+    SilentError,
+    check_streams,
+    wrong,
+)
+from drivers.core.line_sensor import LineSample, LineSensor
+from drivers.core.links import SerialLink
+from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo, Tare
+from drivers.core.numbering import ENDLESS, SampleStream
+from drivers.core.wire import TURN_S
+from drivers.serial_lines.codec import SHOWN, LineFormat
+from drivers.serial_lines.settings import LineStream, SerialLinesSettings
+
+TARE_SAMPLES = 50
+"""A new zero is the mean of as many samples (assumption)."""
+
+RATE_ERROR = 0.03
+"""How far the rate by the board's time may be from the profile's. Assumption: an interval of 30 is one too many."""
+
+RATE_ERROR_ARRIVALS = 0.3
+"""Likewise by arrivals, where the board has no time: those of the first lines are irregular (assumption)."""
+
+APART_S = 1e-6
+"""Least time between two samples that are dated by their arrivals."""
+
+
+class SerialLines(LineSensor):
+    """A board that prints lines; with `read` it implements `drivers.core.protocols.Device`.
+
+    Nothing is sent to it. A port that is opened resets most boards: it is open once the board prints sound lines without
+    a break, whatever its boot loader and its sketch print before that.
+    """
+
+    query = start = stop = b""
+    settled: ClassVar[tuple[float, int]] = (0.3, 3)
+    """Sound lines without a break, in seconds and in lines, after which it is open (assumption)."""
+
+    _settings: SerialLinesSettings
+
+    def parse(self, line: bytes) -> LineSample:
+        """See `LineSensor.parse`: all numbers of the line."""
+        s, self._seen, self._latest = self._settings, self._seen + 1, line
+        numbers = self._format.decode(line)
+        if len(numbers) != (self._width or max(len(numbers), s.fields)):
+            raise CodecError(f"{line[:SHOWN]!r} has {len(numbers)} numbers")
+        counter, shown_s = None, math.nan
+        if s.counter_column is not None and s.counter_modulus is not None:
+            counter = _whole(numbers[s.counter_column], s.counter_modulus)
+            shown_s = counter / s.rate_hz if s.rate_hz else math.nan
+        elif s.rate_hz is None:
+            counter = self._seen  # a line that made no sense was a sample
+        if s.time_column is not None:
+            shown_s = _whole(numbers[s.time_column], s.time_modulus or ENDLESS) * s.time_unit_s
+        return LineSample(numbers, shown_s, counter)
+
+    def account(self) -> Mapping[str, object]:
+        """Lines that made no sense, and what is printed at zero."""
+        return {**super().account(), "offsets": {name: list(zero) for name, zero in self._zeros.items()}}
+
+    def _prepare(self) -> None:
+        s = self._settings
+        self._format = LineFormat(s.separator, s.checksum)
+        self._columns = {f"{self.name}.{name}": stream for name, stream in s.streams.items()}
+        self._forget()
+
+    def _forget(self) -> None:
+        super()._forget()
+        self._width = self._seen = self._bytes = 0
+        self._latest = b""
+        self._shown_s = -math.inf
+        self._zeros = {name: [stream.offset] * len(stream.columns) for name, stream in self._columns.items()}
+        self._recent = {name: deque[list[float]](maxlen=TARE_SAMPLES) for name in self._columns}
+
+    def _identify(self, link: SerialLink) -> DeviceInfo:
+        s = self._settings
+        sound = self._first_lines(link)
+        self._width = len(sound[-1][1].counts)
+        rate_hz = self._check_rate(sound)
+        clock = DeviceClock(s.max_drift_ppm, wrap_s=s.wrap_s)
+        modulus = s.counter_modulus or (None if s.rate_hz else ENDLESS)
+        infos = [_info(name, stream, s) for name, stream in self._columns.items()]
+        self._streams = {
+            info.name: SampleStream(info, clock, self._clock, np.float64, modulus) for info in infos
+        }
+        details = {"port": s.port, "prints": self._latest.decode(), "columns": self._width}
+        return DeviceInfo(
+            self.name,
+            "lines over serial",
+            streams={info.name: info for info in infos},
+            clock="arrivals" if s.time_column is None and not s.rate_hz else f"{self.name}'s own",
+            details=details | ({"rate_hz": round(rate_hz, 3)} if rate_hz else {}),
+        )
+
+    def _first_lines(self, link: SerialLink) -> list[tuple[float, LineSample]]:
+        """Sound lines of one width without a break, and when they arrived; raises a `DeviceError`."""
+        s, (long_s, many) = self._settings, self.settled
+        sound: list[tuple[float, LineSample]] = []
+        until_s = self._clock.monotonic_s() + s.reply_timeout_s
+        while True:
+            for arrival_s, data in link.receive():
+                self._bytes += len(data)
+                for line in self._lines.feed(data):
+                    sample = self._parsed(line)
+                    if sample is None or (sound and len(sample.counts) != len(sound[-1][1].counts)):
+                        sound = []  # a line that is sound by chance, a half one, or the board has booted
+                    if sample is not None:
+                        sound.append((arrival_s, sample))
+            if len(sound) >= many and sound[-1][0] - sound[0][0] >= long_s:
+                return sound
+            if link.fault is not None or self._clock.monotonic_s() > until_s:
+                raise self._unsound(link, bool(sound))
+            self._clock.rest(TURN_S)
+
+    def _unsound(self, link: SerialLink, sound: bool) -> DeviceError:
+        """Why it could not be opened."""
+        s, doing = self._settings, f"waiting for sound lines at {self._settings.port}"
+        if link.fault is not None:
+            return PortError(self.name, doing, link.fault, "is it plugged in and powered?")
+        if not self._bytes:
+            advice = f"is it powered, is this its port, and does it print at {s.baud} baud?"
+            return SilentError(self.name, doing, f"nothing came in {s.reply_timeout_s:g} s", advice)
+        if not self._seen:
+            came = f"{self._bytes} bytes came and no end of a line"
+            return ProtocolError(
+                self.name, doing, came, f"is {s.baud} the baud rate that its sketch begins with?"
+            )
+        if sound:
+            came = f"sound lines came for too short a time in {s.reply_timeout_s:g} s"
+            return ProtocolError(
+                self.name, doing, came, "does it print all the time? reply_timeout_s is how long to wait"
+            )
+        sort = f"{s.fields} numbers or more with {s.separator!r} between" + f" and *{s.checksum}" * (
+            s.checksum != "none"
+        )
+        came = f"{self._seen} lines came, but not {sort}; the latest: {self._latest[:SHOWN]!r}"
+        return ProtocolError(
+            self.name, doing, came, "compare baud, separator, checksum and columns with its sketch"
+        )
+
+    def _check_rate(self, sound: list[tuple[float, LineSample]]) -> float | None:
+        """The rate that its first lines have, Hz; None of too few lines. Raises `ProtocolError`: not the profile's."""
+        s, (first_s, first), (last_s, last) = self._settings, sound[0], sound[-1]
+        by_time = s.time_column is not None
+        span_s = last.shown_s - first.shown_s if by_time else last_s - first_s
+        if by_time and s.wrap_s:
+            span_s %= s.wrap_s
+        n = len(sound) - 1
+        if s.counter_modulus and last.counter is not None and first.counter is not None:
+            n += (last.counter - first.counter - n) % s.counter_modulus  # those that were lost
+        rate_hz = n / span_s if span_s > 0.0 else None
+        if rate_hz is None and n and by_time:
+            raise ProtocolError(
+                self.name,
+                "reading its clock",
+                f"column {s.time_column} stands still",
+                "which column is its time?",
+            )
+        error = RATE_ERROR if by_time else RATE_ERROR_ARRIVALS
+        if rate_hz and s.rate_hz and abs(rate_hz / s.rate_hz - 1.0) > error:
+            came = f"it prints {rate_hz:.4g} lines a second by {'its time' if by_time else 'their arrival'}, rate_hz is {s.rate_hz:g}"
+            advice = (
+                "correct rate_hz or time_unit_s, or leave rate_hz away: then each sample has its own time"
+            )
+            raise ProtocolError(self.name, "reading its clock", came, advice)
+        return rate_hz
+
+    def _valid(self, command: Command) -> Command:
+        match command:
+            case Listen(streams=streams):
+                check_streams(self.name, command, streams, self._columns)
+            case Tare(stream=stream):
+                check_streams(self.name, command, (stream,), self._columns)
+            case _:
+                raise wrong(self.name, command, "it has no such command", "it can Listen and Tare")
+        return command
+
+    def _carry_out(self, command: Command) -> None:
+        if not isinstance(command, Tare):
+            super()._carry_out(command)
+        elif (
+            means := np.mean(self._recent[command.stream] or [[math.nan]], axis=0)
+        ) is not None and np.isfinite(means).all():
+            self._zeros[command.stream] = means.tolist()
+            self._sent(command)
+        else:
+            self._refuse(command, "no samples of it yet; listen to it first")
+
+    def _take(self, sample: LineSample, arrival_s: float) -> None:
+        if math.isnan(sample.shown_s):
+            self._shown_s = max(arrival_s, self._shown_s + APART_S)
+            sample = sample._replace(shown_s=self._shown_s)
+        for name in sorted(self._listening):
+            stream = self._columns[name]
+            printed = [sample.counts[column] for column in stream.columns]
+            self._recent[name].append(printed)
+            sign = math.copysign(1.0, stream.scale)
+            counts = [sign * (one - zero) for one, zero in zip(printed, self._zeros[name], strict=True)]
+            self._push(name, sample._replace(counts=counts), arrival_s)
+
+
+def _info(name: str, stream: LineStream, s: SerialLinesSettings) -> StreamInfo:
+    """What a stream is, by the profile."""
+    columns, own = stream.columns, name.partition(".")[2]
+    channels = stream.channels or ((own,) if len(columns) == 1 else tuple(f"{own}_{c}" for c in columns))
+    longest_s = None if s.rate_hz else s.silence_timeout_s
+    return StreamInfo(name, channels, stream.unit, abs(stream.scale), s.rate_hz, longest_s, stream.noisy)
+
+
+def _whole(number: float, modulus: int) -> int:
+    """A counter's number; raises `CodecError`."""
+    if not (number.is_integer() and 0 <= number < modulus):
+        raise CodecError(f"{number:g} is no counter below {modulus}")
+    return int(number)

@@ -1,0 +1,98 @@
+"""What a profile says of a board that prints lines."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from drivers.core.line_sensor import LineSensorSettings
+from drivers.core.settings import Settings
+from drivers.serial_lines.codec import Check
+
+
+class LineStream(Settings):
+    """A stream: some of the columns. A value is `scale` times the difference of what is printed and `offset`."""
+
+    columns: tuple[int, ...] = Field(min_length=1)
+    """Which columns, counted from 0: a channel each."""
+    channels: tuple[str, ...] = ()
+    """Their names; by default the stream's own, of several with the column's number behind it."""
+    unit: str = Field(min_length=1)
+    """SI unit of the values: "N", "m/s2"."""
+    scale: float = 1.0
+    """Units for each step of what is printed; negative where the sensor is mounted the other way round."""
+    offset: float = 0.0
+    """What is printed at zero. `Tare` replaces it until the device is opened again."""
+    noisy: bool = False
+    """Whether its last digit always moves, so that the guard may take a value that stands still for a stuck sensor."""
+    shows: tuple[str, ...] = ()
+    """Simulated benches alone: what of the plant each column shows, `load_cell` or `strain.fx`."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.scale == 0.0:
+            raise ValueError("scale is 0; how many units is a step of what is printed?")
+        for key in ("channels", "shows"):
+            if getattr(self, key) and len(getattr(self, key)) != len(self.columns):
+                raise ValueError(f"{key} has {len(getattr(self, key))} names for {len(self.columns)} columns")
+        return self
+
+
+class SerialLinesSettings(LineSensorSettings):
+    """A board that prints a line of numbers for each sample, all the time."""
+
+    reply_timeout_s: float = Field(default=5.0, gt=0.0, le=60.0)
+    """How long after opening until it prints sound lines. Assumption: a boot loader waits for 2 s at the most."""
+    separator: str = Field(default=",", min_length=1, max_length=4)
+    """What stands between two numbers; " " is any run of blanks."""
+    checksum: Check = "none"
+    """What follows the numbers as `*` and two hexadecimal digits: "xor", as NMEA 0183 has it, or "sum", modulo 256."""
+    time_column: int | None = Field(default=0, ge=0)
+    """Column of the board's own time; "none": a sample is dated by its arrival, or where it is counted by that."""
+    time_unit_s: float = Field(default=1e-6, gt=0.0, le=1.0)
+    """A step of that time in seconds: 1e-6 of `micros()`, 1e-3 of `millis()`."""
+    time_modulus: int | None = Field(default=1 << 32, ge=2)
+    """At which it is zero again: 32 bits of an Arduino; "none": never."""
+    counter_column: int | None = Field(default=None, ge=0)
+    """Column of a number that counts samples: what is lost is known by it."""
+    counter_modulus: int | None = Field(default=None, ge=2)
+    """At which that number is zero again: 256 of 8 bits."""
+    rate_hz: float | None = Field(default=None, gt=0.0, le=100_000.0)
+    """Lines a second, where they come regularly by the board's time or its count. Without it each sample has a time of
+    its own, and what needs a regular waveform refuses the stream."""
+    streams: dict[str, LineStream] = Field(min_length=1)
+    """`[devices.NAME.streams.force]` is the stream `NAME.force`."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.counter_column is None) != (self.counter_modulus is None):
+            raise ValueError("counter_column and counter_modulus go together: 256 of 8 bits, 65536 of 16")
+        if self.rate_hz and self.time_column is None and self.counter_column is None:
+            raise ValueError(
+                "rate_hz needs the board's time (time_column) or a counter (counter_column); arrivals are not regular"
+            )
+        own = [self.time_column, self.counter_column]
+        taken = {
+            column: name for column, name in zip(own, ("time", "counter"), strict=True) if column is not None
+        }
+        for name, stream in self.streams.items():
+            for column in stream.columns:
+                if column < 0 or column in taken:
+                    raise ValueError(
+                        f"stream {name}: column {column} is {taken.get(column, 'none; count from 0')}"
+                    )
+        return self
+
+    @property
+    def fields(self) -> int:
+        """How many numbers a line has at the least."""
+        named = [column for stream in self.streams.values() for column in stream.columns]
+        return 1 + max([*named, self.time_column or 0, self.counter_column or 0])
+
+    @property
+    def wrap_s(self) -> float | None:
+        """After how long the board's clock is zero again; None never."""
+        if self.time_column is not None:
+            return None if self.time_modulus is None else self.time_modulus * self.time_unit_s
+        return self.counter_modulus / self.rate_hz if self.counter_modulus and self.rate_hz else None

@@ -1,0 +1,163 @@
+"""An emulated board that prints lines: what its columns show of the bench, on a clock of its own."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drivers.core.errors import RefusedError
+from drivers.serial_lines.codec import LineFormat
+from drivers.serial_lines.settings import SerialLinesSettings
+from simulator.physics.bench import Bench, Floats, part
+
+DRIFT_PPM = -43.0
+"""How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
+
+WRAPS_S = 5.0
+"""Its clock is zero again so long after it is switched on, so that it is in a run (assumption)."""
+
+IRREGULAR_HZ = 100.0
+"""Lines a second where the profile has no rate (assumption)."""
+
+KEPT_S = 0.05
+"""How much of what it prints waits while it is not looked at; the rest is lost, as in a port's buffer (assumption)."""
+
+DEVICE = "a board that prints lines"
+
+BANNER = b"board is up\r\n"
+"""What its sketch prints first (assumption)."""
+
+
+class EmulatedSerialLines:
+    """Prints a line for each sample from its first moment on, as a sketch does; it takes nothing from the host.
+
+    Args:
+        settings: Of its driver: columns, units, format.
+        bench: What its sensors are on.
+
+    Raises:
+        RefusedError: a column that is named shows nothing of this bench.
+    """
+
+    def __init__(self, settings: SerialLinesSettings, bench: Bench) -> None:
+        self._settings, self._bench = settings, bench
+        self._format = LineFormat(settings.separator, settings.checksum)
+        self._own_hz = settings.rate_hz or IRREGULAR_HZ  # by its own clock
+        self._rate_hz = self._own_hz * (1.0 + DRIFT_PPM * 1e-6)
+        self._shown = list(_shown(settings, bench))
+        self._sources = frozenset(column.source for column in self._shown)
+        self._key = f"serial_lines {id(self)}"
+        self._fields = ["0"] * settings.fields
+        self._first_s: float | None = None
+        self._next = 0
+        self.watch(True, 0.0)
+
+    def watch(self, on: bool, t_s: float) -> None:
+        """Whether anybody looks from `t_s` on: in process, what nobody looks at need not be computed."""
+        self._on = on
+        self._bench.read(self._key, self._sources if on else frozenset())
+        if self._first_s is not None:
+            self._next = math.floor((t_s - self._first_s) * self._rate_hz + 1e-9) + 1
+
+    @property
+    def due_s(self) -> float:
+        """When its next line is due."""
+        if not self._on or self._first_s is None:
+            return math.inf
+        return self._first_s + self._next / self._rate_hz
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        """It takes nothing from the host."""
+        return self.step(t_s)
+
+    def step(self, t_s: float) -> bytes:
+        """The lines printed by `t_s`."""
+        sent = b""
+        if self._first_s is None:
+            self._first_s, sent = t_s, BANNER
+        since_s = t_s - self._first_s
+        first, self._next = self._next, math.floor(since_s * self._rate_hz + 1e-9) + 1
+        first = max(first, math.ceil((since_s - KEPT_S) * self._rate_hz))
+        if not self._on or first >= self._next:
+            return sent
+        self._bench.advance(t_s)
+        ticks = np.arange(first, self._next)
+        times_s = np.minimum(self._first_s + ticks / self._rate_hz, t_s)
+        felt = (
+            times_s > self._bench.origin_s
+        )  # of what was before a trial nothing is known: the latest stands
+        values = {source: self._sampled(source, times_s[felt]) for source in self._sources if felt.any()}
+        for tick, row in zip(ticks.tolist(), (np.cumsum(felt) - 1).tolist(), strict=True):
+            for source, channel, column, scale, offset in self._shown if row >= 0 else ():
+                self._fields[column] = f"{values[source][row, channel] / scale + offset:.4f}"
+            sent += self._format.encode(self._stamped(self._fields, tick))
+        return sent
+
+    def inject(self, kind: str, t_s: float) -> None:
+        """It has no faults beside its line's."""
+        raise ValueError(f"a board that prints lines has no fault {kind}")
+
+    def _sampled(self, source: str, times_s: Floats) -> Floats:
+        return np.asarray(self._bench.sample(source, times_s)).reshape(len(times_s), -1)
+
+    def _stamped(self, fields: list[str], tick: int) -> list[str]:
+        """The line of a tick with the board's time and count."""
+        s = self._settings
+        if s.time_column is not None:
+            shown = round(tick / self._own_hz / s.time_unit_s)
+            before = round(WRAPS_S / s.time_unit_s)
+            fields[s.time_column] = str((shown - before) % s.time_modulus if s.time_modulus else shown)
+        if s.counter_column is not None and s.counter_modulus is not None:
+            fields[s.counter_column] = str(tick % s.counter_modulus)
+        return fields
+
+
+class Column(NamedTuple):
+    """What a column shows: a channel of one of the plant's streams, printed as value / scale + offset."""
+
+    source: str
+    channel: int
+    column: int
+    scale: float
+    offset: float
+
+
+def _shown(settings: SerialLinesSettings, bench: Bench) -> Iterator[Column]:
+    known = {spec.name: spec for spec in part(bench, "streams", DEVICE)() if spec.rate_hz is not None}
+    all_known = ", ".join(
+        name if len(spec.channels) == 1 else f"{name}.{channel}"
+        for name, spec in known.items()
+        for channel in spec.channels
+    )
+    for name, stream in settings.streams.items():
+        where = f"streams.{name}.shows"
+        for column, shown in zip(
+            stream.columns, stream.shows or ("nothing",) * len(stream.columns), strict=True
+        ):
+            source, _, channel = shown.partition(".")
+            spec = known.get(source)
+            if spec is None or channel not in (spec.channels if channel or len(spec.channels) > 1 else ("",)):
+                raise RefusedError(
+                    DEVICE,
+                    "being wired to the bench",
+                    f"column {column} shows {shown}",
+                    f"{where} is one of: {all_known}",
+                )
+            if spec.unit != stream.unit:
+                reason = f"column {column} is in {stream.unit}, and {shown} in {spec.unit}"
+                raise RefusedError(DEVICE, "being wired to the bench", reason, f'write unit = "{spec.unit}"')
+            place = spec.channels.index(channel) if channel else 0
+            yield Column(source, place, column, stream.scale, stream.offset)
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedSerialLines:
+    """The board that a profile describes.
+
+    Raises:
+        RefusedError: see `EmulatedSerialLines`.
+    """
+    return EmulatedSerialLines(SerialLinesSettings.model_validate_json(json.dumps(settings)), bench)
