@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field
 
 from drivers.core.clock_model import DeviceClock
@@ -55,7 +54,7 @@ class LineIdentity(NamedTuple):
 class LineSample(NamedTuple):
     """A sample: counts of each channel, what the sensor's clock showed (s), and its number by the sensor."""
 
-    counts: ArrayLike
+    counts: Sequence[float]
     shown_s: float
     counter: int | None = None
 

@@ -231,7 +231,8 @@ class SampleStream:
             arrival_s: Monotonic time at which it was in hand.
             counter: Its number by the device, where it has one.
         """
-        placed = self._track.place(shown_s, arrival_s, counter=counter, joins=bool(self._samples))
+        joins = bool(self._samples) and self.info.rate_hz is not None  # else each has its own time
+        placed = self._track.place(shown_s, arrival_s, counter=counter, joins=joins)
         self._samples.push(placed.seq, placed.t0_s, arrival_s, values, placed.device_s)
         return self._bench.from_monotonic(placed.t0_s), placed.lost
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from drivers.core.clock_model import DeviceClock
+from drivers.core.clock_model import DeviceClock, HostClock
 from drivers.core.errors import (
     CodecError,
     DeviceError,
@@ -43,8 +43,8 @@ APART_S = 1e-6
 class SerialLines(LineSensor):
     """A board that prints lines; with `read` it implements `drivers.core.protocols.Device`.
 
-    Nothing is sent to it. A port that is opened resets most boards: it is open once the board prints sound lines without
-    a break, whatever its boot loader and its sketch print before that.
+    Nothing is sent to it. A port that is opened resets most boards: it is open once the board prints sound lines
+    without a break, whatever its boot loader and its sketch print before that.
     """
 
     query = start = stop = b""
@@ -55,7 +55,8 @@ class SerialLines(LineSensor):
 
     def parse(self, line: bytes) -> LineSample:
         """See `LineSensor.parse`: all numbers of the line."""
-        s, self._seen, self._latest = self._settings, self._seen + 1, line
+        s, self._latest = self._settings, line
+        self._seen += 1
         numbers = self._format.decode(line)
         if len(numbers) != (self._width or max(len(numbers), s.fields)):
             raise CodecError(f"{line[:SHOWN]!r} has {len(numbers)} numbers")
@@ -81,7 +82,9 @@ class SerialLines(LineSensor):
 
     def _forget(self) -> None:
         super()._forget()
-        self._width = self._seen = self._bytes = 0
+        self._width: int = 0
+        self._seen: int = 0
+        self._bytes = 0
         self._latest = b""
         self._shown_s = -math.inf
         self._zeros = {name: [stream.offset] * len(stream.columns) for name, stream in self._columns.items()}
@@ -90,9 +93,10 @@ class SerialLines(LineSensor):
     def _identify(self, link: SerialLink) -> DeviceInfo:
         s = self._settings
         sound = self._first_lines(link)
-        self._width = len(sound[-1][1].counts)
+        self._width, self._malformed = len(sound[-1][1].counts), 0  # what came before does not count
         rate_hz = self._check_rate(sound)
-        clock = DeviceClock(s.max_drift_ppm, wrap_s=s.wrap_s)
+        own = s.time_column is not None or s.rate_hz is not None
+        clock = DeviceClock(s.max_drift_ppm, wrap_s=s.wrap_s) if own else HostClock()
         modulus = s.counter_modulus or (None if s.rate_hz else ENDLESS)
         infos = [_info(name, stream, s) for name, stream in self._columns.items()]
         self._streams = {
@@ -103,7 +107,7 @@ class SerialLines(LineSensor):
             self.name,
             "lines over serial",
             streams={info.name: info for info in infos},
-            clock="arrivals" if s.time_column is None and not s.rate_hz else f"{self.name}'s own",
+            clock=f"{self.name}'s own" if own else "arrivals",
             details=details | ({"rate_hz": round(rate_hz, 3)} if rate_hz else {}),
         )
 
@@ -117,10 +121,12 @@ class SerialLines(LineSensor):
                 self._bytes += len(data)
                 for line in self._lines.feed(data):
                     sample = self._parsed(line)
-                    if sample is None or (sound and len(sample.counts) != len(sound[-1][1].counts)):
-                        sound = []  # a line that is sound by chance, a half one, or the board has booted
-                    if sample is not None:
-                        sound.append((arrival_s, sample))
+                    if not isinstance(sample, LineSample):
+                        sound = []
+                        continue
+                    if sound and len(sample.counts) != len(sound[-1][1].counts):
+                        sound = []  # the line before was a half one
+                    sound.append((arrival_s, sample))
             if len(sound) >= many and sound[-1][0] - sound[0][0] >= long_s:
                 return sound
             if link.fault is not None or self._clock.monotonic_s() > until_s:
@@ -133,24 +139,34 @@ class SerialLines(LineSensor):
         if link.fault is not None:
             return PortError(self.name, doing, link.fault, "is it plugged in and powered?")
         if not self._bytes:
-            advice = f"is it powered, is this its port, and does it print at {s.baud} baud?"
-            return SilentError(self.name, doing, f"nothing came in {s.reply_timeout_s:g} s", advice)
+            return SilentError(
+                self.name,
+                doing,
+                f"nothing came in {s.reply_timeout_s:g} s",
+                f"is it powered, is this its port, and does it print at {s.baud} baud?",
+            )
         if not self._seen:
-            came = f"{self._bytes} bytes came and no end of a line"
             return ProtocolError(
-                self.name, doing, came, f"is {s.baud} the baud rate that its sketch begins with?"
+                self.name,
+                doing,
+                f"{self._bytes} bytes came and no end of a line",
+                f"is {s.baud} the baud rate that its sketch begins with?",
             )
         if sound:
-            came = f"sound lines came for too short a time in {s.reply_timeout_s:g} s"
             return ProtocolError(
-                self.name, doing, came, "does it print all the time? reply_timeout_s is how long to wait"
+                self.name,
+                doing,
+                f"sound lines came, but not without a break in {s.reply_timeout_s:g} s",
+                "does it print all the time? reply_timeout_s is how long to wait",
             )
-        sort = f"{s.fields} numbers or more with {s.separator!r} between" + f" and *{s.checksum}" * (
+        sort = f"{s.fields} numbers or more with {s.separator!r} between" + f", *{s.checksum}" * (
             s.checksum != "none"
         )
-        came = f"{self._seen} lines came, but not {sort}; the latest: {self._latest[:SHOWN]!r}"
         return ProtocolError(
-            self.name, doing, came, "compare baud, separator, checksum and columns with its sketch"
+            self.name,
+            doing,
+            f"{self._seen} lines came, but none of {sort}; the latest is {self._latest[:SHOWN]!r}",
+            "compare baud, separator, checksum and columns with its sketch",
         )
 
     def _check_rate(self, sound: list[tuple[float, LineSample]]) -> float | None:
@@ -173,11 +189,13 @@ class SerialLines(LineSensor):
             )
         error = RATE_ERROR if by_time else RATE_ERROR_ARRIVALS
         if rate_hz and s.rate_hz and abs(rate_hz / s.rate_hz - 1.0) > error:
-            came = f"it prints {rate_hz:.4g} lines a second by {'its time' if by_time else 'their arrival'}, rate_hz is {s.rate_hz:g}"
-            advice = (
-                "correct rate_hz or time_unit_s, or leave rate_hz away: then each sample has its own time"
+            by = "its time" if by_time else "their arrival"
+            raise ProtocolError(
+                self.name,
+                "reading its clock",
+                f"it prints {rate_hz:.4g} lines a second by {by}, rate_hz is {s.rate_hz:g}",
+                "correct rate_hz or time_unit_s, or leave rate_hz away: then each sample has its own time",
             )
-            raise ProtocolError(self.name, "reading its clock", came, advice)
         return rate_hz
 
     def _valid(self, command: Command) -> Command:
@@ -193,10 +211,11 @@ class SerialLines(LineSensor):
     def _carry_out(self, command: Command) -> None:
         if not isinstance(command, Tare):
             super()._carry_out(command)
-        elif (
-            means := np.mean(self._recent[command.stream] or [[math.nan]], axis=0)
-        ) is not None and np.isfinite(means).all():
-            self._zeros[command.stream] = means.tolist()
+            return
+        recent = self._recent[command.stream]
+        zero = np.mean(recent, axis=0) if recent else np.full(1, math.nan)
+        if np.isfinite(zero).all():
+            self._zeros[command.stream] = zero.tolist()
             self._sent(command)
         else:
             self._refuse(command, "no samples of it yet; listen to it first")

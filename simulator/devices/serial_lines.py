@@ -116,7 +116,7 @@ class EmulatedSerialLines:
         return fields
 
 
-class Column(NamedTuple):
+class ShownColumn(NamedTuple):
     """What a column shows: a channel of one of the plant's streams, printed as value / scale + offset."""
 
     source: str
@@ -126,7 +126,7 @@ class Column(NamedTuple):
     offset: float
 
 
-def _shown(settings: SerialLinesSettings, bench: Bench) -> Iterator[Column]:
+def _shown(settings: SerialLinesSettings, bench: Bench) -> Iterator[ShownColumn]:
     known = {spec.name: spec for spec in part(bench, "streams", DEVICE)() if spec.rate_hz is not None}
     all_known = ", ".join(
         name if len(spec.channels) == 1 else f"{name}.{channel}"
@@ -151,7 +151,7 @@ def _shown(settings: SerialLinesSettings, bench: Bench) -> Iterator[Column]:
                 reason = f"column {column} is in {stream.unit}, and {shown} in {spec.unit}"
                 raise RefusedError(DEVICE, "being wired to the bench", reason, f'write unit = "{spec.unit}"')
             place = spec.channels.index(channel) if channel else 0
-            yield Column(source, place, column, stream.scale, stream.offset)
+            yield ShownColumn(source, place, column, stream.scale, stream.offset)
 
 
 def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedSerialLines:

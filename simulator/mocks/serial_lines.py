@@ -11,7 +11,7 @@ from simulator.mocks.base import OverMemory
 
 
 class MockSerialLines(OverMemory, SerialLines):
-    """The real driver in virtual time; its board prints only while it is listened to, since the rest is seen by nobody."""
+    """The real driver in virtual time; its board prints only while it is listened to."""
 
     _far_end = EmulatedSerialLines
     settled = (0.0, 1)

@@ -1,0 +1,113 @@
+"""The resonant finger with a board that prints lines in place of the sensor board, in virtual time."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from config.profile import load_profile
+from tests.refusals import check_refusal
+
+PROFILE = Path("tests/data/serial_lines.toml")
+
+PAGE = Path("docs/reference/sensors.md")
+
+STATIC = """
+extends = ["mock/static", "BENCH"]
+
+[behavior]
+accelerometer_stream = "uno.accelerometer"
+"""
+
+ALONE = """
+extends = "BENCH"
+
+[devices.uno.streams.force]
+columns = [1]
+unit = "m/s2"
+shows = ["accelerometer"]
+
+[behavior]
+load_cell_stream = "none"
+
+[limits]
+force_stream = "none"
+force_n = "none"
+"""
+
+
+@pytest.fixture
+def rows(verb: Any, tmp_path: Path) -> Any:
+    def run(profile: str | Path, *sets: str) -> list[dict[str, str]]:
+        options = [part for each in sets for part in ("--set", each)]
+        code, _, err = verb("run", profile, *options, "--out", tmp_path / "runs")
+        assert code == 0, err
+        (folder,) = (tmp_path / "runs").iterdir()
+        assert (folder / "report.html").exists()
+        return list(csv.DictReader((folder / "trials.csv").read_text().splitlines()))
+
+    return run
+
+
+def test_the_page_shows_the_profile_that_is_tested() -> None:
+    assert f"```toml\n{PROFILE.read_text()}```" in PAGE.read_text()
+
+
+def test_the_sketch_prints_the_columns_of_the_profile_at_its_rate() -> None:
+    (sketch,) = re.findall(r"```cpp\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    settings: Any = load_profile(PROFILE, {}).devices["uno"].settings
+    assert sketch.count("Serial.print") == settings.fields + 2  # a separator after each but the last
+    assert f"Serial.begin({settings.baud});" in sketch
+    assert f"PERIOD_US = {1e6 / settings.rate_hz:.0f};" in sketch
+    assert len(sketch.splitlines()) <= 22
+
+
+def test_contacts_stop_the_stage(rows: Any) -> None:
+    trials = '[{ location = "f", speed_m_s = 0.0045 }, { location = "a", speed_m_s = 0.003785 }]'
+    found = rows(PROFILE, "behavior.settle_s=2.0", "trials.repeats=1", f"trials.list={trials}")
+    assert [row["outcome"] for row in found] == ["contact", "contact"]
+    assert all(0.0 < float(row["delay_s"]) < 0.1 for row in found)
+
+
+def test_static_contacts_are_told_apart(rows: Any, tmp_path: Path) -> None:
+    profile = tmp_path / "static.toml"
+    bench = PROFILE.read_text().replace('extends = "mock/transient"', 'extends = "mock/bench_resonance"')
+    bench = re.sub(r"\[detectors.*?(?=\[behavior)", "", bench, flags=re.DOTALL)
+    (tmp_path / "bench.toml").write_text(bench)
+    profile.write_text(STATIC.replace("BENCH", str(tmp_path / "bench.toml")))
+    none, light, full = rows(profile, "behavior.settle_s=2.0")
+    # as the sensor board measures them: 28, 30 and 50 Hz (Backus and Dollar, IV.A)
+    assert float(none["frequency_hz"]) == pytest.approx(28.0, abs=0.3)
+    assert float(full["frequency_hz"]) == pytest.approx(50.0, abs=0.5)
+    assert float(none["amplitude_m"]) > float(light["amplitude_m"]) > 5.0 * float(full["amplitude_m"])
+    assert (none["frequency_sd_hz"], none["outcome"]) == ("", "recorded"), "nothing counts periods"
+
+
+def test_an_accelerometer_alone_stops_the_stage_and_measures_no_force(rows: Any, tmp_path: Path) -> None:
+    profile = tmp_path / "alone.toml"
+    profile.write_text(ALONE.replace("BENCH", str(PROFILE.resolve())))
+    (row,) = rows(
+        profile, "behavior.settle_s=2.0", "trials.repeats=1", "trials.list=[{ speed_m_s = 0.0045 }]"
+    )
+    assert row["outcome"] == "contact"
+    assert (row["force_n"], row["force_peak_n"], row["delay_s"]) == ("", "", "")
+
+
+@pytest.mark.parametrize(
+    ("setting", "named"),
+    [
+        ('devices.uno.streams.force.shows=["load"]', ("load", "load_cell", "accelerometer")),
+        ("devices.uno.streams.force.shows=[]", ("column 2", "streams.force.shows", "load_cell")),
+        ('devices.uno.streams.force.unit="g"', ("column 2", "g", 'unit = "N"')),
+    ],
+)
+def test_a_column_that_shows_nothing_of_the_bench_is_one_line(
+    verb: Any, setting: str, named: tuple[str, ...]
+) -> None:
+    code, _, err = verb("check", PROFILE, "--set", setting)
+    assert code == 3
+    check_refusal(err, *named)
