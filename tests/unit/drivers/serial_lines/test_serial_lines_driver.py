@@ -14,7 +14,7 @@ from drivers.core.errors import CommandError, DeviceError, PortError, ProtocolEr
 from drivers.core.messages import Failed, Listen, Lost, MoveTo, Refused, Sent, Tare
 from drivers.serial_lines.driver import SerialLines
 from drivers.serial_lines.settings import SerialLinesSettings
-from simulator.devices.memory_line import MemoryLine
+from simulator.mocks.base import MemoryLine
 from tests.contracts.crank import Crank
 from tests.refusals import refused
 
