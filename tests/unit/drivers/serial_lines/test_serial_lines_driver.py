@@ -134,12 +134,14 @@ def test_a_board_that_resets_on_open_is_waited_for() -> None:
 
 
 def test_lines_from_before_the_reset_do_not_open_it() -> None:
-    board = Board(timed, boot_s=2.0)
-    early = [timed(500), timed(501), timed(502), b"429496"]
-    first = iter([b"".join(early)])
-    step = board.step
-    board.step = lambda t_s: next(first, b"") + step(t_s)
-    crank = opened(board)
+    class Reset(Board):
+        early = b"".join(timed(tick) for tick in (500, 501, 502)) + b"429496"
+
+        def step(self, t_s: float) -> bytes:
+            early, self.early = self.early, b""
+            return early + super().step(t_s)
+
+    crank = opened(Reset(timed, boot_s=2.0))
     assert crank.clock.now() >= 2.3
 
 
