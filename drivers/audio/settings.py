@@ -35,6 +35,8 @@ class AudioSettings(Settings):
     """Where the sound comes from."""
     channels: Annotated[tuple[int, int], Strict(False)] = (0, 1)
     """Which channels of the source, from 0, the right and the left finger are on."""
+    drive_channels: Annotated[tuple[int, ...], Strict(False)] = (0, 1)
+    """Which outputs of a sound card, from 0, the drive goes out on; all others are silent."""
     paced: bool = True
     """Of a file: play it as it was recorded; false hands it out as fast as it is asked for, times running ahead."""
     look_s: float = Field(default=0.25, ge=0.0, le=5.0)
@@ -45,6 +47,7 @@ class AudioSettings(Settings):
     reply_timeout_s: float = Field(default=1.0, gt=0.0, le=30.0)
     """How long a recorder on the network may take to answer (assumption)."""
     latency_s: float = Field(default=0.02, gt=0.0, le=1.0)
-    """Of a sound card: the buffering that it is asked for; more of it overruns less (assumption)."""
+    """Of a sound card: the buffering that it is asked for; more of it overruns less (assumption). A sound server, such
+    as PulseAudio, needs 0.1 (measured there: at 0.02 it does not keep up)."""
     max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
     """Bound on the drift between the converter's clock and the host's. Assumption: two crystals of 100 ppm."""

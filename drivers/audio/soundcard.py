@@ -30,8 +30,15 @@ ROUND_TRIP_MAX_S: Final = 1.0
 """A card that reports a longer way from output to input has no clock to measure it (assumption)."""
 
 
+SERVERS: Final = ("pulse", "pipewire")
+"""Names under which PortAudio lists sound servers."""
+
+SERVER_LATENCY_S: Final = 0.1
+"""Least buffering of a sound server (PulseAudio: measured, no gap)."""
+
+
 class SoundCard:
-    """A sound card's input channels, and the drive on all of its output channels.
+    """A sound card's input channels, and the drive on the output channels that the profile names.
 
     Input and output are one stream on one clock: the drive is generated for the frames that its buffer is handed over
     with, so that the phase at the input is that of `seq`, but for the card's constant latency. Whatever the card loses,
@@ -60,12 +67,15 @@ class SoundCard:
         sounddevice = self._library()
         chosen = self._choose(sounddevice)
         channels = int(chosen["max_input_channels"])
-        self._has_output = int(chosen["max_output_channels"]) > 0
-        self._callback = callback = _Callback(self._clock, 2.0 * self._settings.latency_s)
+        outputs = int(chosen["max_output_channels"])
+        self._has_output = outputs > 0
+        self._check(str(chosen["name"]), outputs)
+        driven = self._settings.drive_channels
+        self._callback = callback = _Callback(self._clock, 2.0 * self._settings.latency_s, driven)
         made, wanted = sounddevice.InputStream, {"device": chosen["index"], "channels": channels}
         if self._has_output:
             made = sounddevice.Stream
-            wanted["channels"] = (channels, int(chosen["max_output_channels"]))
+            wanted["channels"] = (channels, outputs)
         try:
             self._stream = made(
                 samplerate=RATE_HZ,
@@ -89,8 +99,22 @@ class SoundCard:
             bits=None,
             clock=f"{self._device} frames",
             version=sounddevice.get_portaudio_version()[1],
-            details={"drive": "on every output channel" if self._has_output else "none: it has no output"},
+            details={"drive_channels": driven if self._has_output else "none: it has no output"},
         )
+
+    def _check(self, name: str, outputs: int) -> None:
+        settings, doing = self._settings, "opening the sound card"
+        beyond = [channel for channel in settings.drive_channels if not 0 <= channel < outputs]
+        if outputs and beyond:
+            reason = f"{name} has {outputs} outputs, and drive_channels names {beyond[0]}"
+            raise PortError(self._device, doing, reason, "channels count from 0")
+        if name.lower() in SERVERS and settings.latency_s < SERVER_LATENCY_S:
+            reason = (
+                f"{name} is a sound server, which does not keep up with latency_s = {settings.latency_s:g}"
+            )
+            raise PortError(
+                self._device, doing, reason, f"set latency_s = {SERVER_LATENCY_S:g}, or name the card"
+            )
 
     def _library(self) -> Any:
         doing = "loading sounddevice"
@@ -189,6 +213,7 @@ class _Callback:
     Args:
         clock: Time-stamps buffers.
         round_trip_s: Least time assumed from output to input, whatever the card reports.
+        driven: Output channels that the drive goes out on.
 
     Attributes:
         overruns: How often the card reported input as lost or made up.
@@ -197,8 +222,9 @@ class _Callback:
         closing: It is meant to end.
     """
 
-    def __init__(self, clock: Clock, round_trip_s: float) -> None:
+    def __init__(self, clock: Clock, round_trip_s: float, driven: Sequence[int]) -> None:
         self._clock = clock
+        self._driven = list(driven)
         self.overruns = 0
         self.underruns = 0
         self.sweeps: deque[Swept] = deque()
@@ -259,7 +285,8 @@ class _Callback:
         first, self._played = self._played, self._played + frames
         self._choose(first)
         wave = np.zeros(frames) if self._wave is None else self._wave(first, frames) * (FULL_SCALE - 1)
-        outdata[:] = (np.rint(wave).astype(np.int32) << SPARE_BITS)[:, None]
+        outdata[:] = 0
+        outdata[:, self._driven] = (np.rint(wave).astype(np.int32) << SPARE_BITS)[:, None]
         if self._wave_end is not None and self._wave_end <= self._played:
             later = self._frame - self._played + round(round_trip_s * RATE_HZ)
             self._sweep_returns = self._wave_end + later

@@ -38,23 +38,33 @@ NEWTON_PER_COUNT: Final = 2.0 * 9.80665 / 2048.0
 SAFE_COUNTS: Final = (667, 3460)
 """Outside these the hand protects itself (docs/reference/sensors.md)."""
 
-
 STRAIN: Final = 25
 """The property that a finger's gauge is read by (docs/reference/sensors.md)."""
 
+STATUS: Final = 5
+"""The property that says whether a finger's controller is awake (libbarrett: STAT)."""
 
-def encode_query(receiver: int, *, group: bool = False) -> CanFrame:
-    """Asks a finger, or a group of nodes, for its strain."""
-    return CanFrame(HOST << 5 | receiver | GROUP_BIT * group, bytes([STRAIN]))
+READY: Final = 2
+"""Its value of one that is; 0 after power-up, when it answers to this property alone (libbarrett)."""
 
 
-def decode_query(frame: CanFrame) -> tuple[int, bool]:
-    """Whom a frame asks for the strain, and whether that is a group.
+def encode_query(receiver: int, *, group: bool = False, subject: int = STRAIN) -> CanFrame:
+    """Asks a finger, or a group of nodes, for a property."""
+    return CanFrame(HOST << 5 | receiver | GROUP_BIT * group, bytes([subject]))
+
+
+def encode_wake(finger: int) -> CanFrame:
+    """Wakes a finger's controller."""
+    return CanFrame(HOST << 5 | finger, struct.pack("<BBi", REPLY_BIT | STATUS, 0, READY))
+
+
+def decode_query(frame: CanFrame, subject: int = STRAIN) -> tuple[int, bool]:
+    """Whom a frame asks for a property, and whether that is a group.
 
     Raises:
         CodecError: it asks nobody for that.
     """
-    if frame.remote or frame.data != bytes([STRAIN]):
+    if frame.remote or frame.data != bytes([subject]):
         raise CodecError(f"no query: {frame}")
     return frame.id & 0x1F, bool(frame.id & GROUP_BIT)
 
@@ -64,19 +74,19 @@ def reading_id(finger: int) -> int:
     return GROUP_BIT | finger << 5 | REPLIES
 
 
-def encode_reading(finger: int, counts: int) -> CanFrame:
+def encode_reading(finger: int, value: int, subject: int = STRAIN) -> CanFrame:
     """A finger's reading as the frame on the wire."""
-    return CanFrame(reading_id(finger), struct.pack("<BBh", REPLY_BIT | STRAIN, 0, counts))
+    return CanFrame(reading_id(finger), struct.pack("<BBh", REPLY_BIT | subject, 0, value))
 
 
-def decode_reading(frame: CanFrame) -> tuple[int, int]:
-    """The finger and its reading in counts.
+def decode_reading(frame: CanFrame, subject: int = STRAIN) -> tuple[int, int]:
+    """The finger and the property's value; of a gauge, counts.
 
     Raises:
-        CodecError: no reading of a gauge.
+        CodecError: no reading of that property.
     """
     data = frame.data
     to_replies = frame.id & (GROUP_BIT | 0x1F) == GROUP_BIT | REPLIES
-    if frame.remote or not to_replies or len(data) not in (4, 6) or data[0] != REPLY_BIT | STRAIN:
+    if frame.remote or not to_replies or len(data) not in (4, 6) or data[0] != REPLY_BIT | subject:
         raise CodecError(f"no reading: {frame}")
     return frame.id >> 5 & 0x1F, int.from_bytes(data[2:], "little", signed=True)

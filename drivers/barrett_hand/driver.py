@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
@@ -12,10 +13,13 @@ from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.core.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can, strange_frames
 from drivers.core.clock_model import HostClock
-from drivers.core.errors import CodecError, check_streams, wrong
+from drivers.core.errors import CodecError, RefusedError, check_streams, wrong
 from drivers.core.messages import Command, DeviceInfo, Listen, Tare
 from drivers.core.numbering import ENDLESS, Samples, StreamTrack
 from drivers.core.wire import Inquiry, WireDriver
+
+QUIET_S = 0.3
+"""How long nothing may be said on the bus while fingers wake (libbarrett)."""
 
 OPEN_ATTEMPTS = 10
 """How often a finger is queried while opening (assumption: frames may be lost, or missed by a busy machine)."""
@@ -30,6 +34,8 @@ class BarrettHandSettings(CanPort, FingerStrainSettings):
     """How often the gauges are polled; samples that the bus does not carry are reported as lost (the paper: 1 kHz)."""
     answer_timeout_s: float = Field(default=0.02, gt=0.0, le=1.0)
     """When an answer counts as lost. Assumption: the longest delay measured on a pty is 16 ms."""
+    wake_s: float = Field(default=1.0, gt=0.0, le=30.0)
+    """How long a finger that was switched on may take to wake (assumption: three times libbarrett's first wait)."""
     silence_timeout_s: float = Field(default=0.5, gt=0.0, le=30.0)
     """Silence after which the hand has failed (assumption: 25 lost answers)."""
 
@@ -64,14 +70,39 @@ class BarrettHand(WireDriver[CanLink]):
         }
 
     def _identify(self, link: CanLink) -> DeviceInfo:
-        readings = {finger: self._reading(link, finger) for finger in self._settings.fingers}
+        woken = self._wake(link)
+        readings = {
+            finger: self._asked(link, finger, codec.STRAIN, OPEN_ATTEMPTS)
+            for finger in self._settings.fingers
+        }
         return DeviceInfo(
             self.name,
             model="BarrettHand",
             streams={strain.info.name: strain.info for strain in self._strains.values()},
             clock="host monotonic",
-            details={"readings_counts": readings, "safe_counts": codec.SAFE_COUNTS},
+            details={"readings_counts": readings, "safe_counts": codec.SAFE_COUNTS, "woken": woken},
         )
+
+    def _wake(self, link: CanLink) -> tuple[int, ...]:
+        """Wake the fingers that sleep, as all do after power-up; raises a `DeviceError`."""
+        s = self._settings
+        asleep = tuple(
+            finger
+            for finger in s.fingers
+            if self._asked(link, finger, codec.STATUS, OPEN_ATTEMPTS) != codec.READY
+        )
+        for finger in asleep:
+            link.send(codec.encode_wake(finger))
+        if asleep:
+            self._clock.rest(QUIET_S)
+        for finger in asleep:
+            if (
+                self._asked(link, finger, codec.STATUS, math.ceil(s.wake_s / s.answer_timeout_s))
+                != codec.READY
+            ):
+                reason = f"finger {finger} was woken and is not ready"
+                raise RefusedError(self.name, "waking it", reason, "switch the hand off and on")
+        return asleep
 
     def _leave(self, link: CanLink, failure: str | None) -> None:
         link.ask(None)
@@ -160,15 +191,15 @@ class BarrettHand(WireDriver[CanLink]):
             self._missing += lost
             self._lost(self._clock.now(), strain.info.name, lost)
 
-    def _reading(self, link: CanLink, finger: int) -> int:
-        """Query one finger until it answers; raises a `DeviceError`."""
+    def _asked(self, link: CanLink, finger: int, subject: int, attempts: int) -> int:
+        """Query one finger for a property until it answers; raises a `DeviceError`."""
         strangers = 0
 
         def parse(received: ReceivedFrame) -> int | None:
             nonlocal strangers
-            sender, counts = _reading(received) or (None, 0)
+            sender, value = _reading(received, subject) or (None, 0)
             strangers += sender is None
-            return counts if sender == finger else None
+            return value if sender == finger else None
 
         inquiry = Inquiry(
             self.name,
@@ -180,12 +211,13 @@ class BarrettHand(WireDriver[CanLink]):
             stranger="is a BarrettHand on this bus, at its bit rate?",
             silent="is the hand powered?",
         )
-        return inquiry.ask(lambda: link.send(codec.encode_query(finger)), parse, OPEN_ATTEMPTS)
+        query = codec.encode_query(finger, subject=subject)
+        return inquiry.ask(lambda: link.send(query), parse, attempts)
 
 
-def _reading(received: ReceivedFrame) -> tuple[int, int] | None:
-    """A finger and what its gauge reads; None where this is something else."""
+def _reading(received: ReceivedFrame, subject: int = codec.STRAIN) -> tuple[int, int] | None:
+    """A finger and the property's value; None where this is something else."""
     try:
-        return codec.decode_reading(received.frame)
+        return codec.decode_reading(received.frame, subject)
     except CodecError:
         return None

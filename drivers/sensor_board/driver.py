@@ -28,7 +28,7 @@ from drivers.sensor_board.framing import BoardFrameDecoder
 from drivers.sensor_board.streams import BoardStreams, stream_info
 
 HELLO_ATTEMPTS = 4
-"""How often a board is asked for its hello. Assumption: the first answer may be lost in a partial frame."""
+"""Least number of questions for a hello. Assumption: the first answer may be lost in a partial frame."""
 
 CLOSE_S = 0.25
 """Longest wait at close for the board to acknowledge that all is off (assumption: as long as a reply may take)."""
@@ -55,6 +55,9 @@ class SensorBoardSettings(SerialPort, BoardLimits):
     """Line speed in bits per second. Assumption: four times what two streams of 1 kHz in small blocks need."""
     reply_timeout_s: float = Field(default=0.25, gt=0.0, le=10.0)
     """How long a reply may take. Assumption: 15 times the longest arrival delay measured on a pty."""
+    boot_s: float = Field(default=3.0, ge=0.0, le=60.0)
+    """How long the board may take for its first answer: opening the port restarts many, and their boot loaders wait
+    (an Arduino's about 2 s)."""
     watchdog_s: float = Field(default=1.0, ge=0.1, le=65.0)
     """The board switches excitation and streams off when the host is silent for this long (assumption)."""
     silence_timeout_s: float = Field(default=0.5, gt=0.0, le=60.0)
@@ -177,7 +180,8 @@ class SensorBoard(WireDriver[SerialLink]):
         )
         # The leading delimiter closes any partial frame that the board has received.
         question = b"\0" + encode(CommandFrame(BoardCode.HELLO, 0))
-        return inquiry.ask(lambda: link.send(question), parse, HELLO_ATTEMPTS)
+        attempts = math.ceil(self._settings.boot_s / self._settings.reply_timeout_s)
+        return inquiry.ask(lambda: link.send(question), parse, max(HELLO_ATTEMPTS, attempts))
 
     def _set_up(self, link: SerialLink) -> None:
         """Stop whatever an earlier host has left on, and set the watchdog."""

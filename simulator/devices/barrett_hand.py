@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Literal, Protocol, get_args
 
@@ -34,11 +35,22 @@ def counts(forces_n: NDArray[np.float64], settings: FingerStrainSettings) -> NDA
     return np.asarray(np.clip(np.nan_to_num(ideal, nan=0.0), 0, codec.COUNTS_MAX), dtype=np.int64)
 
 
-class EmulatedBarrettHand:
-    """Answers as the nodes of fingers 11 to 13 do when they are asked for their strain; nothing else is answered."""
+WAKES_S = 0.25
+"""How long a controller is deaf while it wakes (assumption: libbarrett waits 0.3 s)."""
 
-    def __init__(self, settings: FingerStrainSettings, source: FingerForces) -> None:
+
+class EmulatedBarrettHand:
+    """Answers as the nodes of fingers 11 to 13 do when they are asked for their status or their strain.
+
+    A node that sleeps answers for its status alone; one that wakes hears nothing.
+
+    Args:
+        asleep: As all are after power-up.
+    """
+
+    def __init__(self, settings: FingerStrainSettings, source: FingerForces, *, asleep: bool = True) -> None:
         self._settings = settings
+        self._ready_s = dict.fromkeys(codec.FINGERS, math.inf if asleep else -math.inf)
         self._source = source
         self._silent = False
         self._saturated = False
@@ -46,18 +58,30 @@ class EmulatedBarrettHand:
     def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
         """Take a frame at `t_s`; returns what its nodes answer at once."""
         self._source.advance(t_s)
-        try:
-            receiver, group = codec.decode_query(frame)
-        except CodecError:
-            return []
-        fingers = codec.FINGERS if group and receiver == codec.HAND else () if group else (receiver,)
         if self._silent:
             return []
-        return [
-            codec.encode_reading(finger, self._reading(finger, t_s))
-            for finger in fingers
-            if finger in codec.FINGERS
-        ]
+        for finger, ready_s in self._ready_s.items():
+            if frame == codec.encode_wake(finger) and ready_s == math.inf:
+                self._ready_s[finger] = t_s + WAKES_S
+        for subject in (codec.STATUS, codec.STRAIN):
+            try:
+                receiver, group = codec.decode_query(frame, subject)
+            except CodecError:
+                continue
+            asked = codec.FINGERS if group and receiver == codec.HAND else () if group else (receiver,)
+            return [
+                self._answer(finger, subject, t_s) for finger in asked if self._hears(finger, subject, t_s)
+            ]
+        return []
+
+    def _hears(self, finger: int, subject: int, t_s: float) -> bool:
+        ready_s = self._ready_s.get(finger)
+        return ready_s is not None and (ready_s <= t_s or (ready_s == math.inf and subject == codec.STATUS))
+
+    def _answer(self, finger: int, subject: int, t_s: float) -> CanFrame:
+        if subject == codec.STRAIN:
+            return codec.encode_reading(finger, self._reading(finger, t_s))
+        return codec.encode_reading(finger, codec.READY if self._ready_s[finger] <= t_s else 0, codec.STATUS)
 
     def step(self, t_s: float) -> list[CanFrame]:
         """It sends nothing on its own."""

@@ -162,6 +162,8 @@ class EmulatedSensorBoardSettings(Settings):
     """Serial number that it reports (assumption)."""
     firmware: str = "1.0"
     """Version that it reports (assumption)."""
+    boot_s: float = Field(default=0.0, ge=0.0)
+    """How long it hears nothing once it has power, or was restarted by the opening of its port."""
     drift_ppm: float = Field(default=37.0, ge=-500.0, le=500.0)
     """How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
     start_us: int = Field(default=TIME_MODULUS - 5_000_000, ge=0, lt=TIME_MODULUS)
@@ -220,7 +222,8 @@ class EmulatedSensorBoard:
     def receive(self, data: bytes, t_s: float) -> bytes:
         """Take bytes from the host at `t_s`; returns what was due until then and what is answered at once."""
         clock = self._run(t_s)
-        for body in self._line.feed(data):
+        booting = t_s < clock.power_s + self._settings.boot_s
+        for body in self._line.feed(b"" if booting else data):
             try:
                 command = decode(body)
             except CodecError:

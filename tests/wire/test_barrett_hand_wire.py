@@ -59,6 +59,9 @@ class TestWireHand(HandContract):
 
 def test_open_reads_every_finger(bench: HandBench) -> None:
     readings = bench.info.details["readings_counts"]
+    assert bench.info.details["woken"] == (11, 12, 13)
+    bench.device.close()
+    assert bench.device.open().details["woken"] == (), "it is awake"
     # 2 kg over 2048 counts: 1 N is 104.4 of them.
     assert readings == {11: 2104, 12: 1791, 13: 3880}
 

@@ -15,7 +15,7 @@ SETTINGS = FingerStrainSettings(newton_per_count=0.01, zero_counts=2000)
 
 @pytest.fixture
 def hand() -> EmulatedBarrettHand:
-    return EmulatedBarrettHand(SETTINGS, SteadyForces({11: 1.0, 12: -0.5, 13: 30.0}))
+    return EmulatedBarrettHand(SETTINGS, SteadyForces({11: 1.0, 12: -0.5, 13: 30.0}), asleep=False)
 
 
 def test_one_finger_answers_for_itself(hand: EmulatedBarrettHand) -> None:
@@ -30,6 +30,18 @@ def test_all_fingers_answer_one_question_and_the_spread_has_no_gauge(hand: Emula
         (0x586, 1950),
         (0x5A6, 4095),
     ]
+
+
+def test_a_finger_that_was_switched_on_answers_for_its_status_alone_until_it_was_woken() -> None:
+    hand = EmulatedBarrettHand(SETTINGS, SteadyForces({11: 1.0, 12: 0.0, 13: 0.0}))
+    status, strain = CanFrame(0x00B, b"\x05"), CanFrame(0x00B, b"\x19")
+    assert hand.receive(strain, 0.0) == []
+    assert hand.receive(status, 0.0) == [CanFrame(0x566, bytes.fromhex("85 00 00 00"))]
+    assert hand.receive(CanFrame(0x00B, bytes.fromhex("85 00 02 00 00 00")), 1.0) == []
+    assert hand.receive(status, 1.1) == hand.receive(strain, 1.1) == [], "it wakes"
+    assert hand.receive(status, 1.4) == [CanFrame(0x566, bytes.fromhex("85 00 02 00"))]
+    assert hand.receive(strain, 1.4) == [CanFrame(0x566, bytes.fromhex("99 00 34 08"))]
+    assert hand.receive(CanFrame(0x00C, b"\x19"), 1.4) == [], "the others sleep on"
 
 
 def test_frames_that_are_not_for_it_are_passed_over(hand: EmulatedBarrettHand) -> None:

@@ -91,7 +91,7 @@ class Stream:
         if isinstance(self, InputStream):
             self.callback(indata, n, stamp, status)
             return None
-        outdata = np.full((n, 2), 7, np.int32)
+        outdata = np.full((n, self.settings["channels"][1]), 7, np.int32)
         self.callback(indata, outdata, n, stamp, status)
         return outdata / 2.0**31
 
@@ -420,3 +420,31 @@ def test_a_card_without_input_is_refused(portaudio: Any) -> None:
     with pytest.raises(ProtocolError, match=r"the right finger is silent: nothing has moved in \d"):
         audio("USB Audio 24", look_s=0.1).open()
     assert not Stream.opened[-1].running
+
+
+def test_the_drive_goes_out_on_the_channels_that_the_profile_names_alone(portaudio: Any) -> None:
+    portaudio.query_devices = lambda: [
+        {"index": 4, "name": "Octet", "max_input_channels": 8, "max_output_channels": 8}
+    ]
+    device, stream = listening("Octet", drive_channels=(2, 5))
+    device.apply(Tone("audio", 40_000.0, 0.5))
+    played = stream.buffer(sound(480))
+    assert sorted(np.flatnonzero(np.abs(played).max(axis=0) > 0.1)) == [2, 5]
+    assert not played[:, [0, 1, 3, 4, 6, 7]].any()
+
+
+@pytest.mark.parametrize(
+    ("card", "outputs", "settings", "named"),
+    [
+        ("Duet", 2, {"drive_channels": (0, 2)}, ("Duet has 2 outputs", "names 2", "from 0")),
+        ("pulse", 2, {"latency_s": 0.02}, ("pulse is a sound server", "latency_s = 0.1")),
+    ],
+)
+def test_a_card_that_cannot_do_what_the_profile_asks_for_is_refused(
+    portaudio: Any, card: str, outputs: int, settings: dict[str, Any], named: tuple[str, ...]
+) -> None:
+    found = {"index": 4, "name": card, "max_input_channels": 2, "max_output_channels": outputs}
+    portaudio.query_devices = lambda: [found]
+    with refused(PortError, "audio", *named):
+        audio(card, **settings).open()
+    audio(card, latency_s=0.1).open()

@@ -56,3 +56,9 @@ def test_what_is_no_reading_is_refused(frame: CanFrame) -> None:
 def test_what_is_no_query_is_refused(frame: CanFrame) -> None:
     with pytest.raises(CodecError, match="no query: CanFrame"):
         codec.decode_query(frame)
+
+
+def test_a_finger_is_woken_with_the_bytes_of_the_interface_page() -> None:
+    assert codec.encode_wake(12) == CanFrame(0x00C, bytes.fromhex("85 00 02 00 00 00"))
+    assert codec.encode_query(12, subject=codec.STATUS) == CanFrame(0x00C, b"\x05")
+    assert codec.decode_reading(CanFrame(0x586, bytes.fromhex("85 00 02 00")), codec.STATUS) == (12, 2)

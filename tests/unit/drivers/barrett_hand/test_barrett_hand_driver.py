@@ -11,7 +11,7 @@ from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.can_link import PeriodicQuestion, ReceivedFrame
 from drivers.core.clock import VirtualClock, WallClock
-from drivers.core.errors import CommandError, PortError
+from drivers.core.errors import CommandError, PortError, RefusedError
 from drivers.core.messages import Failed, Listen, Lost, Refused, Saturated, Sent, Stop, Tare
 from tests.refusals import refused
 
@@ -35,13 +35,23 @@ class Link:
         self.question: PeriodicQuestion | None = None
         self.waiting: list[ReceivedFrame] = []
         self.closed = False
+        self.status = dict.fromkeys(codec.FINGERS, codec.READY)
+        self.woken: list[int] = []
+        self.wakes_to = codec.READY
 
     def open(self, *_: object) -> Any:
         return self
 
     def send(self, frame: CanFrame) -> float:
-        receiver, _ = codec.decode_query(frame)
-        self.waiting.append(answer(receiver, 2000, None))
+        for finger in codec.FINGERS:
+            if frame == codec.encode_wake(finger):
+                self.woken.append(finger)
+                self.status[finger] = self.wakes_to
+            elif frame == codec.encode_query(finger, subject=codec.STATUS):
+                reply = codec.encode_reading(finger, self.status[finger], codec.STATUS)
+                self.waiting.append(ReceivedFrame(reply, DUE_S))
+            elif frame == codec.encode_query(finger):
+                self.waiting.append(answer(finger, 2000, None))
         return DUE_S
 
     def receive(self) -> list[ReceivedFrame]:
@@ -69,6 +79,21 @@ def hand(link: Link) -> BarrettHand:
 
 def listen(hand: BarrettHand, *streams: str) -> None:
     hand.apply(Listen("hand", frozenset(streams)))
+
+
+def test_fingers_that_sleep_are_woken_and_left_in_peace_meanwhile(link: Link) -> None:
+    clock = VirtualClock()
+    link.status[12] = link.status[13] = 0
+    info = BarrettHand("hand", BarrettHandSettings(port="can0"), clock, link.open).open()
+    assert link.woken == [12, 13]
+    assert info.details["woken"] == (12, 13)
+    assert clock.monotonic_s() >= 0.3
+
+
+def test_a_finger_that_does_not_wake_is_refused(link: Link) -> None:
+    link.status[13] = link.wakes_to = 0
+    with refused(RefusedError, "hand", "finger 13", "not ready", "off and on"):
+        BarrettHand("hand", BarrettHandSettings(port="can0"), VirtualClock(), link.open).open()
 
 
 def test_one_finger_is_asked_by_itself(hand: BarrettHand, link: Link) -> None:
