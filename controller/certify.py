@@ -74,11 +74,14 @@ ROOM_M = 0.005
 REST_S = 0.3
 """How long a mover is watched afterwards: creeping on, it would go farther than `STILL_M` in a third of that."""
 
-STILL_M = 1e-4
-"""What stands still stays within this: above an arm's noise, below a count of a gripper."""
+STILL_M, STILL_JAWS_M = 1e-4, 2.5e-4
+"""What stands still stays within this: above an arm's noise, and above a count of a gripper (0.19 mm)."""
 
 BEYOND = 1.5
 """How far past a limit what is asked for or read is, as a share of it."""
+
+AWAY_S = 1.0
+"""After a longer absence the devices are opened anew."""
 
 GIVE_UP_S = 90.0
 """Longest way to where a case begins."""
@@ -147,6 +150,7 @@ class Wrong:
         change: What becomes of a block of them.
         beyond: What is reported to be beyond the stream's range, once.
         away_s: How long the program is away, once.
+        away_from: Before which device is read.
         begun: Whether it has begun.
     """
 
@@ -154,6 +158,7 @@ class Wrong:
     change: Change | None = None
     beyond: float | None = None
     away_s: float = 0.0
+    away_from: str = ""
     begun: bool = False
     _last: Any = None
 
@@ -206,11 +211,13 @@ class Seam:
 
     Attributes:
         seen: Time and value of its samples' first channel.
+        last_s: Time of the device's latest sample.
     """
 
     def __init__(self, device: Device, clock: Any, wrong: Wrong, shown: str) -> None:
         self.name = device.name
         self.seen: list[tuple[float, float]] = []
+        self.last_s = -math.inf
         self._device, self._clock, self._wrong, self._shown = device, clock, wrong, shown
         self.open, self.close, self.account = device.open, device.close, device.account
         self.apply = device.apply
@@ -218,11 +225,12 @@ class Seam:
     def read(self) -> Sequence[SampleBlock]:
         """What the loop gets of what has arrived."""
         wrong = self._wrong
-        if wrong.begun and wrong.away_s and self.name == self._shown.partition(".")[0]:
+        if wrong.begun and wrong.away_s and self.name == wrong.away_from:
             away_s, wrong.away_s = wrong.away_s, 0.0
             self._clock.rest(away_s)
         blocks: list[SampleBlock] = []
         for block in self._device.read():
+            self.last_s = max(self.last_s, block.last_s if len(block) else -math.inf)
             if block.stream == self._shown:
                 self.seen += zip(block.times.tolist(), block.physical[:, 0].tolist(), strict=True)
             blocks += wrong.passed_on(block)
@@ -396,6 +404,7 @@ class Mover(NamedTuple):
         start: Goes to where each case begins.
         drive: Creeps from there, a few millimetres.
         speed_m_s: How fast.
+        still_m: Within what it stands still.
         limits: What the guard holds it to.
         where: Where these limits stand in the profile.
         settings: Its own.
@@ -407,6 +416,7 @@ class Mover(NamedTuple):
     start: Command
     drive: Command
     speed_m_s: float
+    still_m: float
     limits: MoverLimits
     where: str
     settings: Any
@@ -439,10 +449,10 @@ class BenchToProve:
 
 
 class Ran(NamedTuple):
-    """A case that was run: its loop, and where the mover was, with times."""
+    """A case that was run: its loop, the devices as it saw them, and what the guard refused."""
 
     loop: Loop
-    seen: Sequence[tuple[float, float]]
+    seams: Mapping[str, Seam]
     refusal: str
 
 
@@ -461,6 +471,7 @@ class Certifier:
         self.infos: dict[str, DeviceInfo] = {}
         guard, _ = bench.fresh()
         self._limits = guard.settings
+        self._left_alone, self._end_m = False, math.nan
         self._guarded = sorted(guard.inputs | bench.range_streams)
 
     def proofs(self) -> Iterator[Proof]:
@@ -505,7 +516,18 @@ class Certifier:
             jaws_m_s = min(JAWS_M_S, bounds.speed_m_s)
             drive = Grip(name, open_m - ROOM_M, jaws_m_s, min(GENTLE_N, limits.grip_n))
             start = Release(name, max(fast_m_s, jaws_m_s))
-            return Mover(name, f"{name}.width", Home(name), start, drive, jaws_m_s, bounds, where, settings)
+            return Mover(
+                name,
+                f"{name}.width",
+                Home(name),
+                start,
+                drive,
+                jaws_m_s,
+                STILL_JAWS_M,
+                bounds,
+                where,
+                settings,
+            )
         if not isinstance(settings, AxisLimits):
             return None
         creep_m_s = min(CREEP_M_S, bounds.speed_m_s)
@@ -516,7 +538,7 @@ class Certifier:
         moved = MoveAt(name, math.copysign(creep_m_s, farthest_m), farthest_m)
         shown = bounds.position_stream if self._of(bounds.position_stream, name) else f"{name}.position"
         assert shown is not None
-        return Mover(name, shown, begin, begin, moved, creep_m_s, bounds, where, settings)
+        return Mover(name, shown, begin, begin, moved, creep_m_s, STILL_M, bounds, where, settings)
 
     @staticmethod
     def _of(stream: str | None, device: str) -> bool:
@@ -540,6 +562,7 @@ class Certifier:
             yield from self._of_device(name, settings, own)
         for mover in movers:
             yield from self._alone(mover)
+        yield from self._watchdogs(movers)
 
     def _stops(self, mover: Mover) -> Iterator[Case]:
         """A person's stop and pause, after the way home."""
@@ -577,7 +600,9 @@ class Certifier:
         late_s = self._limits.late_s
         away_s = BEYOND * late_s + 2.0 / self.bench.loop.rate_hz
         done = f"the program is away for {away_s:.3f} s"
-        yield self._case([mover], "late_s", f"{late_s:g} s", done, Wrong(away_s=away_s), away_s)
+        yield self._case(
+            [mover], "late_s", f"{late_s:g} s", done, Wrong(away_s=away_s, away_from=mover.name), away_s
+        )
 
     def _forces(self, movers: Sequence[Mover]) -> Iterator[Case]:
         """Force, and sensors that leave their range."""
@@ -629,31 +654,34 @@ class Certifier:
         fast_m_s = BEYOND * limits.speed_m_s
         if isinstance(mover.drive, Grip):
             yield self._refused(
+                mover,
                 "limits.grip_n",
                 f"{self._limits.grip_n:g} N",
                 replace(mover.drive, force_n=BEYOND * self._limits.grip_n),
             )
-            yield self._refused(f"{where}.speed_m_s", f"{limits.speed_m_s:g} m/s", Release(name, fast_m_s))
+            yield self._refused(
+                mover, f"{where}.speed_m_s", f"{limits.speed_m_s:g} m/s", Release(name, fast_m_s)
+            )
             return
         assert isinstance(mover.drive, MoveAt)
         near = replace(mover.drive, limit_m=mover.drive.limit_m / 5.0)
         quick = replace(near, velocity_m_s=math.copysign(fast_m_s, near.velocity_m_s))
-        yield self._refused(f"{where}.speed_m_s", f"{limits.speed_m_s:g} m/s", quick)
+        yield self._refused(mover, f"{where}.speed_m_s", f"{limits.speed_m_s:g} m/s", quick)
         for key, by_m in (("travel_m", 1e-3), ("travel_min_m", -1e-3)):
             end_m = getattr(limits, key)
             command = MoveTo(name, end_m + by_m, mover.speed_m_s)
-            yield self._refused(f"{where}.{key}", f"{end_m:g} m", command, f"{where}.travel_min_m")
+            yield self._refused(mover, f"{where}.{key}", f"{end_m:g} m", command, f"{where}.travel_min_m")
         turn_rad_s = BEYOND * limits.turn_rad_s
         turning = Twist(name, (0.0, 0.0, 0.0, 0.0, 0.0, turn_rad_s), 0.1)
-        yield self._refused(f"{where}.turn_rad_s", f"{limits.turn_rad_s:g} rad/s", turning)
+        yield self._refused(mover, f"{where}.turn_rad_s", f"{limits.turn_rad_s:g} rad/s", turning)
         way_s = (BEYOND * limits.reach_m + 1e-3) / mover.speed_m_s
         leading = Twist(name, (mover.speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0), way_s)
-        yield self._refused(f"{where}.reach_m", f"{limits.reach_m:g} m", leading)
+        yield self._refused(mover, f"{where}.reach_m", f"{limits.reach_m:g} m", leading)
         if limits.reach_m:
             slow_rad_s = min(0.01, limits.turn_rad_s)
             angle_s = (BEYOND * limits.reach_rad + 1e-3) / slow_rad_s
             turned = Twist(name, (0.0, 0.0, 0.0, 0.0, 0.0, slow_rad_s), angle_s)
-            yield self._refused(f"{where}.reach_rad", f"{limits.reach_rad:g} rad", turned)
+            yield self._refused(mover, f"{where}.reach_rad", f"{limits.reach_rad:g} rad", turned)
 
     def _of_device(self, name: str, settings: Settings, mover: Mover | None) -> Iterator[Case]:
         """What a driver must refuse, or clamp."""
@@ -682,7 +710,26 @@ class Certifier:
                 yield Case(limit, shown, "nothing", partial(Outcome, "not shown", reason))
             else:
                 done = f"{mover.name} at {1e3 * speed_m_s:g} mm/s: the program is away for {away_s:.1f} s"
-                yield Case(limit, shown, done, partial(self._left, mover, Wrong(away_s=away_s), most_m))
+                yield Case(
+                    limit,
+                    shown,
+                    done,
+                    partial(self._left, mover, Wrong(away_s=away_s, away_from=mover.name), most_m),
+                )
+
+    def _watchdogs(self, movers: Sequence[Mover]) -> Iterator[Case]:
+        """A program that is away for so long that a device's own watchdog must act."""
+        infos = self._infos()
+        for name, settings in self.bench.settings.items():
+            watchdog_s = getattr(settings, "watchdog_s", None)
+            if watchdog_s is None:
+                continue
+            own = [mover for mover in movers if mover.name == name]
+            sent = [stream for stream in (*self._guarded, *sorted(infos)) if self._of(stream, name)]
+            wrong = Wrong(sent[0], away_s=watchdog_s + 1.0, away_from=name)
+            done = f"the program is away for {watchdog_s + 1.0:g} s"
+            tried = partial(self._guarded_by, name, own or movers[:1], wrong, watchdog_s)
+            yield Case(f"devices.{name}.watchdog_s", f"{watchdog_s:g} s", done, tried)
 
     def _case(
         self,
@@ -703,11 +750,11 @@ class Certifier:
             return Case(f"{where}.{key}", value, doing, partial(self._moving, mover, said, wrong, own_s))
         return Case(f"{where}.{key}", value, f"at rest: {done}", partial(self._resting, said, wrong, own_s))
 
-    def _refused(self, limit: str, value: str, command: Command, said: str = "") -> Case:
+    def _refused(self, mover: Mover, limit: str, value: str, command: Command, said: str = "") -> Case:
         def tried() -> Outcome:
-            self.bench.consent(f"{command.device} must refuse {_short(command)}: nothing should move")
+            self.bench.consent(f"{mover.name} must refuse {_short(command)}: nothing should move")
             ran = self._run(Once(command, PATIENCE_S), Wrong(), "")
-            still = self._at_rest(ran, command.device)
+            still = self._at_rest(ran, mover)
             if (said or limit) in ran.refusal:
                 return Outcome(
                     "acted" if still else "failed", f"guard refused{'' if still else f'; {NOT_AT_REST}'}"
@@ -725,6 +772,8 @@ class Certifier:
     def _run(self, behavior: Behavior, wrong: Wrong, shown: str, pauses: bool = False) -> Ran:
         """Run a behavior in the loop, with seams between it and all devices and signals."""
         rig = self.bench.rig
+        self._reopened()
+        self._left_alone = wrong.away_s > AWAY_S
         rig.clock.restart()
         guard, signals = self.bench.fresh()
         seams = {name: Seam(device, rig.clock, wrong, shown) for name, device in rig.devices.items()}
@@ -740,13 +789,18 @@ class Certifier:
             refusal = str(error)
         except Aborted:
             pass
-        device = seams.get(shown.partition(".")[0])
-        return Ran(loop, device.seen if device else (), refusal)
+        return Ran(loop, seams, refusal)
+
+    def _reopened(self) -> None:
+        """Open the devices anew where the last case left them alone: a driver whose device switched off has failed."""
+        for device in self.bench.rig.devices.values() if self._left_alone else ():
+            device.close()
+            device.open()
 
     def _homed(self, mover: Mover) -> Outcome:
         self.bench.consent(f"{mover.name} goes home, at its own speed")
         ran = self._run(behavior := Once(Home(mover.name)), Wrong(), "")
-        still = self._at_rest(ran, mover.name)
+        still = self._at_rest(ran, mover)
         if behavior.state != "OVER" or not still:
             reason = ran.refusal or ran.loop.account.reason or behavior.reason or "it is not at home"
             return Outcome("failed", f"{reason}{'' if still else f'; {NOT_AT_REST}'}")
@@ -793,6 +847,28 @@ class Certifier:
             return Outcome("failed", f"it went on, left alone, for {1e3 * way_m:.2f} mm{rest}", None, way_m)
         return Outcome("acted" if still else "failed", f"device: it stopped by itself{rest}", None, way_m)
 
+    def _guarded_by(self, name: str, movers: Sequence[Mover], wrong: Wrong, watchdog_s: float) -> Outcome:
+        """Leave a device alone: it must say that its watchdog tripped, or have stopped to send in time."""
+        still = True
+        behavior: Creep | Resting = Resting(wrong, PATIENCE_S)
+        if movers:
+            behavior, ran, still, _ = self._crept(movers[0], wrong, PATIENCE_S, None, False)
+        else:
+            ran = self._run(behavior, wrong, "")
+        rest = "" if still else f"; {NOT_AT_REST}"
+        if math.isnan(behavior.past_s):
+            return Outcome("failed", f"it did not come that far: {_why(ran, behavior)}")
+        told = [each for each in ran.loop.events if getattr(each, "device", "") == name]
+        if movers and movers[0].name == name:
+            said = [reason for each in told if "watchdog" in (reason := getattr(each, "reason", ""))]
+            found = f"device: {said[0]}" if said else ""
+        else:
+            sent_s = ran.seams[name].last_s - behavior.past_s
+            found = f"device: it sent for {sent_s:.2f} s more" if sent_s <= watchdog_s + SLACK_S else ""
+        if found and still:
+            return Outcome("acted", found)
+        return Outcome("failed", f"{found or 'it went on, left alone'}{rest}")
+
     def _crept(
         self, mover: Mover, wrong: Wrong, patience_s: float, command: Command | None, pauses: bool
     ) -> tuple[Creep, Ran, bool, float]:
@@ -800,10 +876,10 @@ class Certifier:
         self.bench.consent(f"{mover.name} moves {1e3 * ROOM_M:g} mm at {1e3 * mover.speed_m_s:g} mm/s")
         behavior = Creep(mover, wrong, command, patience_s, self.bench.range_streams)
         ran = self._run(behavior, wrong, mover.shown, pauses)
-        last_m = next((x_m for t_s, x_m in reversed(ran.seen) if t_s <= behavior.past_s), math.nan)
-        still = self._at_rest(ran, mover.name, mover.shown)
-        end_m = self._end_m if not math.isnan(self._end_m) else ran.seen[-1][1] if ran.seen else math.nan
-        return behavior, ran, still, abs(end_m - last_m)
+        seen = ran.seams[mover.name].seen
+        last_m = next((x_m for t_s, x_m in reversed(seen) if t_s <= behavior.past_s), math.nan)
+        still = self._at_rest(ran, mover)
+        return behavior, ran, still, abs(self._end_m - last_m)
 
     def _resting(self, said: str, wrong: Wrong, own_s: float) -> Outcome:
         """Where nothing moves: a trial must end where what it listens to goes wrong."""
@@ -820,7 +896,7 @@ class Certifier:
         if mover is not None:
             self.bench.consent(f"{name} must refuse more than its {key}, or clamp it: nothing should move")
             self._run(Once(mover.ready), Wrong(), "")
-            self._stands(name, mover.shown)
+            self._stands(mover)
             here_m = self._end_m
         command = asked_of_driver(key, value, name, mover, here_m)
         assert command is not None
@@ -832,21 +908,21 @@ class Certifier:
             speed = getattr(sent, "speed_m_s", math.inf)
             clamped = speed <= value * (1.0 + 1e-9)
             found = Outcome("acted", f"driver made it {speed:.3g}") if clamped else NOT_CLAMPED
-        if mover is not None and not self._stands(name, mover.shown):
+        if mover is not None and not self._stands(mover):
             return Outcome("failed", f"{found.acted}; {NOT_AT_REST}")
         return found
 
     # --- standing still ------------------------------------------------------------------------------
 
-    def _at_rest(self, ran: Ran, name: str, shown: str = "") -> bool:
-        self._end_m = math.nan
-        return name not in ran.loop.account.not_at_rest and self._stands(name, shown)
+    def _at_rest(self, ran: Ran, mover: Mover) -> bool:
+        return self._stands(mover) and mover.name not in ran.loop.account.not_at_rest
 
-    def _stands(self, name: str, shown: str) -> bool:
-        """Whether a mover stands still: by its own stream, and on a simulated bench in truth."""
+    def _stands(self, mover: Mover) -> bool:
+        """Whether a mover stands still: by its own stream, and on a simulated bench in truth. Where is `_end_m`."""
+        name, shown = mover.name, mover.shown
         rig, device = self.bench.rig, self.bench.rig.devices[name]
         before = rig.place()
-        device.apply(Listen(name, frozenset({shown} - {""})))
+        device.apply(Listen(name, frozenset({shown})))
         places_m: list[float] = []
         end_s = rig.clock.now() + REST_S
         while rig.clock.now() < end_s:
@@ -859,7 +935,7 @@ class Certifier:
         self._end_m = places_m[-1] if places_m else math.nan
         moved_m = max(places_m) - min(places_m) if places_m else 0.0
         truly_m = max((abs(after[each] - before[each]) for each in before.keys() & after.keys()), default=0.0)
-        return max(moved_m, truly_m) <= STILL_M
+        return max(moved_m, truly_m) <= mover.still_m
 
 
 def asked_of_driver(

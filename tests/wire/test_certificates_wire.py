@@ -1,0 +1,33 @@
+"""Every limit of the shipped benches acts on the wire too: real drivers, devices of their own, watchdogs that trip."""
+
+from __future__ import annotations
+
+from contextlib import closing
+
+import pytest
+
+from config.assemble import build_rig
+from config.certificate import bench_to_prove
+from config.profile import load_profile
+from controller.certify import Certifier
+
+BENCHES = {
+    "emulated/transient": {
+        "limits.blind_travel_m",
+        "devices.board.watchdog_s",
+        "devices.stage.max_speed_m_s",
+    },
+    "emulated/pretouch": {"devices.arm.loop_timeout_s", "devices.gripper.watchdog_s", "limits.grip_n"},
+    "emulated/slip": {"devices.arm.leash_m", "devices.board.watchdog_s", "limits.reach_rad"},
+    "emulated/weights": {"limits.stuck_s", "devices.board.watchdog_s"},
+}
+"""One profile of each set of devices, and some of what it must have shown."""
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_every_limit_of_an_emulated_bench_acts(name):
+    profile = load_profile(name)
+    with closing(build_rig(profile)) as rig:
+        proofs = list(Certifier(bench_to_prove(profile, rig, lambda text: None)).proofs())
+    assert [proof for proof in proofs if proof.verdict not in ("acted", "nothing to bound")] == []
+    assert {proof.limit for proof in proofs} >= BENCHES[name]
