@@ -25,6 +25,7 @@ from controller.recording.schemas import (
     TRIAL,
     TRIAL_END,
     decode_block,
+    reading_schema,
     schema_of,
 )
 from controller.recording.series import TrialRecording
@@ -235,7 +236,7 @@ class RecordingIndex:
         self._block, self._skipped, self._readings = (
             schema_of("Block"),
             schema_of("Skipped"),
-            schema_of("Reading"),
+            reading_schema(),
         )
         for path in paths:
             try:

@@ -16,7 +16,7 @@ from controller.recording.disk import DiskThread
 from controller.recording.ledger import EventLog, Ledger
 from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
-from controller.recording.series import BIN_S, DETECTOR, TrialRecording, extremes_of_bins
+from controller.recording.series import BIN_S, DETECTOR, TrialRecording, bins_of, extremes_of_each
 from controller.recording.stream_writer import StreamWriter
 from controller.wording import as_text
 from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
@@ -130,10 +130,10 @@ class Recorder:
     def _keep_readings(self, detector: str, *, ended: bool = False) -> None:
         """Keep what was gathered, up to the bin that may go on."""
         gathered = np.concatenate(self._readings.pop(detector))
-        extremes, whole = extremes_of_bins(gathered[:, 0], gathered[:, 1:2], BIN_S, ended=ended)
+        starts, whole = bins_of(gathered[:, 0], BIN_S, ended=ended)
         if whole < len(gathered):
             self._readings[detector] = [gathered[whole:]]
-        kept = np.union1d(extremes, np.flatnonzero(gathered[:whole, 3]))
+        kept = np.union1d(extremes_of_each(gathered[:whole, 1], starts), np.flatnonzero(gathered[:whole, 3]))
         if not len(kept):
             return
         readings, stream = gathered[kept, :3], DETECTOR + detector

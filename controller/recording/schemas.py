@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,11 +46,10 @@ FIELDS: Mapping[str, Mapping[str, str]] = {
         "device_t0_s": "optional double",
         "arrival_s": "optional double",
     },
-    "Reading": dict.fromkeys(READINGS, "double"),
     "State": {"t_s": "double", "state": "string"},
     "Skipped": {"stream": "string", "t0_s": "double", "t1_s": "double"},
 }
-"""Our messages, in the package `touchbench`."""
+"""Our messages, in the package `touchbench`, beside rows."""
 
 TRIAL, TRIAL_END = "trial", "trial_end"
 """Metadata records before and behind the chunks of a trial."""
@@ -133,24 +132,21 @@ def log_schema() -> Schema:
     return Schema([stamp, level, log], "foxglove.Log")
 
 
-class SampleSchema(Schema):
-    """One sample of a stream: `t_s` (bench time in the trial) and each channel, in the stream's unit.
-
-    The encoder is vectorised: all fields are doubles, so that all messages of a stream are equally long.
+class RowSchema(Schema):
+    """Messages of doubles alone, all fields of each in the file: all are equally long, and many are encoded at once.
 
     Args:
-        info: The stream; `board.load_cell` with channel `force` in N gives `BoardLoadCell.force_n`.
+        message: Its name, in the package `touchbench`.
+        names: Its fields.
     """
 
-    def __init__(self, info: StreamInfo) -> None:
-        message = "".join(part.capitalize() for part in re.split(r"\W|_", info.name))
-        unit = _identifier(info.unit)
-        names = [_identifier(f"{channel}_{unit}" if unit else channel) for channel in info.channels]
-        fields = {"t_s": "double"} | dict.fromkeys(names, "double")
-        super().__init__([_file("touchbench", message, fields)], f"touchbench.{message}")
+    def __init__(self, message: str, names: Sequence[str]) -> None:
+        super().__init__(
+            [_file("touchbench", message, dict.fromkeys(names, "double"))], f"touchbench.{message}"
+        )
         columns: list[tuple[Any, ...]] = []
         self._tags: list[NDArray[np.uint8]] = []
-        for number in range(1, len(fields) + 1):
+        for number in range(1, len(names) + 1):
             tag = number << 3 | 1  # wire type 1: eight bytes
             encoded = [tag] if tag < 0x80 else [tag & 0x7F | 0x80, tag >> 7]
             self._tags.append(np.array(encoded, np.uint8))
@@ -158,14 +154,27 @@ class SampleSchema(Schema):
         self._row = np.dtype(columns)
 
     def encode(self, times_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[bytes]:
-        """Samples, values (n, channels) in the unit, as serialised messages."""
+        """Times, shape (n,), and values, (n, fields - 1), as n serialised messages."""
         rows = np.empty(len(times_s), self._row)
-        for number, tag in enumerate(self._tags, start=1):
+        for number, (tag, column) in enumerate(zip(self._tags, (times_s, *values.T), strict=True), start=1):
             rows[f"tag{number}"] = tag
-        rows["value1"] = times_s
-        for number, channel in enumerate(values.T, start=2):
-            rows[f"value{number}"] = channel
-        return [row.tobytes() for row in rows]
+            rows[f"value{number}"] = column
+        data, size = rows.tobytes(), self._row.itemsize
+        return [data[begin : begin + size] for begin in range(0, len(data), size)]
+
+
+def reading_schema() -> RowSchema:
+    """What a detector held against its threshold."""
+    return RowSchema("Reading", READINGS)
+
+
+def sample_schema(info: StreamInfo) -> RowSchema:
+    """One sample of a stream: `t_s` (bench time in the trial) and each channel, in the stream's unit:
+    `board.load_cell` with channel `force` in N gives `BoardLoadCell.force_n`."""
+    unit = _identifier(info.unit)
+    names = [_identifier(f"{channel}_{unit}" if unit else channel) for channel in info.channels]
+    message = "".join(part.capitalize() for part in re.split(r"\W|_", info.name))
+    return RowSchema(message, ["t_s", *names])
 
 
 def _identifier(text: str) -> str:

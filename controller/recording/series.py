@@ -153,27 +153,25 @@ def extremes(values: NDArray[np.float64], points: int) -> NDArray[np.intp]:
     return np.union1d([0, len(values) - 1], extremes_of_each(values, starts))
 
 
-def extremes_of_bins(
-    times_s: NDArray[np.float64], values: NDArray[np.float64], bin_s: float, *, ended: bool
-) -> tuple[NDArray[np.intp], int]:
-    """Places of each channel's least and largest in each bin of time, in order, and how many samples the bins have.
+def bins_of(times_s: NDArray[np.float64], bin_s: float, *, ended: bool) -> tuple[NDArray[np.intp], int]:
+    """Where each bin of time begins, and how many samples the bins have.
 
-    The bins are of bench time: the cut of blocks and turns changes nothing. Of more channels they are longer, for each
-    has extremes of its own. The last one may go on and is left out unless all has `ended`.
+    The bins are of bench time: the cut of blocks and turns changes nothing. The last one may go on and is left out
+    unless all has `ended`.
     """
-    bins = np.floor(times_s / (bin_s * values.shape[1]))
+    bins = np.floor(times_s / bin_s)
     whole = len(bins) if ended else int(np.searchsorted(bins, bins[-1]))
-    starts = np.flatnonzero(np.diff(bins[:whole], prepend=-np.inf))
-    found = [extremes_of_each(channel, starts) for channel in values[:whole].T]
-    return np.unique(np.concatenate(found)), whole
+    return np.flatnonzero(np.diff(bins[:whole], prepend=-np.inf)), whole
 
 
 def extremes_of_each(values: NDArray[np.float64], starts: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Places of the least and the largest of each stretch, in order, the first of equal ones."""
+    """Places of the least and the largest of each stretch, of each channel (n, channels) or of one (n,), in order, the
+    first of equal ones."""
     stretch = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(values)))
     found = []
-    for most, no_value in ((np.minimum, np.inf), (np.maximum, -np.inf)):
-        known = np.where(np.isnan(values), no_value, values)
-        places = np.flatnonzero(known == most.reduceat(known, starts)[stretch])
-        found.append(places[np.unique(stretch[places], return_index=True)[1]])
+    for channel in np.atleast_2d(values.T):
+        for most, no_value in ((np.minimum, np.inf), (np.maximum, -np.inf)):
+            known = np.where(np.isnan(channel), no_value, channel)
+            places = np.flatnonzero(known == most.reduceat(known, starts)[stretch])
+            found.append(places[np.unique(stretch[places], return_index=True)[1]])
     return np.unique(np.concatenate(found))

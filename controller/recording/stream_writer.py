@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -16,18 +16,19 @@ from controller.recording.run_folder import RecordingError
 from controller.recording.schemas import (
     EVENTS,
     LOG_LEVELS,
-    READINGS,
     SKIPPED,
     STATE,
     TRIAL,
     TRIAL_END,
-    SampleSchema,
+    RowSchema,
     Schema,
     encode_block,
     log_schema,
+    reading_schema,
+    sample_schema,
     schema_of,
 )
-from controller.recording.series import DETECTOR, PLOT_S, extremes_of_bins
+from controller.recording.series import DETECTOR, PLOT_S, bins_of, extremes_of_each
 from drivers.core.messages import SampleBlock, StreamInfo
 
 Floats = NDArray[np.float64]
@@ -58,13 +59,13 @@ class StreamWriter:
         self.path = path
         self._start_ns = self._base_ns = round(wall_start.timestamp() * 1e6) * 1000  # exact to datetime's us
         self._streams = dict(streams)
-        self._plots: dict[str, SampleSchema] = {}
+        self._plots: dict[str, RowSchema] = {}
         self._pieces: dict[str, list[tuple[Floats, Floats, NDArray[np.int64]]]] = {}
         self._trial = -1
         self._limits: GuardSettings | None = None
         self._state = ""
         self._block, self._skipped, self._log = schema_of("Block"), schema_of("Skipped"), log_schema()
-        self._states, self._readings = schema_of("State"), schema_of("Reading")
+        self._states, self._readings = schema_of("State"), reading_schema()
         try:
             self._file = McapWriter(path, mirror)
         except OSError as error:
@@ -110,10 +111,8 @@ class StreamWriter:
         topic = f"/{block.stream.replace('.', '/')}"
         described = {"stream": block.stream, "unit": block.unit}
         if block.stream.startswith(DETECTOR):
-            readings = np.column_stack([block.times, block.physical]).tolist()
-            for number, reading in enumerate(readings, block.seq):
-                data = self._readings.pack(**dict(zip(READINGS, reading, strict=True)))
-                self._add(topic, self._readings, reading[0], data, number, described)
+            seqs = range(block.seq, block.seq + len(block))
+            self._add_rows(topic, self._readings, block.times, block.physical, seqs, described)
             return
         if block.stream not in self._streams:
             width = block.values.shape[1]
@@ -123,7 +122,6 @@ class StreamWriter:
         self._add(f"/raw{topic}", self._block, block.t0_s, data, block.seq, described)
         numbers = block.seq + np.arange(len(block))
         self._pieces.setdefault(block.stream, []).append((block.times, block.physical, numbers))
-        self._write_margins(block)
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
         """Write a span in which a stream had no subscriber."""
@@ -185,41 +183,53 @@ class StreamWriter:
         number = self._file.topic(topic, schema.name, schema.descriptors, described or {})
         self._file.add(number, self._ns(t_s), data, sequence)
 
+    def _add_rows(
+        self,
+        topic: str,
+        schema: RowSchema,
+        times_s: Floats,
+        values: Floats,
+        numbers: Sequence[int],
+        described: Mapping[str, str],
+    ) -> None:
+        channel = self._file.topic(topic, schema.name, schema.descriptors, described)
+        times_ns = (self._base_ns + np.rint(times_s * 1e9).astype(np.int64)).tolist()
+        for t_ns, data, number in zip(times_ns, schema.encode(times_s, values), numbers, strict=True):
+            self._file.add(channel, t_ns, data, number)
+
     # --- what people plot ------------------------------------------------------------------------
 
     def _write_plots(self, *, ended: bool) -> None:
         """The extremes of all samples since the last call, up to the stretch that may go on; many at once cost as
-        little as one."""
+        little as one. Of more channels the stretches are longer, for each channel has extremes of its own."""
         for stream, pieces in self._pieces.items():
             times_s, values, numbers = map(np.concatenate, zip(*pieces, strict=True))
             if not len(times_s):
                 continue
-            kept, whole = extremes_of_bins(times_s, values, PLOT_S, ended=ended)
+            pairs, whole = bins_of(times_s, 2 * PLOT_S * values.shape[1], ended=ended)
+            starts, _ = bins_of(times_s[:whole], PLOT_S * values.shape[1], ended=True)
             self._pieces[stream] = [(times_s[whole:], values[whole:], numbers[whole:])]
+            self._write_margins(stream, times_s[pairs], values[:whole], pairs)
+            kept = extremes_of_each(values[:whole], starts)
             info, times_s, values = self._streams[stream], times_s[kept], values[kept]
             frequency = f"{stream.removesuffix('period')}frequency"
             if stream.endswith(".period") and frequency not in self._streams:
                 info = StreamInfo(frequency, ("frequency",), "Hz")
                 with np.errstate(divide="ignore"):
                     values = 1.0 / values[:, :1]
-            self._plot(info, times_s, values, numbers[kept])
+            self._plot(info, times_s, values, numbers[kept].tolist())
 
-    def _write_margins(self, block: SampleBlock) -> None:
-        """Of what the guard watches the largest of a block, the limit and what is left to it."""
-        for what, stream, channels, limit, unit in shown_limits(self._limits) if self._limits else ():
-            if stream == block.stream:
-                largest = float(np.linalg.norm(block.physical[:, list(channels)], axis=1).max())
+    def _write_margins(self, stream: str, times_s: Floats, values: Floats, starts: NDArray[np.intp]) -> None:
+        """Of what the guard watches the largest of each two stretches, the limit and what is left to it."""
+        for what, watched, channels, limit, unit in shown_limits(self._limits) if self._limits else ():
+            if watched == stream and len(starts):
+                largest = np.maximum.reduceat(np.linalg.norm(values[:, list(channels)], axis=1), starts)
                 info = StreamInfo(f"guard.{what}", ("largest", "limit", "margin"), unit)
-                margin = np.array([[largest, limit, limit - largest]])
-                self._plot(info, block.times[:1], margin, np.zeros(1, np.int64))
+                margins = np.column_stack([largest, np.full_like(largest, limit), limit - largest])
+                self._plot(info, times_s, margins, [0] * len(starts))
 
-    def _plot(self, info: StreamInfo, times_s: Floats, values: Floats, numbers: NDArray[np.int64]) -> None:
+    def _plot(self, info: StreamInfo, times_s: Floats, values: Floats, numbers: Sequence[int]) -> None:
         if info.name not in self._plots:
-            self._plots[info.name] = SampleSchema(info)
-        schema = self._plots[info.name]
+            self._plots[info.name] = sample_schema(info)
         topic = f"/{info.name.replace('.', '/')}"
-        channel = self._file.topic(topic, schema.name, schema.descriptors, {"unit": info.unit})
-        for t_s, number, data in zip(
-            times_s.tolist(), numbers.tolist(), schema.encode(times_s, values), strict=True
-        ):
-            self._file.add(channel, self._ns(t_s), data, number)
+        self._add_rows(topic, self._plots[info.name], times_s, values, numbers, {"unit": info.unit})

@@ -18,7 +18,7 @@ from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
-from controller.recording.schemas import encode_block, schema_of
+from controller.recording.schemas import encode_block, reading_schema, schema_of
 from controller.recording.series import BIN_S, PLOT_S, Gap, Span
 from controller.recording.stream_writer import StreamWriter
 from drivers.core.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
@@ -380,12 +380,13 @@ def test_of_an_older_recording_which_has_readings_as_blocks_too_these_are_read(f
     block = SampleBlock("detector.near", 0, 1.0, np.array([[0.5, 7.0]]), times_s=np.array([1.0]))
     writer = McapWriter(folder.recordings[0])
     writer.add_metadata("trial", {"trial": "1", "factors": "{}"})
-    reading = schema_of("Reading").pack(t_s=1.0, statistic=0.5, threshold=7.0)
-    for topic, name, data in (
-        ("/raw/detector/near", "Block", encode_block(schema_of("Block"), block)),
-        ("/detector/near", "Reading", reading),
+    (reading,) = reading_schema().encode(np.array([1.0]), np.array([[0.5, 7.0]]))
+    for topic, schema, data in (
+        ("/raw/detector/near", schema_of("Block"), encode_block(schema_of("Block"), block)),
+        ("/detector/near", reading_schema(), reading),
     ):
-        number = writer.topic(topic, name, schema_of(name).descriptors, {"stream": block.stream, "unit": ""})
+        described = {"stream": block.stream, "unit": ""}
+        number = writer.topic(topic, schema.name, schema.descriptors, described)
         writer.add(number, 10**9, data)
     writer.finish()
     assert len(open_run(folder.path).trial(1).stream("detector.near")) == 1
@@ -421,7 +422,7 @@ def test_a_recording_has_what_people_plot_look_for_and_open_it_with(folder):
     recorder = recorder_in(folder)
     limits = GuardSettings(force_stream="board.load_cell", force_n=2.0, position_stream=None, travel_m=0.01)
     recorder.begin_trial(4, {"location": "f"}, 0.0, limits)
-    recorder.record([load_cell(1000), load_cell(1010), periods(3, [1.01, 1.06])])
+    recorder.record([load_cell(1000), load_cell(1010), load_cell(1110), periods(3, [1.01, 1.06])])
     recorder.readings("contact", np.array([[1.0, 28.0, 28.2]]), [])
     contact = Contact(1.03, "contact", 30.0, 29.0)
     recorder.event(contact, state="APPROACH", next_state="STOPPING", commands=[Stop("stage")])
@@ -439,10 +440,10 @@ def test_a_recording_has_what_people_plot_look_for_and_open_it_with(folder):
         assert reader.get_summary().statistics.attachment_count == 1
     assert [(m.t_s, m.state) for m in topics["/state"]] == [(0.0, "APPROACH"), (1.03, "STOPPING")]
     assert [m.frequency_hz for m in topics["/board/frequency"]] == [pytest.approx(28.0, abs=0.001)] * 2
-    largest_n = [(seq**2 - 17) * 1e-5 for seq in (1009, 1019)]
-    assert [m.largest_n for m in topics["/guard/force"]] == pytest.approx(largest_n), "once a block"
+    largest_n = [(seq**2 - 17) * 1e-5 for seq in (1019, 1119)]
+    assert [m.largest_n for m in topics["/guard/force"]] == pytest.approx(largest_n), "once in 0.1 s"
     assert [m.margin_n for m in topics["/guard/force"]] == pytest.approx([2.0 - n for n in largest_n])
-    assert [m.t_s for m in topics["/guard/force"]] == [1.0, 1.01]
+    assert [m.t_s for m in topics["/guard/force"]] == [1.0, 1.11]
     assert (trials[1]["trial"], trials[1]["outcome"], trials[1]["delay_s"]) == ("4", "contact", "0.2")
     assert (attached.name, json.loads(attached.data)) == ("manifest.json", {"profile": "mock/transient"})
     write_layouts(folder.recordings[0])

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from controller.recording.schemas import (
-    SampleSchema,
     decode_block,
     encode_block,
     log_schema,
+    sample_schema,
     schema_of,
 )
 from drivers.core.messages import SampleBlock, StreamInfo
@@ -23,7 +23,7 @@ MAYBE = st.none() | FINITE
 @pytest.mark.parametrize("channels", [1, 3, 20])
 def test_rows_of_samples_are_what_protobuf_itself_reads(channels):
     names = tuple(f"c{index}" for index in range(channels))
-    schema = SampleSchema(StreamInfo("arm.force", names, "N"))
+    schema = sample_schema(StreamInfo("arm.force", names, "N"))
     values = np.random.default_rng(0).normal(size=(5, channels))
     times = np.linspace(1, 2, 5)
     rows = schema.encode(times, values)
@@ -34,7 +34,7 @@ def test_rows_of_samples_are_what_protobuf_itself_reads(channels):
 
 
 def test_a_field_bears_the_unit_and_the_message_the_stream():
-    schema = SampleSchema(StreamInfo("board.accelerometer", ("z", "3d"), "m/s2"))
+    schema = sample_schema(StreamInfo("board.accelerometer", ("z", "3d"), "m/s2"))
     assert schema.name == "touchbench.BoardAccelerometer"
     assert [field.name for field in schema.message.DESCRIPTOR.fields] == ["t_s", "z_m_s2", "_3d_m_s2"]
 

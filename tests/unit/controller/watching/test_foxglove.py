@@ -13,7 +13,7 @@ from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
 from controller.recording import layouts
-from controller.recording.schemas import SampleSchema
+from controller.recording.schemas import sample_schema
 from controller.recording.stream_writer import StreamWriter
 from controller.reports import figures
 from controller.watching.foxglove import FoxgloveStream
@@ -72,7 +72,7 @@ def test_a_viewer_receives_what_is_recorded_and_can_call_nothing(stream, tmp_pat
     assert set(channels) == {"/board/load_cell", "/state"}
     code, subscription, _ = struct.unpack_from("<BIQ", frame)
     assert (code, subscription) == (1, 7)
-    message = SampleSchema(INFO).message.FromString(frame[13:])
+    message = sample_schema(INFO).message.FromString(frame[13:])
     assert message.force_n in (0.25, 0.5)
 
 
