@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +28,13 @@ if TYPE_CHECKING:
 # --- the bench -----------------------------------------------------------------------------------
 
 
-def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None, realtime: bool = False) -> Rig:
+def build_rig(
+    profile: Profile,
+    endpoints: Mapping[str, Any] | None = None,
+    realtime: bool = False,
+    devices: Collection[str] | None = None,
+    excused: Collection[str] = (),
+) -> Rig:
     """The profile's bench, its devices still closed.
 
     Args:
@@ -35,10 +42,14 @@ def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None, real
             its own, which ends with the rig.
         realtime: Whether an emulated bench of its own follows the wall clock, even when this program is late; beside
             a real port it does in any case.
+        devices: Those that are there; None is all of the profile. `CampaignPlan.devices` are those that its trials use.
+        excused: Dotted keys of settings of theirs that need no value.
 
     Raises:
+        ProfileError: a setting of theirs that the lab has to give has no value.
         RefusedError: a real port beside an emulator that runs already and whose time may pause.
     """
+    profile = _with_devices(profile, devices, excused)
     if profile.bench == "mock":
         return _mock_rig(profile)
     if profile.bench == "emulated":
@@ -50,13 +61,34 @@ def build_rig(profile: Profile, endpoints: Mapping[str, Any] | None = None, real
     return Rig("hardware", _wire_devices(profile, clock, {}), clock, time="wall")
 
 
+def _with_devices(
+    profile: Profile, devices: Collection[str] | None, excused: Collection[str] = ()
+) -> Profile:
+    """The profile with some of its devices alone, each with all values that the lab has to give."""
+    from config.needs import Needs, refuse_missing
+
+    kept = {name: each for name, each in profile.devices.items() if devices is None or name in devices}
+    parts = frozenset(("devices", name) for name in kept)
+    refuse_missing([(profile, None, Needs(parts, moves=False))], excused)
+    return replace(profile, devices=kept)
+
+
 def _wire_devices(
     profile: Profile, clock: Clock, ports: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Device]:
     """Real drivers; `ports` holds the addresses of the emulated ones; other devices keep their own port."""
+    from drivers.core.errors import PROGRAM, RefusedError
+
     devices = {}
     for name, entry in profile.devices.items():
-        there = dict(ports.get(name, {})) if entry.port == "emulated" else {}
+        if entry.port == "emulated" and name not in ports:
+            raise RefusedError(
+                name,
+                "being joined",
+                "the emulator that runs does not have it",
+                f"start that one with this profile and these settings: {PROGRAM} emulate {profile.name}",
+            )
+        there = dict(ports[name]) if entry.port == "emulated" else {}
         settings = entry.settings.model_copy(update=there)
         devices[name] = entry.made(name, settings, clock)
     return devices
@@ -93,16 +125,20 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
     )
 
 
-def start_emulator(profile: Profile, realtime: bool = False) -> EmulatorProcess:
+def start_emulator(
+    profile: Profile, realtime: bool = False, devices: Collection[str] | None = None
+) -> EmulatorProcess:
     """Start the process that holds the profile's plant and emulated devices; its `endpoints` are their addresses.
 
     Args:
         realtime: Whether time follows the wall clock, even when this program is late; beside a real port it does in
             any case, for that device's samples would be dated by a clock that pauses.
+        devices: As `build_rig`.
     """
     from simulator.wiring.emulator_process import EmulatorProcess
 
-    return EmulatorProcess({**emulator_scene(profile), "realtime": realtime or bool(profile.real_ports)})
+    scene = emulator_scene(_with_devices(profile, devices))
+    return EmulatorProcess({**scene, "realtime": realtime or bool(profile.real_ports)})
 
 
 def emulator_scene(profile: Profile) -> dict[str, Any]:
@@ -196,6 +232,7 @@ def plan_campaign(
     *,
     done: Collection[int] = (),
     asked: Mapping[str, Any] | None = None,
+    devices: Collection[str] | None = None,
 ) -> CampaignPlan:
     """What is to be run, trial by trial.
 
@@ -204,14 +241,16 @@ def plan_campaign(
         seed: Of order and noise.
         done: Numbers of trials that were run before.
         asked: The arguments of the command line, for the manifest.
+        devices: What the campaign opens of which these are a part; None is what these use.
 
     Raises:
-        ProfileError: a trial that its behavior cannot run, or a detector that it arms and the profile has not.
+        ProfileError: a trial that its behavior cannot run, a detector that it arms and the profile has not, a value
+            that the lab has to give, or a fault of a device that no trial uses.
     """
     from config.sections import referred
     from controller.campaign import CampaignPlan
 
-    _check_behaviors(profile, trials)
+    devices = _used_devices(profile, trials) if devices is None else devices
     experiment = experiment_of(profile.experiment)
     measures = import_module(experiment.measures)
     names: dict[str, None] = {}
@@ -240,6 +279,7 @@ def plan_campaign(
         signals={signal.info.name: signal.info for signal in make_signals(profile)},
         asked=asked or {},
         own=own_modules(profile),
+        devices=devices,
     )
 
 
@@ -256,17 +296,21 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
     from controller.rig import TrialScene
 
     measure = found(f"{experiment_of(profile.experiment).measures}:measure")
+    from config.needs import needs_of, within
+
     for trial in trials:
         own = profile.for_trial(trial)
-        detectors = make_detectors(own)
+        behavior = _behavior(own, trial)
+        needs = needs_of(own, behavior)
+        armed = needs.named("detectors")
         plant = own.plant.settings.model_dump(mode="json") if own.plant else {}
         yield TrialPlan(
             trial=trial.id,
             factors=trial.factors,
             scene=TrialScene(trial.id, seed, trial.factors, plant),
-            behavior=_behavior(own, trial),
-            detectors=detectors,
-            guard=Guard(limits_of(own)),
+            behavior=behavior,
+            detectors={name: each for name, each in make_detectors(own).items() if name in armed},
+            guard=Guard(within(limits_of(own), needs)),
             signals=make_signals(own),
             measure=lambda evidence, outcome, own=own: measure(evidence, own.behavior, outcome),  # type: ignore[misc]
         )
@@ -307,12 +351,25 @@ def _behavior(profile: Profile, trial: Trial) -> Behavior:
     return behavior
 
 
-def _check_behaviors(profile: Profile, trials: Sequence[Trial]) -> None:
-    """Make each trial's behavior once, repetitions aside, before anything is opened."""
+def _used_devices(profile: Profile, trials: Sequence[Trial]) -> frozenset[str]:
+    """What some trials open: each one's behavior is made once, repetitions aside, and nothing opened that it misses."""
+    from config.needs import needs_of, refuse_missing
+    from config.source import ProfileError
     from config.trials import distinct
 
+    used = []
     for trial in distinct(trials):
-        _behavior(profile.for_trial(trial), trial)
+        own = profile.for_trial(trial)
+        used.append((own, trial, needs_of(own, _behavior(own, trial))))
+    refuse_missing(used)
+    devices = frozenset[str]().union(*(needs.devices for _, _, needs in used)) & profile.devices.keys()
+    for number, fault in enumerate(profile.faults, start=1):
+        if fault.device not in devices:
+            raise ProfileError(
+                f'{profile.name}: [faults] #{number} device = "{fault.device}": none of the chosen trials uses it,'
+                " so it is not opened and cannot fail; remove the fault, or choose other trials"
+            )
+    return devices
 
 
 def make_signals(profile: Profile) -> Sequence[Signal]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from config.profile import Profile
     from config.trials import Trial
-    from controller.campaign import TrialPlan
+    from controller.campaign import CampaignPlan, TrialPlan
 
 COSTS = Path(__file__).with_name("costs.toml")
 """What a trial of each shipped profile took: `python -m benchmarks.costs`."""
@@ -39,19 +39,18 @@ def cost(profile: str, experiment: str, trials: int) -> Cost | None:
     return Cost(*(trials * float(measured[name]) for name in Cost._fields))
 
 
-def planned(
-    profile: Profile, trials: Sequence[Trial], plans: Iterable[TrialPlan], workers: int
-) -> Iterator[str]:
+def planned(profile: Profile, trials: Sequence[Trial], campaign: CampaignPlan, workers: int) -> Iterator[str]:
     """What `run` would do, a line each.
 
     Args:
-        plans: Those of different factors (`config.trials.distinct`), ready to run.
+        campaign: Those of different factors (`config.trials.distinct`), ready to run.
         workers: In how many processes they would run.
     """
     yield f"{profile.name}: {counted(len(trials))} of {profile.experiment} on the {profile.bench} bench"
     yield f"time      {duration(profile.name, profile.experiment, profile.bench, len(trials), workers)}"
     found = cost(profile.name, profile.experiment, len(trials))
     yield f"disk      {_rounded(found.disk_bytes, _SIZES) if found else 'not measured'}"
+    yield f"opens     {', '.join(sorted(campaign.devices))}"
     limits: Any = profile.limits
     asked = [profile.behavior.model_dump(), *(trial.own for trial in trials)]
     speed_m_s = max(_speeds(asked), default=0.0)
@@ -59,7 +58,7 @@ def planned(
     speed = f"at {speed_m_s:g} m/s" if speed_m_s else "no speed is set in m/s"
     yield f"motion    {travel}, {speed}; the guard stops beyond {limits.speed_m_s:g} m/s"
     yield f"force     {_force(profile, speed_m_s)}"
-    yield from _subscriptions(profile, trials, plans)
+    yield from _subscriptions(profile, trials, campaign.trials)
 
 
 def _subscriptions(profile: Profile, trials: Sequence[Trial], plans: Iterable[TrialPlan]) -> Iterator[str]:

@@ -75,17 +75,22 @@ class Order(NamedTuple):
     folders: tuple[Path, ...]
     factors: tuple[str, ...]
     seed: int
+    devices: tuple[str, ...]
     own: tuple[tuple[str, str], ...] = ()
 
 
-def order_of(profile: Profile, trials: Sequence[Trial], factors: Sequence[str], seed: int) -> Order:
-    """The trials themselves come with each batch: of the profile's own one is kept, which validates."""
+def order_of(profile: Profile, plan: CampaignPlan) -> Order:
+    """What a worker is told of a campaign.
+
+    The trials themselves come with each batch: of the profile's own one is kept, which validates.
+    """
     from config.assemble import own_modules
 
-    one = {"list": [dict(trials[0].factors)], "grid": {}, "repeats": 1, "order": "listed"}
+    one = {"list": [dict(plan.left[0].factors)], "grid": {}, "repeats": 1, "order": "listed"}
     resolved = json.dumps({**profile.resolved, "trials": one})
     own = tuple((name, entry["sha256"]) for name, entry in own_modules(profile).items())
-    return Order(profile.name, resolved, tuple(profile.source.folders), tuple(factors), seed, own)
+    folders, devices = tuple(profile.source.folders), tuple(sorted(plan.devices))
+    return Order(profile.name, resolved, folders, tuple(plan.factors), plan.seed, devices, own)
 
 
 class Silent:
@@ -115,10 +120,11 @@ def run_batch(order: Order, trials: Sequence[Trial]) -> Batch:
     begun_s = monotonic_s()
     with _at_work():
         profile = _profile(order)
-        plan = replace(plan_campaign(profile, trials, order.seed), factors=order.factors)
+        plan = plan_campaign(profile, trials, order.seed, devices=order.devices)
+        plan = replace(plan, factors=order.factors)
         with (
             tempfile.TemporaryDirectory(prefix="touchbench-batch-") as folder,
-            closing(build_rig(profile)) as rig,
+            closing(build_rig(profile, devices=order.devices)) as rig,
         ):
             outcome = Campaign(plan, rig, Silent(), Path(folder)).run()
             files = {path.name: path.read_bytes() for path in outcome.folder.iterdir() if path.is_file()}
@@ -349,7 +355,7 @@ def in_batches(
     from controller.rig import Rig
     from drivers.core.clock import VirtualClock
 
-    order, rig = order_of(profile, plan.left, plan.factors, plan.seed), Rig("mock", {}, VirtualClock())
+    order, rig = order_of(profile, plan), Rig("mock", {}, VirtualClock())
     return CampaignInBatches(
         plan, rig, console, out, resumed, batches=lambda poll: batches(crew, order, plan.left, poll)
     )

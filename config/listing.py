@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from config.costs import counted, duration
-from config.source import ProfileError, bench_of, flatten, profile_names, read_source
+from config.source import UNSET, ProfileError, bench_of, flatten, profile_names, read_source
 from controller.registry import KINDS
 from drivers.core.errors import PROGRAM
 
@@ -57,5 +57,9 @@ def _needs(data: Mapping[str, Any]) -> list[str]:
     drivers = ", ".join(f"{name} ({table.get('driver')})" for name, table in devices.items())
     lines = [f"    {data['experiment']} on the {bench} bench with {drivers}"]
     if any(table.get("port") != bench for table in devices.values()):
-        lines += [f"        {name} at {table.get('port')}" for name, table in devices.items()]
+        ports = {name: str(table.get("port")) for name, table in devices.items()}
+        lines += [
+            f"        {name} at {'a port that is not set' if port.startswith(UNSET) else port}"
+            for name, port in ports.items()
+        ]
     return lines

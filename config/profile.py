@@ -6,13 +6,25 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from config.sections import Entry, Sections
-from config.source import Bench, ProfileError, Source, Table, nest, read_source
+from config.source import (
+    ABSENT,
+    UNSET,
+    Bench,
+    KeyPath,
+    ProfileError,
+    Source,
+    Table,
+    nest,
+    read_source,
+    without_absent,
+)
 from config.trials import Trial, TrialsSettings, combinations, in_order, trials_from
 from config.validation import as_table, validated
 from controller.registry import find, settings_of
@@ -35,6 +47,7 @@ class Profile:
         plant: The physics, None on hardware.
         faults: What goes wrong on purpose, each of the table's class for it.
         unverified: Streams that no device has until it is open: where each is named, and its name.
+        deferred: What must not be used as it is, a line each, by the path of the setting: `config.needs`.
         source: The files and their joined content.
     """
 
@@ -53,6 +66,7 @@ class Profile:
     faults: tuple[Any, ...]
     trial_settings: TrialsSettings
     unverified: Sequence[tuple[str, str]] = field(repr=False, compare=False)
+    deferred: Mapping[KeyPath, str] = field(repr=False, compare=False)
     source: Source = field(repr=False, compare=False)
 
     @property
@@ -67,6 +81,7 @@ class Profile:
     def resolved(self) -> Table:
         """Every setting with its value, defaults included, as JSON and TOML can hold it; loads again."""
         plant = {"plant": _chosen(self.plant)} if self.plant else {}
+        off = {name: dict.fromkeys(sorted(gone), ABSENT) for name, gone in self.source.absent.items()}
         return {
             "title": self.title,
             "description": self.description,
@@ -74,9 +89,12 @@ class Profile:
             "devices": {
                 name: {"driver": entry.kind, "port": entry.port, **_own(entry.settings)}
                 for name, entry in self.devices.items()
-            },
-            "signals": {name: _chosen(entry) for name, entry in self.signals.items()},
-            "detectors": {name: _chosen(entry) for name, entry in self.detectors.items()},
+            }
+            | off.get("devices", {}),
+            "signals": {name: _chosen(entry) for name, entry in self.signals.items()}
+            | off.get("signals", {}),
+            "detectors": {name: _chosen(entry) for name, entry in self.detectors.items()}
+            | off.get("detectors", {}),
             "behavior": as_table(self.behavior),
             "limits": as_table(self.limits),
             "loop": as_table(self.loop),
@@ -84,6 +102,17 @@ class Profile:
             "faults": [as_table(fault) for fault in self.faults],
             "trials": as_table(self.trial_settings),
         }
+
+    @property
+    def shown(self) -> Table:
+        """Likewise, for people: where a value is not set stands how to find it."""
+        table = deepcopy(self.resolved)
+        for path, hint in self.source.unset.items():
+            place = table
+            for key in path[:-1]:
+                place = place.setdefault(key, {})
+            place[path[-1]] = f"{UNSET} {hint}"
+        return table
 
     @cached_property
     def hash(self) -> str:
@@ -180,7 +209,8 @@ def load_resolved(name: str, resolved: Mapping[str, Any], folders: Sequence[Path
     Raises:
         ProfileError: it was written by a program that knew other settings.
     """
-    return _checked(_read(Source(name, (name,), {}, {}, tuple(folders)).joined(resolved, name)))
+    source = Source(name, (name,), {}, {}, tuple(folders)).joined(resolved, name)
+    return _checked(_read(without_absent(source)))
 
 
 def _read(source: Source) -> Profile:
@@ -203,6 +233,7 @@ def _read(source: Source) -> Profile:
         faults=sections.faults(bench, devices),
         trial_settings=sections.tables.trials,
         unverified=tuple(sections.unverified),
+        deferred=sections.deferred,
         source=source,
     )
     sections.check_together()

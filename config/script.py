@@ -42,6 +42,9 @@ def run_trials(
     labels = [f"run_trials: trial {number}" for number in range(1, len(rows) + 1)]
     loaded = load_profile(profile, once, rows=rows, labels=labels)
     plan = plan_campaign(loaded, loaded.trials(seed), seed)
-    with closing(build_rig(loaded)) as rig, ConsoleOperator(asking=rig.asking) as operator:
+    with (
+        closing(build_rig(loaded, devices=plan.devices)) as rig,
+        ConsoleOperator(asking=rig.asking) as operator,
+    ):
         outcome = Campaign(plan, rig, PlainConsole(operator, say), out).run()
     return outcome, open_run(outcome.folder)

@@ -70,6 +70,8 @@ class Sections:
     Attributes:
         problems: What is wrong, a line each.
         unverified: Streams of devices that tell theirs once they are open: where each is named, and its name.
+        deferred: What is wrong only for trials that use it, by the path of the setting: a value that the lab has not
+            given, the name of something that was taken off.
 
     Raises:
         ProfileError: there are no such sections, or they are no tables, or the trials are none.
@@ -79,6 +81,9 @@ class Sections:
         self.problems: list[str] = []
         self.unverified: dict[tuple[str, str], None] = {}
         self._source = source
+        self.deferred = {
+            path: f"{self._where(path)} is not set: {hint}" for path, hint in source.unset.items()
+        }
         self._sound: dict[KeyPath, Settings] = {}
         self.tables = validated(ProfileTables, source.data, self._where)
 
@@ -244,7 +249,11 @@ class Sections:
             owner, _, signal = name.partition(".")
             to, owner = ("signal", signal) if owner == SIGNALS else ("device", owner)
         known = getattr(self.tables, f"{to}s")
-        if owner not in known:
+        if owner in self._source.absent.get(f"{to}s", ()):
+            self.deferred[place] = (
+                f"{self._where(place)} = {shown(name)}: {to} '{owner}' is \"none\"; put it back, or name another"
+            )
+        elif owner not in known:
             self._complain(place, f" = {shown(name)}: no {to} '{owner}'; {near_or_all(owner, known)}")
         elif sends and to == "device":
             driver = KINDS["driver"].get(str(known[owner].get("driver")))

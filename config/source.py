@@ -10,7 +10,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,7 +28,13 @@ KeyPath = tuple[str, ...]
 TOO_DEEP = "tables and lists are nested too deep; a profile has four levels"
 
 ABSENT = "none"
-"""Driver of a device that the extended bench has and this one does not."""
+"""In place of a device, signal or detector that the extended bench has and this one does not."""
+
+TAKEN_OFF = ("devices", "signals", "detectors")
+"""The sections of which each table can be taken off."""
+
+UNSET = "?"
+"""What a text begins with that stands in place of a value which only the lab knows; the rest says how to find it."""
 
 _CHOOSING: Mapping[KeyPath, str] = {
     (family.section,) if family.section else (): family.key
@@ -64,6 +70,9 @@ class Source:
         files: Every file that was joined, parents first, as they are shown to people.
         origins: For the path of each value, the file (or `--set`) that gave it.
         folders: Where modules that the profile names are looked for: beside it, then beside what it extends.
+        asked: For the path of each value that was once asked for: which file asked, and how to find it. Until one is
+            given, the value of the extended profile stands in its place, which nothing may be run with.
+        absent: What was taken off, by section.
     """
 
     name: str
@@ -71,6 +80,13 @@ class Source:
     data: Table
     origins: Mapping[KeyPath, str]
     folders: tuple[Path, ...] = ()
+    asked: Mapping[KeyPath, tuple[str, str]] = field(default_factory=dict)
+    absent: Mapping[str, frozenset[str]] = field(default_factory=dict)
+
+    @property
+    def unset(self) -> Mapping[KeyPath, str]:
+        """The values that nobody has given yet, and how to find each."""
+        return {path: hint for path, (label, hint) in self.asked.items() if self.origins.get(path) == label}
 
     def origin(self, path: KeyPath) -> str:
         """The file that gave a value; for a missing one, the last file to give anything around it."""
@@ -86,7 +102,9 @@ class Source:
     def joined(self, top: Mapping[str, Any], label: str) -> Source:
         """This source with more tables laid over it, which came from `label`."""
         origins = dict(self.origins)
-        return replace(self, data=_join(self.data, top, (), label, origins), origins=origins)
+        data = _join(self.data, top, (), label, origins)
+        asked = {path: (label, text[len(UNSET) :].strip()) for path, text in _asking(top)}
+        return replace(self, data=data, origins=origins, asked={**self.asked, **asked})
 
     def with_rows(self, rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> Source:
         """This source with trials from elsewhere in place of its own; `labels` are their places."""
@@ -132,16 +150,30 @@ def read_source(name_or_path: str | Path, overrides: Mapping[str, str] | None = 
         given = nest((dotted, given_value(dotted, text)) for dotted, text in (overrides or {}).items())
     except ProfileError as error:
         raise ProfileError(f"--set: {error}") from None
-    return _without_absent(source.joined(given, "--set"))
+    return without_absent(source.joined(given, "--set"))
 
 
-def _without_absent(source: Source) -> Source:
-    """The source without the devices that are "none": a bench that another one extends leaves them out."""
-    devices = source.data.get("devices")
-    if not isinstance(devices, dict):
-        return source
-    kept = {name: table for name, table in devices.items() if table != ABSENT}
-    return replace(source, data={**source.data, "devices": kept})
+def without_absent(source: Source) -> Source:
+    """The source without what is "none": a bench that another one extends leaves it out."""
+    sections = {name: source.data[name] for name in TAKEN_OFF if isinstance(source.data.get(name), dict)}
+    absent = {
+        section: frozenset(name for name, table in tables.items() if table == ABSENT)
+        for section, tables in sections.items()
+    }
+    kept = {
+        section: {name: table for name, table in tables.items() if name not in absent[section]}
+        for section, tables in sections.items()
+    }
+    return replace(source, data={**source.data, **kept}, absent=absent)
+
+
+def _asking(table: Mapping[str, Any], path: KeyPath = ()) -> Iterator[tuple[KeyPath, str]]:
+    """Where a text stands in place of a value, and that text."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _asking(value, (*path, key))
+        elif path and isinstance(value, str) and value.startswith(UNSET):
+            yield (*path, key), value
 
 
 def bench_of(data: Mapping[str, Any]) -> Bench:
@@ -251,8 +283,9 @@ def _join(
             origins.pop(known, None)
         if isinstance(value, dict):
             joined[key] = _join(before if goes_on and before else {}, value, here, label, origins)
-        else:
+        elif key == "port" or not any(_asking({key: value}, path)):
             joined[key] = value
+        # else what was there, or the default, stands in until there is a value; a port decides which bench it is
         if not isinstance(value, dict) or not value:  # an empty table counts as written
             origins[here] = label
     return joined

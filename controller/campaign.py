@@ -89,6 +89,7 @@ class CampaignPlan:
         leading: The most informative columns, to be shown first.
         asked: The command line: the profile, `set`, `trials` and `only`, for resuming the run.
         own: Modules of the user's own that the profile names: their folder and the SHA-256 of their files.
+        devices: Those that the trials use, also the trials that were run before; no other is opened.
     """
 
     profile: str
@@ -107,6 +108,7 @@ class CampaignPlan:
     leading: Sequence[str] = ()
     successes: Sequence[str] | None = None
     own: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    devices: Collection[str] = ()
 
     @property
     def count(self) -> int:

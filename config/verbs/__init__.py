@@ -32,7 +32,7 @@ LONGEST_S = 1e9
 
 PLOT_HELP = "Draw signal, statistic, threshold and events: a PNG, SVG or PDF file."
 
-MISTAKES = 8
+MISTAKES = 24
 """How many mistakes of a profile are listed at once."""
 
 

@@ -61,10 +61,17 @@ def check(
     if note := verbs.real_time(loaded):
         click.echo(f"# {note}")
     click.echo(f"# sha256 {loaded.hash}\n")
-    click.echo(to_toml(loaded.resolved, lambda path: origins.get(path, "default")), nl=False)
+    click.echo(to_toml(loaded.shown, lambda path: origins.get(path, "default")), nl=False)
     planned = distinct(asked)
-    trials = plan_campaign(loaded, planned, 0).trials
-    named = list(dict.fromkeys(ref for trial in planned for ref in loaded.for_trial(trial).unverified))
+    campaign = plan_campaign(loaded, planned, 0)
+    trials = campaign.trials
+    named = [
+        (where, stream)
+        for where, stream in dict.fromkeys(
+            ref for trial in planned for ref in loaded.for_trial(trial).unverified
+        )
+        if stream.partition(".")[0] in campaign.devices
+    ]
     if not connect and loaded.bench != "mock":
         if named:
             names = ", ".join(sorted({name for _, name in named}))
@@ -77,7 +84,7 @@ def check(
     plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
     code = verbs.DONE
     click.echo("\n" * connect, nl=False)
-    with closing(build_rig(loaded)) as rig:
+    with closing(build_rig(loaded, devices=campaign.devices)) as rig:
         scene = TrialScene(0, 0, {}, plant)
         for finding in examine(rig, scene, trials, named) if connect else compare(rig, trials, named):
             if finding.of_profile:
@@ -113,8 +120,8 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: 
     loaded = verbs.loaded_profile(profile, overrides, csv)
     trials = chosen(loaded.trials(0), numbers)
     workers = jobs_for(loaded, plan_campaign(loaded, trials, 0), None)
-    plans = plan_campaign(loaded, distinct(trials), 0).trials
-    click.echo("\n".join(planned(loaded, trials, plans, workers)))
+    varied = plan_campaign(loaded, distinct(trials), 0)
+    click.echo("\n".join(planned(loaded, trials, varied, workers)))
     return verbs.DONE
 
 
@@ -201,12 +208,14 @@ def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
     import signal
     import threading
 
-    from config.assemble import start_emulator
+    from config.assemble import plan_campaign, start_emulator
 
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    with closing(start_emulator(verbs.loaded_profile(profile, overrides), realtime)) as emulator:
+    loaded = verbs.loaded_profile(profile, overrides)
+    devices = plan_campaign(loaded, loaded.trials(0), 0).devices
+    with closing(start_emulator(loaded, realtime, devices)) as emulator:
         click.echo(json.dumps(emulator.endpoints))
         sys.stdout.flush()
         ended.wait()

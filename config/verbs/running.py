@@ -193,7 +193,9 @@ def _carried_out(
         time = f"time: {duration(loaded.name, loaded.experiment, loaded.bench, plan.count, workers)}"
         page = stack.enter_context(closing(_page())) if watched else None
         joined = verbs.joined(endpoints)
-        rig = None if crew else stack.enter_context(closing(build_rig(loaded, joined, realtime)))
+        rig = (
+            None if crew else stack.enter_context(closing(build_rig(loaded, joined, realtime, plan.devices)))
+        )
         operator = stack.enter_context(ConsoleOperator(asking=rig.asking if rig else ()))
         console = _console(operator, page, time, plan.successes)
         if rig is None:

@@ -19,6 +19,7 @@ import pytest
 from config.source import profile_names, read_source
 from run import cli
 from tests.refusals import check_refusal
+from tests.unit.config.shipped import lab_values
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
@@ -50,7 +51,7 @@ def test_list_shows_every_experiment_with_its_bench_and_what_it_needs(verb):
     assert code == 0
     assert "mock/transient " in out
     assert "transient on the mock bench with stage (zaber_stage), board (sensor_board)" in out
-    assert "stage at /dev/serial/by-id/" in out
+    assert "stage at a port that is not set" in out
 
 
 def test_list_shows_drivers_and_detectors(verb):
@@ -124,7 +125,7 @@ def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(ve
 
 
 def test_check_tells_which_streams_are_known_only_to_the_open_device(verb):
-    code, out, err = verb("check", "hardware/transient", "--set", "limits.force_stream=board.lode_cell")
+    code, out, err = verb("check", "emulated/transient", "--set", "limits.force_stream=board.lode_cell")
     assert (code, err) == (0, "")
     (line,) = [line for line in out.splitlines() if "--connect" in line]
     assert "board.lode_cell" in line
@@ -141,10 +142,21 @@ def test_check_connect_reads_every_sensor_and_refuses_a_stream_that_the_open_dev
 
 
 def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):
-    code, out, _ = verb("check", "hardware/transient", "--connect")
+    values = [f"--set={key}={value}" for key, value in lab_values("hardware/transient").items()]
+    code, out, _ = verb("check", "hardware/transient", "--connect", *values)
     assert code == 3
     assert "stage: " in out
     assert "does not exist" in out
+
+
+def test_all_values_that_a_lab_has_to_give_are_told_at_once_and_shown_as_not_set(verb):
+    code, _, err = verb("run", "hardware/slip")
+    assert code == 2
+    assert len(err.splitlines()) == 14
+    code, out, err = verb("check", "hardware/chirp", "--connect")
+    assert code == 2
+    assert 'port = "? sounddevice:' in out
+    check_refusal(err, "hardware/bench_aura.toml", "[devices.audio] port", "is not set", "sounddevice")
 
 
 # --- mistakes: one line, exit code 2 -----------------------------------------------------------------

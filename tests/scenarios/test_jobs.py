@@ -395,9 +395,9 @@ def test_new_workers_run_what_was_lost_and_nothing_twice(at_once):
 
 
 def test_a_bench_that_is_there_once_is_not_run_by_several(verb):
-    code, _, err = verb("run", "hardware/transient", "--jobs", "2")
+    code, _, err = verb("run", "emulated/transient", "--jobs", "2")
     assert code == 2
-    assert "there is one hardware bench" in err
+    assert "there is one emulated bench" in err
 
 
 @pytest.mark.parametrize("shard", ["0/7", "8/7", "3", "a/b"])

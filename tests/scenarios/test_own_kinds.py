@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from config.assemble import plan_campaign
 from config.jobs import JobsError, Order, order_of, run_batch
 from config.profile import load_profile
 from controller.own_modules import forget_own
@@ -316,7 +317,7 @@ def test_a_worker_that_outlives_a_campaign_loads_own_code_anew_and_refuses_anoth
     def order() -> Order:
         forget_own()
         profile = load_profile(helped / "rest.toml")
-        return order_of(profile, profile.trials(0), ("number",), 0)
+        return order_of(profile, plan_campaign(profile, profile.trials(0), 0))
 
     first = order()
     trials = load_profile(helped / "rest.toml").trials(0)[:1]

@@ -43,7 +43,7 @@ def groups_of(printed):
 def test_a_run_arms_and_subscribes_to_what_plan_prints(name, script, tmp_path, monkeypatch):
     profile = load_profile(name, SHORTER.get(name, {}))
     trials = profile.trials(0)
-    printed = list(planned(profile, trials, plan_campaign(profile, distinct(trials), 0).trials, 1))
+    printed = list(planned(profile, trials, plan_campaign(profile, distinct(trials), 0), 1))
     arrange, seen = Loop._arrange, []
 
     def watched(loop, commands):

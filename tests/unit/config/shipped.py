@@ -1,7 +1,10 @@
 """What the shipped profiles of one experiment have in common on all benches."""
 
+import json
 from collections.abc import Mapping
 from typing import Any
+
+from config.profile import load_profile
 
 COMPARED = {
     "zaber_stage": {"microstep_m", "travel_m"},
@@ -19,3 +22,26 @@ def on_the_mock_bench(devices: Mapping[str, Mapping[str, Any]]) -> dict[str, dic
         }
         for name, device in devices.items()
     }
+
+
+PLAIN = {
+    "port": "/dev/nowhere",
+    "tcp_offset": [0.0, 0.0, 0.1, 0.0, 0.0, 0.0],
+    "payload_kg": 1.0,
+    "payload_cog_m": [0.0, 0.0, 0.05],
+    "microstep_m": 0.49609375e-6,
+    "travel_m": 0.0254,
+}
+"""Values of a lab for what the simulation has none of."""
+
+
+def lab_values(name: str) -> dict[str, str]:
+    """Values for all that a hardware profile leaves to the lab, as `--set` takes them; its ports lead nowhere."""
+    profile = load_profile(name)
+    found = {}
+    for path in profile.source.unset:
+        place: Any = profile.resolved
+        for key in path:
+            place = place[key]
+        found[".".join(path)] = json.dumps(PLAIN.get(path[-1], place))
+    return found

@@ -18,7 +18,7 @@ def plan_of(name, **sets):
 
 def lines_of(name, **sets):
     profile, plan = plan_of(name, **sets)
-    return list(planned(profile, plan.left, plan_campaign(profile, distinct(plan.left), 0).trials, 1))
+    return list(planned(profile, plan.left, plan_campaign(profile, distinct(plan.left), 0), 1))
 
 
 def test_what_was_never_measured_is_reported_as_such():
@@ -32,6 +32,7 @@ def test_what_was_never_measured_is_reported_as_such():
 def test_a_plan_shows_time_disk_motion_force_and_what_each_state_computes():
     plan = "\n".join(lines_of("mock/transient"))
     assert "42 trials of transient on the mock bench" in plan
+    assert "opens     board, stage" in plan
     assert "of bench time, computed in" in plan
     assert "0.011997 m/s; the guard stops beyond 0.015 m/s" in plan
     assert "the guard stops at 2 N; 3.3 N at the most if it alone does" in plan
@@ -56,7 +57,7 @@ def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):
     assert count("mock/transient") == 1
     assert count("mock/centering") == 4
     assert count("mock/centering", 2) == 2
-    assert count("hardware/transient") == 1
+    assert count("emulated/transient") == 1
 
 
 def test_a_speed_that_stands_deep_in_the_settings_is_planned():

@@ -5,7 +5,7 @@ import pytest
 from config.profile import load_profile
 from config.sections import referred
 from config.source import ProfileError, profile_names, read_source
-from tests.unit.config.shipped import COMPARED, on_the_mock_bench
+from tests.unit.config.shipped import on_the_mock_bench
 
 EXPERIMENTS = [name for name in profile_names() if "bench" not in name and not name.startswith("papers/")]
 
@@ -90,12 +90,6 @@ def test_other_benches_ask_for_the_same(bench, experiment, same, emulated):
         assert other["trials"] == mock["trials"]
     if bench == "emulated" and "devices" in same:
         assert "shortened" in other["title"]
-
-
-@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name.startswith("hardware/")])
-def test_on_hardware_it_states_what_the_devices_are_held_against(name):
-    for device in read_source(name).data["devices"].values():
-        assert device.keys() >= COMPARED.get(device["driver"], set())
 
 
 def test_transient_runs_the_rows_of_table_i_three_times_each():
