@@ -37,7 +37,7 @@ def bench_to_prove(profile: Profile, rig: Rig, consent: Callable[[str], None]) -
     return BenchToProve(
         rig,
         first.scene,
-        {name: entry.settings for name, entry in profile.devices.items()},
+        {name: profile.devices[name].settings for name in rig.devices},
         fresh,
         profile.loop,  # type: ignore[arg-type]
         frozenset().union(*watched),

@@ -152,9 +152,10 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
 
     if parts := parts_of(profile):
         return verbs.for_each_part(certify, parts, [*verbs.sets(overrides), "--out", str(out)])
-    from config.assemble import build_rig
+    from config.assemble import build_rig, plan_campaign
 
     loaded, started = verbs.loaded_profile(profile, overrides), utc_now()
+    devices = plan_campaign(loaded, loaded.trials(0), 0).devices
     hardware = loaded.bench == "hardware"
 
     def consent(text: str) -> None:
@@ -165,7 +166,7 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
 
     folder = RunFolder.create(out, f"certify-{loaded.name}", started)
     proofs, ended, failure = [], "", None
-    with closing(build_rig(loaded)) as rig:
+    with closing(build_rig(loaded, devices=devices)) as rig:
         certifier = Certifier(bench_to_prove(loaded, rig, consent))
         try:
             for proof in certifier.proofs():
