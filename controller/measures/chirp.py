@@ -55,16 +55,16 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> t
     together = power.sum(axis=1)
     order = np.argsort(frequencies_hz)
     best = int(np.argmax(together))
-    both = peak(frequencies_hz[order], together[order], 0.5)
+    best_hz, low_hz, high_hz = peak(frequencies_hz[order], together[order], 0.5)
     silence = series.values[(series.times_s >= silent_s) & (series.times_s < min(asked_s, begun_s))]
     noise = float((silence - silence.mean(axis=0)).var(axis=0).sum()) if len(silence) else 0.0
-    per_finger = [peak(frequencies_hz[order], column[order], 0.5).frequency_hz for column in power.T]
+    per_finger = [peak(frequencies_hz[order], column[order], 0.5)[0] for column in power.T]
     row.update(
-        best_hz=both.frequency_hz,
+        best_hz=best_hz,
         best_right_hz=per_finger[0],
         best_left_hz=per_finger[-1],
-        band_low_hz=both.low_hz if np.isfinite(both.low_hz) else None,
-        band_high_hz=both.high_hz if np.isfinite(both.high_hz) else None,
+        band_low_hz=low_hz if np.isfinite(low_hz) else None,
+        band_high_hz=high_hz if np.isfinite(high_hz) else None,
         unsure_hz=0.5 * STEP_HZ + abs(_slope_hz_s(settings)) * LATENCY_UNSURE_S,
         over_noise_db=10.0 * float(np.log10(together[best] / noise)) if noise > 0.0 else None,
     )

@@ -58,14 +58,6 @@ class Sweep(NamedTuple):
     residual: float
 
 
-class Peak(NamedTuple):
-    """The highest point of a curve, and where it falls to a share of it on either side; NaN where it does not."""
-
-    frequency_hz: float
-    low_hz: float
-    high_hz: float
-
-
 def analyse(frequencies_hz: Floats, response: Floats, kind: Kind = "amplitude") -> Sweep:
     """Peak, bands, sharpness and resonances of a sweep.
 
@@ -87,23 +79,24 @@ def analyse(frequencies_hz: Floats, response: Floats, kind: Kind = "amplitude") 
     if not (np.diff(frequencies_hz) > 0.0).all() or frequencies_hz[0] <= 0.0:
         raise ValueError("frequencies must rise from row to row, from above zero")
     half, quarter = (math.sqrt(0.5), 0.5) if kind == "amplitude" else (0.5, 0.25)
-    top = peak(frequencies_hz, response, half)
-    if not frequencies_hz[0] < top.frequency_hz < frequencies_hz[-1]:
+    top_hz, half_low_hz, half_high_hz = peak(frequencies_hz, response, half)
+    if not frequencies_hz[0] < top_hz < frequencies_hz[-1]:
         raise ValueError("the largest response is at the sweep's end; sweep farther, or choose another span")
-    wide = peak(frequencies_hz, response, quarter)
-    q = top.frequency_hz / (top.high_hz - top.low_hz)
-    guess = q if math.isfinite(q) else 10.0 * top.frequency_hz / float(np.ptp(frequencies_hz))
-    one = _fitted(frequencies_hz, response, kind, [Resonance(top.frequency_hz, guess)])
-    two = _two(frequencies_hz, response, kind, top.frequency_hz, guess)
+    _, low_hz, high_hz = peak(frequencies_hz, response, quarter)
+    q = top_hz / (half_high_hz - half_low_hz)
+    guess = q if math.isfinite(q) else 10.0 * top_hz / float(np.ptp(frequencies_hz))
+    one = _fitted(frequencies_hz, response, kind, [Resonance(top_hz, guess)])
+    two = _two(frequencies_hz, response, kind, top_hz, guess)
     chosen = two if two is not None and two.aicc < one.aicc - BETTER else one
     return Sweep(
-        *(top.frequency_hz, q, top.low_hz, top.high_hz, wide.low_hz, wide.high_hz),
+        *(top_hz, q, half_low_hz, half_high_hz, low_hz, high_hz),
         *(one.aicc, math.nan if two is None else two.aicc, chosen.resonances, chosen.residual),
     )
 
 
-def peak(frequencies_hz: Floats, response: Floats, share: float) -> Peak:
-    """The highest point of a curve, and where it falls to `share` of it, by straight lines between its points."""
+def peak(frequencies_hz: Floats, response: Floats, share: float) -> tuple[float, float, float]:
+    """The highest point of a curve, Hz, and where it falls to `share` of it on either side, by straight lines between
+    its points; NaN where it does not."""
     best = int(np.argmax(response))
     top_hz, top = float(frequencies_hz[best]), float(response[best])
     if 0 < best < len(response) - 1:
@@ -114,7 +107,7 @@ def peak(frequencies_hz: Floats, response: Floats, share: float) -> Peak:
             top_hz, top = top_hz + shift_hz, float(np.polynomial.polynomial.polyval(shift_hz, curve))
     level = share * top
     low_hz = _crossing(frequencies_hz[best::-1], response[best::-1], level)
-    return Peak(top_hz, low_hz, _crossing(frequencies_hz[best:], response[best:], level))
+    return top_hz, low_hz, _crossing(frequencies_hz[best:], response[best:], level)
 
 
 def _crossing(frequencies_hz: Floats, response: Floats, level: float) -> float:

@@ -6,8 +6,8 @@ import asyncio
 import json
 import os
 import socket
-from collections.abc import Collection, Mapping
-from contextlib import closing, suppress
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Thread
@@ -320,15 +320,11 @@ class _Feed:
                     writer.write(json.dumps({"refused": refusal}).encode() + b"\n")
 
 
-class at:  # noqa: N801 - reads as a preposition
+@contextmanager
+def at(path: Path) -> Iterator[str]:
     """A socket's name, however long its folder's: sockets know 107 characters (unix(7))."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> str:
-        self._folder = os.open(self._path.parent, os.O_PATH | os.O_DIRECTORY)
-        return f"/proc/self/fd/{self._folder}/{self._path.name}"
-
-    def __exit__(self, *_: object) -> None:
-        os.close(self._folder)
+    folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)

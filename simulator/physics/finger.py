@@ -177,9 +177,10 @@ class FingerPlant:
 
         done = leap(self._course, self._computed_s, until_s, self.settings.error_budget_rad)
         if done is not None:
-            self._seconds["exact"] += done.computed_s
-            self._seconds[done.tier] += done.left_out_s
-            self._computed_s += done.computed_s + done.left_out_s
+            tier, computed_s, left_out_s = done
+            self._seconds["exact"] += computed_s
+            self._seconds[tier] += left_out_s
+            self._computed_s += computed_s + left_out_s
             self._error_rad = self.settings.error_budget_rad
 
     # what can be read

@@ -64,15 +64,9 @@ class Lock(NamedTuple):
         return math.log(max(1.0, self.swing_rad * shifts / error_rad)) / self.forgets_per_s
 
 
-class Leap(NamedTuple):
-    """What a leap did: its tier, the seconds it computed first, the seconds it left out."""
-
-    tier: str
-    computed_s: float
-    left_out_s: float
-
-
-def leap(course: FingerCourse, from_s: float, until_s: float, error_rad: float) -> Leap | None:
+def leap(
+    course: FingerCourse, from_s: float, until_s: float, error_rad: float
+) -> tuple[str, float, float] | None:
     """Leave out what the locked loop does before `until_s`, as far as an error in theta allows it.
 
     Without noise the cycle repeats: whole cycles are left out (`cycles`). With noise the loop forgets: it is put on its
@@ -87,7 +81,7 @@ def leap(course: FingerCourse, from_s: float, until_s: float, error_rad: float) 
         error_rad: The budget; 0 forbids every leap.
 
     Returns:
-        What was done, or None where nothing can be left out.
+        Its tier, the seconds it computed first, the seconds it left out; None where nothing can be left out.
     """
     if error_rad == 0.0 or course.finger.restless or not course.moment.flags[scene.EXCITED]:
         return None
@@ -99,7 +93,7 @@ def leap(course: FingerCourse, from_s: float, until_s: float, error_rad: float) 
         if left_out_s < lock.locked_s:
             return None
         course.enter(lock.x, lock.comparator, from_s + left_out_s)
-        return Leap("stationary", 0.0, left_out_s)
+        return "stationary", 0.0, left_out_s
     computed_s = lock.locked_s + lock.repeating_s(error_rad)
     # the last cycle is computed: its edge begins the first period that is observed
     left_out_s = (math.floor((until_s - from_s - computed_s) / lock.period_s) - 1) * lock.period_s
@@ -107,7 +101,7 @@ def leap(course: FingerCourse, from_s: float, until_s: float, error_rad: float) 
         return None
     course.run(from_s + computed_s)
     course.leave_out(left_out_s)
-    return Leap("cycles", computed_s, left_out_s)
+    return "cycles", computed_s, left_out_s
 
 
 def may_touch(course: FingerCourse, from_s: float, until_s: float) -> bool:

@@ -10,7 +10,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
-from typing import Annotated, NamedTuple, cast
+from typing import Annotated, cast
 
 import numpy as np
 from pydantic import Field, Strict
@@ -96,11 +96,6 @@ class Safety(IntEnum):
         )
 
 
-class _Instant(NamedTuple):
-    joints_rad: Array
-    force_n: Array
-
-
 class UrController:
     """A controller with its arm.
 
@@ -143,7 +138,7 @@ class UrController:
         self._zero = np.zeros(6)
         self._touch = np.zeros(6)
         self._measured = np.zeros(6)
-        self._history: deque[_Instant] = deque(maxlen=HISTORY_STEPS)
+        self._history: deque[tuple[Array, Array]] = deque(maxlen=HISTORY_STEPS)  # joints, force
         self._feel()
 
     @property
@@ -261,11 +256,11 @@ class UrController:
             if length
             else (lambda force: math.hypot(*force.tolist()))
         )
-        if not self._history or against(self._history[-1].force_n) < self.settings.contact_n:
+        if not self._history or against(self._history[-1][1]) < self.settings.contact_n:
             return 0
         steps = 0
-        for instant in reversed(self._history):
-            if against(instant.force_n) <= 0.0:
+        for _, force_n in reversed(self._history):
+            if against(force_n) <= 0.0:
                 break
             steps += 1
         return steps
@@ -278,7 +273,7 @@ class UrController:
         """
         if steps < 0:
             raise ValueError(f"joints {steps} steps ago")
-        return self._history[-1 - min(steps, len(self._history) - 1)].joints_rad
+        return self._history[-1 - min(steps, len(self._history) - 1)][0]
 
     def _mind_the_watchdog(self) -> None:
         if self._script is None or self._watched is None:
@@ -312,7 +307,7 @@ class UrController:
         wrench = self.surroundings.wrench(self.arm.pose, self.arm.twist, now_s)
         self._touch = np.asarray(wrench, dtype=np.float64)
         self._measured = self._touch + self._sigma * self._noise.standard_normal(6)
-        self._history.append(_Instant(self.arm.joints_rad, (self._touch - self._zero)[:3]))
+        self._history.append((self.arm.joints_rad, (self._touch - self._zero)[:3]))
 
 
 def _zeros(way: str) -> dict[str, Value]:
