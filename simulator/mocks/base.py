@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, ClassVar
 
-from drivers.core.clock import Clock
-from drivers.core.messages import SampleBlock, Status
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.clock import Clock, last_tick
+from drivers.core.messages import DeviceInfo, SampleBlock, Status, StreamInfo
 from drivers.core.wire import Driver, WireDriver
 from simulator.devices.faults import FaultSchedule, corrupted, inject_begun
 
@@ -169,10 +172,37 @@ class MockDriver(Driver):
 
 
 class MockSensor(MockDriver):
-    """A sensor in the process: what it samples may be lost on the way."""
+    """A sensor in the process: sample k of a stream is at k / rate, computed while subscribed, and may be lost."""
 
-    def _arrived(self, blocks: Sequence[SampleBlock], now_s: float) -> Sequence[SampleBlock]:
-        """What the faults let through of what was sampled."""
+    model: ClassVar[str]
+    """What it calls itself."""
+
+    _infos: Mapping[str, StreamInfo]
+    """Its streams, by name; set before the first `restart`."""
+
+    _longest = 4096
+    """Samples of a block, at the most."""
+
+    def restart(self) -> None:
+        """Begin a trial: bench time is zero again."""
+        self._next: dict[str, int] = {}  # of each subscribed stream: number of its next sample
+        self._seq = dict.fromkeys(self._infos, 0)
+        super().restart()
+
+    def open(self) -> DeviceInfo:
+        """Nothing to connect to."""
+        return DeviceInfo(self.name, model=self.model, streams=self._infos, clock="bench")
+
+    def _subscribe(self, streams: Iterable[str], now_s: float) -> None:
+        """Sample these from now on; one that is sampled already goes on."""
+        begins = {stream: last_tick(now_s, self._infos[stream].rate_hz or 1.0) + 1 for stream in streams}
+        self._next = {stream: self._next.get(stream, begins[stream]) for stream in sorted(begins)}
+
+    def read(self) -> Sequence[SampleBlock]:
+        """What was sampled since the last call."""
+        now_s = self._clock.now()
+        self._advance(now_s)
+        blocks = [block for stream in self._next for block in self._due(stream, now_s)]
         if self._gone(now_s):
             return ()
         if self._garbled(now_s):
@@ -180,3 +210,33 @@ class MockSensor(MockDriver):
                 self._lost(now_s, block.stream, len(block))
             return ()
         return blocks
+
+    def _advance(self, now_s: float) -> None:
+        """Let the bench's time pass."""
+        self._bench.advance(now_s)
+
+    def _due(self, stream: str, now_s: float) -> Sequence[SampleBlock]:
+        """What has become due of a stream."""
+        first, rate_hz = self._next[stream], self._infos[stream].rate_hz
+        assert rate_hz is not None
+        last = last_tick(now_s, rate_hz)
+        if last < first:
+            return ()
+        self._next[stream] = last + 1
+        times_s = np.arange(first, last + 1) / rate_hz
+        values = self._counts(stream, times_s)
+        cuts = [slice(start, start + self._longest) for start in range(0, len(values), self._longest)]
+        return [self._block(stream, float(times_s[cut.start]), values[cut], now_s) for cut in cuts]
+
+    def _counts(self, stream: str, times_s: NDArray[np.float64]) -> Any:
+        """What the converter reads at these times, shape (n, channels)."""
+        raise NotImplementedError
+
+    def _block(
+        self, stream: str, t0_s: float, values: Any, now_s: float, times_s: NDArray[np.float64] | None = None
+    ) -> SampleBlock:
+        seq = self._seq[stream]
+        self._seq[stream] += len(values)
+        return self._infos[stream].block(
+            seq, t0_s, values, times_s=times_s, device_t0_s=t0_s, arrival_s=now_s
+        )

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.core.clock import last_tick
 from drivers.core.errors import check_streams, wrong
 from drivers.core.messages import (
     Command,
-    DeviceInfo,
     Listen,
     SampleBlock,
     Saturated,
@@ -35,28 +34,22 @@ class MockDsaMatrixSettings(Settings):
 
 
 class MockDsaMatrix(MockSensor):
-    """Samples the texels on its own grid (frame k at k / frame_hz), only while subscribed."""
+    """Samples the texels, frame by frame."""
 
+    model = "simulated DSA 9210"
     _settings: MockDsaMatrixSettings
 
     def _wire(self) -> None:
         part(self._bench, "texels_v", self.name)
         channels = codec.channel_names((matrix.rows, matrix.columns) for matrix in self._bench.matrices())
         rate_hz = float(self._settings.frame_hz)
-        self._info = StreamInfo(f"{self.name}.taxels", channels, "V", codec.VOLT_PER_COUNT, rate_hz)
+        info = StreamInfo(f"{self.name}.taxels", channels, "V", codec.VOLT_PER_COUNT, rate_hz)
+        self._infos = {info.name: info}
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
-        self._next: int | None = None
-        self._seq = 0
         self._saturated = False
         super().restart()
-
-    def open(self) -> DeviceInfo:
-        """Nothing to connect to."""
-        return DeviceInfo(
-            self.name, model="simulated DSA 9210", streams={self._info.name: self._info}, clock="bench"
-        )
 
     def apply(self, command: Command) -> Command:
         """Subscribe to the texels, or unsubscribe.
@@ -64,34 +57,26 @@ class MockDsaMatrix(MockSensor):
         Raises:
             CommandError: not for these matrices.
         """
-        now_s = self._clock.now()
         if not isinstance(command, Listen):
             raise wrong(self.name, command, "it has no such command", "matrices can Listen")
-        check_streams(self.name, command, command.streams, (self._info.name,))
-        if bool(command.streams) != (self._next is not None):
-            self._next = last_tick(now_s, self._settings.frame_hz) + 1 if command.streams else None
+        check_streams(self.name, command, command.streams, self._infos)
+        if command.streams != self._next.keys():
+            self._subscribe(command.streams, self._clock.now())
             self._sent(command)
         return command
 
     def read(self) -> Sequence[SampleBlock]:
         """Frames since the last call."""
-        now_s, rate_hz = self._clock.now(), self._settings.frame_hz
-        self._bench.advance(now_s)
-        last = last_tick(now_s, rate_hz)
-        if self._next is None or last < self._next:
-            return ()
-        times_s = np.arange(self._next, last + 1) / rate_hz
-        self._next = last + 1
+        blocks = super().read()
+        for block in blocks:
+            self._watch(block)
+        return blocks
+
+    def _counts(self, stream: str, times_s: NDArray[np.float64]) -> NDArray[np.int32]:
         texels = counts(self._bench.texels_v(times_s), self._settings.threshold_counts)
-        if self._faults.active(now_s, "full_scale"):
+        if self._faults.active(self._clock.now(), "full_scale"):
             texels = np.full_like(texels, codec.TEXEL_MAX)
-        t0_s = float(times_s[0])
-        block = self._info.block(self._seq, t0_s, texels.astype(np.int32), device_t0_s=t0_s, arrival_s=now_s)
-        self._seq += len(block)
-        arrived = self._arrived((block,), now_s)
-        for one in arrived:
-            self._watch(one)
-        return arrived
+        return texels.astype(np.int32)
 
     def _watch(self, block: SampleBlock) -> None:
         """Report each excursion to a texel's end once."""
@@ -99,5 +84,5 @@ class MockDsaMatrix(MockSensor):
         for place in np.flatnonzero(np.diff(full, prepend=self._saturated)):
             self._saturated = not self._saturated
             if self._saturated:
-                value = codec.TEXEL_MAX * self._info.scale
+                value = codec.TEXEL_MAX * block.scale
                 self._statuses.append(Saturated(float(block.times[place]), self.name, block.stream, value))

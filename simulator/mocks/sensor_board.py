@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.core.clock import last_tick
 from drivers.core.messages import (
     Command,
-    DeviceInfo,
     Excite,
     Listen,
     SampleBlock,
@@ -33,35 +31,24 @@ class MockSensorBoardSettings(BoardLimits):
 
 
 class MockSensorBoard(MockSensor):
-    """Samples the plant on the board's own grid (sample k at k / rate), computing only what is subscribed."""
+    """Samples the plant on the board's own grid; a stream without a rate comes as the plant's events."""
 
+    model = "simulated sensor board"
     _settings: MockSensorBoardSettings
 
     def _wire(self) -> None:
-        self._infos = {
-            spec.name: stream_info(
-                f"{self.name}.{spec.name}", spec.channels, spec.unit, spec.scale, spec.rate_hz
-            )
+        self._longest = self._settings.block_samples
+        infos = (
+            stream_info(f"{self.name}.{spec.name}", spec.channels, spec.unit, spec.scale, spec.rate_hz)
             for spec in self._bench.streams()
-        }
+        )
+        self._infos = {info.name: info for info in infos}
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
         self._excited = False
-        self._subscribed: frozenset[str] = frozenset()
-        self._next_sample = dict.fromkeys(self._infos, 0)
-        self._seq = dict.fromkeys(self._infos, 0)
         self._zero = {name: np.zeros(len(info.channels), np.int64) for name, info in self._infos.items()}
         super().restart()
-
-    def open(self) -> DeviceInfo:
-        """Nothing to connect to."""
-        return DeviceInfo(
-            self.name,
-            model="simulated sensor board",
-            streams={info.name: info for info in self._infos.values()},
-            clock="bench",
-        )
 
     def close(self) -> None:
         """Nothing to release; the excitation ends."""
@@ -74,90 +61,52 @@ class MockSensorBoard(MockSensor):
         Raises:
             CommandError: not for this board, or not finite.
         """
-        known = [info.name for info in self._infos.values()]
-        command, now_s = self._settings.checked(self.name, known, command), self._clock.now()
+        command, now_s = self._settings.checked(self.name, list(self._infos), command), self._clock.now()
+        self._advance(now_s)
         if isinstance(command, Listen):
-            self._listen(command, now_s)
+            for stream in command.streams - self._next.keys():
+                if self._infos[stream].rate_hz is None:
+                    self._bench.events(_short(stream))  # those from before
+            self._subscribe(command.streams, now_s)
+            self._advance(now_s)
             return command
-        self._bench.advance(now_s, self._subscribed)
         if isinstance(command, Excite):
             self._excited = command.on
             self._bench.excite(command.on)
         elif isinstance(command, SetTendon):
             self._bench.set_tendon(command.position_m)
         elif isinstance(command, Tare):
-            self._tare(command.stream.partition(".")[2], now_s)
+            # zero is the present reading, as on the real board
+            self._zero[command.stream] += self._counts(command.stream, np.array([now_s]))[0]
         self._sent(command)
         return command
 
-    def _listen(self, command: Listen, now_s: float) -> None:
-        self._bench.advance(now_s, self._subscribed)
-        streams = frozenset(stream.partition(".")[2] for stream in command.streams)
-        for name in streams - self._subscribed:
-            rate_hz = self._infos[name].rate_hz
-            if rate_hz is not None:
-                self._next_sample[name] = last_tick(now_s, rate_hz) + 1
-        if "period" in streams - self._subscribed:
-            self._bench.events("period")
-        self._subscribed = streams
-        self._bench.advance(now_s, streams)
+    def _advance(self, now_s: float) -> None:
+        self._bench.advance(now_s, frozenset(map(_short, self._next)))
 
-    def _tare(self, name: str, now_s: float) -> None:
-        """Zero is the present reading, as on the real board."""
-        self._zero[name] += self._counts(name, np.array([now_s]))[0]
-
-    def read(self) -> Sequence[SampleBlock]:
-        """What the board sampled since the last call."""
-        now_s = self._clock.now()
-        self._bench.advance(now_s, self._subscribed)
-        blocks: list[SampleBlock] = []
-        for name in sorted(self._subscribed):
-            blocks += self._waveform(name, now_s) if self._infos[name].rate_hz else self._events(name, now_s)
-        return self._arrived(blocks, now_s)
-
-    def _waveform(self, name: str, now_s: float) -> list[SampleBlock]:
-        info = self._infos[name]
-        assert info.rate_hz is not None
-        last = last_tick(now_s, info.rate_hz)
-        first = self._next_sample[name]
-        if last < first:
-            return []
-        self._next_sample[name] = last + 1
-        times_s = np.arange(first, last + 1) / info.rate_hz
-        counts = self._counts(name, times_s)
+    def _due(self, stream: str, now_s: float) -> Sequence[SampleBlock]:
+        if self._infos[stream].rate_hz is not None:
+            return super()._due(stream, now_s)
+        ends_s, values = self._bench.events(_short(stream))
         blocks = []
-        for start in range(0, len(counts), self._settings.block_samples):
-            part = counts[start : start + self._settings.block_samples]
-            blocks.append(self._block(name, part, float(times_s[start]), None, now_s))
+        for start in range(0, len(ends_s), self._longest):
+            times_s = ends_s[start : start + self._longest]
+            counts = np.rint(values[start : start + self._longest] / self._infos[stream].scale)
+            blocks.append(
+                self._block(stream, float(times_s[0]), counts.astype(np.int32)[:, None], now_s, times_s)
+            )
         return blocks
 
-    def _counts(self, name: str, times_s: NDArray[np.float64]) -> NDArray[np.int32]:
-        values = self._bench.sample(name, times_s).reshape(len(times_s), -1)
+    def _counts(self, stream: str, times_s: NDArray[np.float64]) -> NDArray[np.int32]:
+        scale = self._infos[stream].scale
+        values = self._bench.sample(_short(stream), times_s).reshape(len(times_s), -1)
         if self._faults.active(float(times_s[-1]), "full_scale"):
-            values = np.full_like(values, INT32.min * self._infos[name].scale)
-        counts = np.rint(values / self._infos[name].scale) - self._zero[name]
+            values = np.full_like(values, INT32.min * scale)
+        counts = np.rint(values / scale) - self._zero[stream]
         clipped = counts.clip(INT32.min, INT32.max).astype(np.int32)
-        return np.asarray(self._faults.held(float(times_s[-1]), name, clipped))
+        return np.asarray(self._faults.held(float(times_s[-1]), stream, clipped))
 
-    def _events(self, name: str, now_s: float) -> list[SampleBlock]:
-        ends_s, values = self._bench.events(name)
-        scale = self._infos[name].scale
-        blocks = []
-        for start in range(0, len(ends_s), self._settings.block_samples):
-            times_s = ends_s[start : start + self._settings.block_samples]
-            counts = np.rint(values[start : start + self._settings.block_samples] / scale).astype(np.int32)
-            blocks.append(self._block(name, counts[:, None], float(times_s[0]), times_s, now_s))
-        return blocks
 
-    def _block(
-        self,
-        name: str,
-        counts: NDArray[np.int32],
-        t0_s: float,
-        times_s: NDArray[np.float64] | None,
-        now_s: float,
-    ) -> SampleBlock:
-        info = self._infos[name]
-        block = info.block(self._seq[name], t0_s, counts, times_s=times_s, device_t0_s=t0_s, arrival_s=now_s)
-        self._seq[name] += len(counts)
-        return block
+def _short(stream: str) -> str:
+    """A stream's name on the board."""
+    return stream.partition(".")[2]
