@@ -30,7 +30,7 @@ from benchmarks.results import FOLDER, ROOT
 from controller.recording.reader import open_run
 from controller.reports.approaches import read_approaches
 from controller.reports.figures import FAINT, INK, LOOKS, OURS, PAPER, RIVAL, TRUTH, Drawing, Figures
-from controller.reports.transient_figures import Trace, representative, trace_of
+from controller.reports.transient import Trace, representative, trace_of
 from simulator.physics.aura_settings import OBJECTS, SIDES
 
 OUT, PICTURES = FOLDER.parent / "figures", ROOT / "docs" / "pictures"

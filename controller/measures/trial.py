@@ -202,3 +202,9 @@ def not_before(reported_s: float, true_s: float) -> bool:
 def delay_s(reported_s: float, true_s: float) -> float:
     """From what happened to its report, s; 0 within the uncertainty of the truth's own time."""
     return max(0.0, reported_s - true_s)
+
+
+def spans_of(visits: Iterable[tuple[str, float]], state: str) -> list[tuple[float, float]]:
+    """From when to when a state lasted, each time; from the states in order of entry, with the bench time."""
+    listed = [*visits, ("", math.inf)]
+    return [(t_s, listed[i + 1][1]) for i, (name, t_s) in enumerate(listed[:-1]) if name == state]

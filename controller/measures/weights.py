@@ -8,8 +8,7 @@ from typing import Any
 from behaviors.weights import WeightsSettings
 from controller.measures import Column
 from controller.measures.bridge_calibration import BridgeCalibration, calibrate, steps_of
-from controller.measures.touches import spans_of
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import TrialEvidence, spans_of
 
 HIGHLIGHTS = ("gain_v_n", "hysteresis", "resolution_n")
 """Columns shown during a run."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from controller.measures.touches import Errors, Touch, errors_of, touches_of
+from controller.measures.pointer import Errors, Touch, errors_of, touches_of
 from controller.reports.counts import Row, number, signed, under
 from controller.reports.figures import FAINT, FALSE, GOOD, PAPER, Figures
 from controller.reports.run_account import acting_of, setting_of

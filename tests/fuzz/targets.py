@@ -62,7 +62,7 @@ from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStage
 from simulator.mocks.base import MemoryLine
 from simulator.physics.fingertip_settings import Matrix
 from simulator.physics.stage_axis import StageAxis
-from simulator.wiring.control_port import ControlPort
+from simulator.wiring.emulator import ControlPort
 from tests.contracts.audio_suite import SteadyFingers
 from tests.steady import SteadyForces, SteadyTexels
 from tests.unit.drivers.sensor_board.board_bench import Source

@@ -10,7 +10,7 @@ from config import assemble
 from config.profile import load_profile
 from controller.reports.approaches import read_approaches
 from controller.reports.report import build_report
-from controller.reports.transient_figures import trace_of
+from controller.reports.transient import trace_of
 from controller.reports.trial_signals import payload
 from tests.unit.controller.reports.synthetic_runs import text_of
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from simulator.wiring.control_port import CLIENTS, LINE_BYTES, ControlPort, Request
+from simulator.wiring.emulator import CLIENTS, LINE_BYTES, ControlPort, Request
 
 PATIENCE_S = 10.0
 """Loopback takes microseconds; a busy machine only takes its time."""

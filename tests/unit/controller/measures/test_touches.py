@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from controller.measures.touches import Touch, errors_of, spans_of, touches_of, turned_rad
+from controller.measures.pointer import Touch, errors_of, touches_of, turned_rad
+from controller.measures.trial import spans_of
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock
 

@@ -23,8 +23,7 @@ from controller.reports.pages import library
 from controller.reports.report import build_report, build_report_with_summary
 from controller.reports.section import Printed
 from controller.reports.settings import settings_table
-from controller.reports.transient import section
-from controller.reports.transient_figures import representative, trace_of
+from controller.reports.transient import representative, section, trace_of
 from tests.unit.controller.reports.synthetic_runs import (
     ONSET_S,
     Given,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.signals.beat import Beat
+from controller.signals.iq import Beat
 
 RATE_HZ = 1000.0
 
