@@ -27,10 +27,27 @@ FINGER = ("static", "transient", "flexion", "proximal", "tradeoff")
 SHORTER = {
     "mock/slip": {f"behavior.sensors.{sensor}.steps": STEPS for sensor in SENSORS},
     "mock/chirp": {"behavior.duration_s": "0.6"},
-    "mock/pointer": {"behavior.angles_rad": "[0.0, 0.3]"},
+    "mock/pointer": {
+        "behavior.angles_rad": "[0.0, 0.1]",
+        "plant.surface_m": "0.0012",
+        "behavior.rest_s": "0.1",
+        "behavior.record_s": "0.2",
+        "detectors.touch.baseline_s": "0.2",
+    },
     "mock/weights": {"behavior.cycles": "1", "behavior.preloads": "0"},
     **{f"mock/{name}": {"behavior.settle_s": "2.0"} for name in FINGER},
-    "mock/flexion": {"behavior.settle_s": "2.0", "behavior.flexing_s": "4.0"},
+    "mock/flexion": {
+        "behavior.settle_s": "2.0",
+        "behavior.flexing_s": "4.0",
+        "behavior.sweep_m_s": "0.004",
+        "detectors.following.baseline_s": "8.0",
+    },
+    "mock/centering": {"behavior.open_speed_m_s": "0.05", "behavior.hold_s": "0.2"},
+    "mock/grasp": {
+        "behavior.open_speed_m_s": "0.05",
+        "behavior.hold_s": "0.5",
+        "behavior.lift_speed_m_s": "0.03",
+    },
 }
 """Settings with which a trial of a shipped profile passes through all its states, and is short."""
 

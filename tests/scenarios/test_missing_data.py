@@ -56,7 +56,7 @@ CASES = {
     "pointer": Case(
         "mock/pointer",
         1,
-        {"behavior.angles_rad": "[0.0, 0.2]", "limits.range_streams": "[]"},
+        {**SHORTER["mock/pointer"], "limits.range_streams": "[]"},
         {
             "board": {"WAITING": "silent", "RECORDING": "corrupt, losing a little"},
             "arm": {"TURNING": "stuck", "RECORDING": "losing a little"},

@@ -27,9 +27,21 @@ EXTRAS = (
 LINUX = ("fcntl", "grp", "pty", "pwd", "resource", "syslog", "termios", "tty")
 
 
-def without(modules: tuple[str, ...], *arguments: str, folder: Path) -> str:
-    """What the program prints in a folder, the modules missing."""
-    return python_without(modules, f"from run import cli; cli({list(arguments)!r})", folder)
+NEXT = "--- the next verb ---"
+
+
+def without(modules: tuple[str, ...], *verbs: list[str], folder: Path) -> str:
+    """What the program prints in a folder, verb after verb in one process, the modules missing."""
+    code = f"""
+from run import cli
+for place, arguments in enumerate({verbs!r}):
+    print({NEXT!r} if place else "")
+    try:
+        cli(arguments)
+    except SystemExit as ended:
+        assert not ended.code, arguments
+"""
+    return python_without(modules, code, folder)
 
 
 def python_without(modules: tuple[str, ...], code: str, folder: Path) -> str:
@@ -51,32 +63,29 @@ if "fcntl" in {modules!r}:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With a run, made without any extra."""
     folder = tmp_path_factory.mktemp("missing")
-    short = ("--only", "1", "--set", "behavior.settle_s=2.0")
-    assert "1 contact" in without(EXTRAS, "run", "mock/transient", *short, folder=folder)
+    short = ("--only", "1", "--set", "behavior.settle_s=2.0", "--no-report")
+    profile = "mock/transient"
+    checked, ran = without(EXTRAS, ["check", profile], ["run", profile, *short], folder=folder).split(NEXT)
+    assert 'experiment = "transient"' in checked
+    assert "1 contact" in ran
     return folder
 
 
-def test_a_simulated_bench_needs_no_extra(folder: Path) -> None:
-    assert 'experiment = "transient"' in without(EXTRAS, "check", "mock/transient", folder=folder)
-    assert "hardware/slip" in without(EXTRAS, "list", folder=folder)
-    assert "report.html" in without(EXTRAS, "report", "latest", folder=folder)
+READING = {
+    ("report", "latest"): "report.html",
+    ("compare", "latest", "latest"): "compare.html",
+    ("export", "latest", "--to", "csv"): "samples_1.csv",
+    ("export", "latest", "--to", "rosbag2"): "trial_1.mcap",
+    ("replay", "latest", "--detector", "resonance.paper"): '"event": "Contact"',
+    ("list",): "hardware/slip",
+}
+"""Verbs, and what each of them prints."""
 
 
-@pytest.mark.parametrize(
-    ("arguments", "printed"),
-    [
-        (("report", "latest"), "report.html"),
-        (("compare", "latest", "latest"), "compare.html"),
-        (("export", "latest", "--to", "csv"), "samples_1.csv"),
-        (("export", "latest", "--to", "rosbag2"), "trial_1.mcap"),
-        (("replay", "latest", "--detector", "resonance.paper"), '"event": "Contact"'),
-        (("list",), "hardware/slip"),
-    ],
-)
-def test_a_run_is_read_without_what_linux_alone_has(
-    folder: Path, arguments: tuple[str, ...], printed: str
-) -> None:
-    assert printed in without(LINUX, *arguments, folder=folder)
+def test_a_run_is_read_without_any_extra_and_without_what_linux_alone_has(folder: Path) -> None:
+    printed = without((*EXTRAS, *LINUX), *map(list, READING), folder=folder).split(NEXT)
+    for (arguments, expected), output in zip(READING.items(), printed, strict=True):
+        assert expected in output, arguments
 
 
 def test_a_script_reads_a_run_without_either(folder: Path) -> None:

@@ -9,10 +9,11 @@ from config.jobs import Silent
 from config.profile import load_profile
 from controller.campaign import Campaign
 from controller.loop import Loop
+from tests.scenarios.conftest import SHORTER
 
 
 def ran(name, folder, *, together):
-    profile = load_profile(name, {"behavior.flexing_s": "4.0"} if name == "mock/flexion" else {})
+    profile = load_profile(name, SHORTER.get(name, {}))
     rig = assemble.build_rig(profile)
     if not together:
         rig = replace(rig, ahead=None)
