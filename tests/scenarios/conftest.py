@@ -25,7 +25,10 @@ STEPS = (
 SENSORS = ("fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa")
 FINGER = ("static", "transient", "flexion", "proximal", "tradeoff")
 SHORTER = {
-    "mock/slip": {f"behavior.sensors.{sensor}.steps": STEPS for sensor in SENSORS},
+    "mock/slip": {
+        "plant.surface_m": "0.0012",
+        **{f"behavior.sensors.{sensor}.steps": STEPS for sensor in SENSORS},
+    },
     "mock/chirp": {"behavior.duration_s": "0.6"},
     "mock/pointer": {
         "behavior.angles_rad": "[0.0, 0.1]",

@@ -14,10 +14,11 @@ from tests.wire.wire_campaign import Hand
 
 SHORT = {
     "behavior.run_up": "false",
-    "behavior.baseline_s": "0.8",
-    "behavior.hold_s": "0.2",
+    "behavior.baseline_s": "0.4",
+    "behavior.hold_s": "0.1",
     "behavior.handling_speed_m_s": "0.06",
     "behavior.open_speed_m_s": "0.05",
+    "behavior.grip_speed_m_s": "0.04",
     "trials.list": "[{ object_x_m = 0.001 }]",
     "trials.grid.method": '["ours"]',
     "trials.grid.speed_m_s": "[0.02]",

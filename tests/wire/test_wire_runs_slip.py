@@ -12,6 +12,7 @@ from controller.recording.reader import open_run
 from tests.wire.wire_campaign import Hand
 
 SHORT = {
+    "plant.surface_m": "0.0012",
     "behavior.sensors.fingertip.steps": "["
     '{ do = "roll", duration_s = 0.6, turn_rad = 0.15 },'
     '{ do = "load", duration_s = 0.6, speed_m_s = 0.0005 },'
