@@ -10,7 +10,7 @@ run: .venv/run.stamp            ## the main job on the mock bench: 132 approache
 	$(BIN)/python run.py run papers/table_1
 
 SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_together)) \
-	$(addprefix tests/unit/drivers/,arm test_axis_limits.py barrett_hand can_gripper sensor_board/test_sensor_board_driver.py ur_arm zaber_stage)
+	$(addprefix tests/unit/drivers/,arm test_axis_limits.py barrett_hand can_gripper gripper robotiq sensor_board/test_sensor_board_driver.py ur_arm zaber_stage)
 
 # four workers on two cores: tests on the wire wait half of their time
 test: export PYTHONDONTWRITEBYTECODE :=

@@ -19,6 +19,7 @@ from typing import Final, NamedTuple
 
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
+from drivers.gripper.state import GripFinding, GripperState
 
 NODES: Final = 16
 """Node numbers are 0 to 15 (docs/reference/can_gripper.md)."""
@@ -121,47 +122,6 @@ class DriveOrder:
 
 
 Order = GripperMessage | DriveOrder
-
-
-class GripFinding(IntEnum):
-    """The firmware's finding on a motion; on the wire with its bits exchanged."""
-
-    MOVING = 0
-    OBJECT_CLOSING = 1
-    OBJECT_OPENING = 2
-    AT_POSITION = 3
-
-
-@dataclass(frozen=True, slots=True)
-class GripperState:
-    """State of the gripper.
-
-    Attributes:
-        position: 0 open to 255 closed; means nothing before calibration.
-        current_ma: Measured; negative closes, positive opens (firmware).
-        finding: What became of the motion.
-        activated: As the last `DriveOrder` had it.
-        going: As the last `DriveOrder` had it.
-        over_temperature: Fault.
-        watchdog: Fault.
-        estop: Fault raised by a `DriveOrder`; that of an `ESTOP` order shows in `GripperErrors` alone.
-        calibrated: It knows its ends.
-    """
-
-    position: int
-    current_ma: int
-    finding: GripFinding
-    activated: bool
-    going: bool
-    over_temperature: bool
-    watchdog: bool
-    estop: bool
-    calibrated: bool
-
-    @property
-    def object(self) -> bool:
-        """Something holds the jaws."""
-        return self.finding in (GripFinding.OBJECT_CLOSING, GripFinding.OBJECT_OPENING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +236,8 @@ def _state_bytes(state: GripperState) -> bytes:
 def _state(data: bytes) -> GripperState:
     position, current_ma, flags = struct.unpack(">BhB", data)
     finding = GripFinding(_exchanged(flags >> 4 & 0b11))
-    return GripperState(position, current_ma, finding, *(_bit(flags, place) for place in (7, 6, 3, 2, 1, 0)))
+    activated, going, hot, watchdog, estop, calibrated = (_bit(flags, place) for place in (7, 6, 3, 2, 1, 0))
+    return GripperState(position, current_ma, finding, activated, going, hot, watchdog, estop, calibrated)
 
 
 def _error_bytes(errors: GripperErrors, fault: bool) -> bytes:

@@ -16,16 +16,13 @@ from drivers.can_gripper.codec import (
     POLL,
     Answer,
     DriveOrder,
-    GripFinding,
     GripperCode,
     GripperErrors,
     GripperMessage,
-    GripperState,
     Order,
     decode_answer,
     encode_order,
 )
-from drivers.can_gripper.outcome import GripperOutcome
 from drivers.core.can_link import CanLink, CanPort, ReceivedFrame, open_can, strange_frames
 from drivers.core.errors import CodecError
 from drivers.core.messages import (
@@ -39,6 +36,8 @@ from drivers.core.messages import (
 )
 from drivers.core.numbering import Samples
 from drivers.core.wire import Inquiry, WireDriver
+from drivers.gripper.outcome import GripperOutcome
+from drivers.gripper.state import GripFinding, GripperState
 
 OPEN_ATTEMPTS = 4
 """How often a query is sent while opening (assumption: three frames may be lost)."""

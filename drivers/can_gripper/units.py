@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Final
 
 from drivers.can_gripper.codec import DriveOrder
-from drivers.core.errors import CommandError, wrong
-from drivers.core.messages import Command, Grip, Home, Listen, Release, Stop
+from drivers.core.messages import Grip, Release
+from drivers.gripper.units import JawUnits
 
 LONGEST_S: Final = 0.05
 """Longest time between two states while all is well, s. Assumption: five at 100 Hz."""
@@ -19,9 +19,6 @@ STROKE_M: Final = 0.048
 CLOSED_MIN_M: Final = 0.008
 CLOSED_MAX_M: Final = 0.085 - STROKE_M
 """Least and greatest opening of closed jaws: the brackets reach from 8 to 85 mm (the bench's page)."""
-
-ROUNDING_M: Final = 1e-9
-"""By how much a width may leave the travel and still count as its end (assumption)."""
 
 POSITION_COUNTS: Final = 255
 """Positions run from 0, open, to this, closed: 0.19 mm a count (docs/reference/can_gripper.md)."""
@@ -76,13 +73,16 @@ def speed_m_s(count: int) -> float:
     return speed_ticks_s(count) / TICKS_PER_M
 
 
-class GripperUnits:
+class GripperUnits(JawUnits):
     """Turns widths and forces into the gripper's counts and back, and commands into its orders.
 
     Args:
         closed_width_m: Opening of the closed jaws: set by the brackets that the fingers stand on.
         force_n_per_ma: Force for each mA.
     """
+
+    force_min_n = FORCE_MIN_N
+    reach = "its brackets let it open"
 
     def __init__(self, closed_width_m: float, force_n_per_ma: float = FORCE_N_PER_MA) -> None:
         self.closed_width_m = closed_width_m
@@ -114,35 +114,11 @@ class GripperUnits:
         """The same; `force_n` is how hard it may press outwards."""
         return DriveOrder(0, speed_count(command.speed_m_s), self.current_ma(force_n))
 
-    def checked(self, device: str, command: Command, max_speed_m_s: float, max_force_n: float) -> Command:
-        """The command as it will be sent: too great a speed is clamped, numbers are rounded to the gripper's counts.
-
-        Raises:
-            CommandError: not for a gripper, not finite or out of range.
-        """
-        match command:
-            case Home() | Stop() | Listen():
-                return command
-            case Release(speed_m_s=asked_m_s):
-                doing = "opening"
-            case Grip(speed_m_s=asked_m_s):
-                doing = f"gripping at {command.width_m * 1e3:g} mm with {command.force_n:g} N"
-            case _:
-                advice = "a gripper can Home, Grip, Release, Stop and Listen"
-                raise wrong(device, command, "it has no such command", advice)
-        if not (math.isfinite(asked_m_s) and asked_m_s > 0.0):
-            raise CommandError(device, doing, f"{asked_m_s:g} m/s is no speed", "choose one above zero")
-        clamped_m_s = min(asked_m_s, max_speed_m_s)
+    def rounded(self, command: Grip | Release) -> Grip | Release:
+        """See `JawUnits.rounded`."""
         if isinstance(command, Release):
-            return replace(command, speed_m_s=speed_m_s(speed_count(clamped_m_s)))
-        if not self.closed_width_m - ROUNDING_M <= command.width_m <= self.open_width_m + ROUNDING_M:
-            reach = f"{self.closed_width_m * 1e3:g} to {self.open_width_m * 1e3:g} mm"
-            advice = "choose a width inside that"
-            raise CommandError(device, doing, f"its brackets let it open {reach}", advice)
-        if not FORCE_MIN_N - ROUNDING_M <= command.force_n <= max_force_n + ROUNDING_M:
-            advice = f"choose from {FORCE_MIN_N:.3g} to {max_force_n:.3g} N"
-            raise CommandError(device, doing, f"{command.force_n:g} N is out of range", advice)
-        order = self.grip(replace(command, speed_m_s=clamped_m_s))
+            return replace(command, speed_m_s=speed_m_s(speed_count(command.speed_m_s)))
+        order = self.grip(command)
         return replace(
             command,
             width_m=self.width_m(order.position),

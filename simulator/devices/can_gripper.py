@@ -17,7 +17,6 @@ from drivers.can_gripper.codec import (
     GripperCode,
     GripperErrors,
     GripperMessage,
-    GripperState,
     Order,
     decode_order,
     encode_answer,
@@ -25,6 +24,7 @@ from drivers.can_gripper.codec import (
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
 from drivers.core.settings import Settings
+from drivers.gripper.state import GripperState
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.bench import part
 from simulator.physics.jaws_drive import JawsDrive

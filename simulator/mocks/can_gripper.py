@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.can_gripper.codec import DriveOrder, GripFinding, GripperState
-from drivers.can_gripper.outcome import GripperOutcome
+from drivers.can_gripper.codec import DriveOrder
 from drivers.can_gripper.units import (
     FORCE_MAX_N,
     FORCE_N_PER_MA,
@@ -33,6 +32,8 @@ from drivers.core.messages import (
     StreamInfo,
 )
 from drivers.core.settings import Settings
+from drivers.gripper.outcome import GripperOutcome
+from drivers.gripper.state import GripFinding, GripperState
 from simulator.mocks.base import MockDriver
 from simulator.physics.bench import part
 

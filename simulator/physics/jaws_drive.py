@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from drivers.can_gripper.codec import GripFinding
 from drivers.can_gripper.units import MOST_MA, STROKE_M, TICKS_PER_M
 from drivers.core.clock import last_tick
 from drivers.core.settings import Settings
+from drivers.gripper.state import GripFinding
 from simulator.physics import jaws_kernel as kernel
 from simulator.physics.stage_axis import sane
 

@@ -77,7 +77,7 @@ SEEN = 6
 """Numbers in a state of the drive."""
 
 MOVING, OBJECT_CLOSING, OBJECT_OPENING, AT_POSITION = range(4)
-"""Findings (`drivers.can_gripper.codec.GripFinding`)."""
+"""Findings (`drivers.gripper.state.GripFinding`)."""
 
 
 @compiled()

@@ -25,6 +25,7 @@ BENCH = {
     "dsa_matrix": "mock/slip",
     "audio": "mock/centering",
     "can_gripper": "mock/centering",
+    "robotiq": "tests/data/robotiq.toml",
     "operator": "mock/weights",
 }
 SENSOR = {"barrett_hand": "barrett_finger", "dsa_matrix": "dsa"}

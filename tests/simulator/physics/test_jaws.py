@@ -7,7 +7,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from drivers.can_gripper.codec import GripFinding
+from drivers.gripper.state import GripFinding
 from simulator.physics.jaws_drive import GripObject, Jaws, JawsDrive, JawsSettings
 from simulator.physics.jaws_kernel import TICK_S
 

@@ -10,11 +10,9 @@ from drivers.can_gripper.codec import (
     POLL,
     Answer,
     DriveOrder,
-    GripFinding,
     GripperCode,
     GripperErrors,
     GripperMessage,
-    GripperState,
     Order,
     decode_answer,
     decode_order,
@@ -23,6 +21,7 @@ from drivers.can_gripper.codec import (
 )
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
+from drivers.gripper.state import GripFinding, GripperState
 
 ORDERS = [
     (0, DriveOrder(100, 20, 500), "07A", "64 14 01 F4 C0"),

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.can_gripper.codec import GripFinding, GripperState
-from drivers.can_gripper.outcome import GripperOutcome
 from drivers.can_gripper.units import GripperUnits
 from drivers.core.messages import (
     Command,
@@ -21,6 +19,8 @@ from drivers.core.messages import (
     Status,
     Stop,
 )
+from drivers.gripper.outcome import GripperOutcome
+from drivers.gripper.state import GripFinding, GripperState
 
 GRIP = Grip("gripper", 0.02, 0.1, 20.0)
 MOVING = GripperState(100, -400, GripFinding.MOVING, True, True, False, False, False, True)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from drivers.can_gripper.codec import GripFinding, GripperState
-from drivers.can_gripper.units import GripperUnits
 from drivers.core.messages import (
     Command,
     Grip,
@@ -18,6 +16,8 @@ from drivers.core.messages import (
     Status,
     Stop,
 )
+from drivers.gripper.state import GripFinding, GripperState
+from drivers.gripper.units import JawUnits
 
 CALIBRATION_S = 32.0
 """Longest calibration: the gripper itself gives up after 30 s (docs/reference/can_gripper.md)."""
@@ -52,7 +52,7 @@ class GripperOutcome:
         faulty: Whether the last state had a fault.
     """
 
-    def __init__(self, device: str, units: GripperUnits, hold_s: float) -> None:
+    def __init__(self, device: str, units: JawUnits, hold_s: float) -> None:
         self.faulty = False
         self._device = device
         self._units = units
@@ -140,6 +140,8 @@ class GripperOutcome:
         return statuses
 
     def _broken(self, t_s: float, state: GripperState) -> Status:
+        if state.trouble:
+            return Stalled(t_s, self._device, f"{state.trouble}; send Home", command_id=self._id)
         active = [text for name, text in FAULTS.items() if getattr(state, name)]
         reason = " and ".join(active) or "it reports a fault of its motor or supply"
         return Stalled(

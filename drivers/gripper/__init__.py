@@ -1,0 +1,1 @@
+"""What any gripper shares: what its states say, what became of a command, which commands it takes."""

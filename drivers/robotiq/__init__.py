@@ -1,0 +1,1 @@
+"""A Robotiq gripper through the socket of its URCap."""
