@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from controller.own_modules import KindError, found, is_own, own_files
-from controller.registry import KINDS, experiment_of, find
+from controller.registry import KINDS, experiment_of, find, row
 
 if TYPE_CHECKING:
     from behaviors.machine import Behavior
@@ -162,8 +163,9 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
         },
         "devices": {
             name: {
-                "made": KINDS["driver"][entry.kind].emulated,
+                "made": row("driver", entry.kind, profile.source.folders).emulated,
                 "settings": entry.settings.model_dump(mode="json"),
+                "settings_class": _dotted(type(entry.settings)) if is_own(entry.kind) else "",
             }
             for name, entry in profile.devices.items()
             if entry.port == "emulated"
@@ -288,6 +290,26 @@ def own_modules(profile: Profile) -> Mapping[str, Mapping[str, str]]:
     chosen = [*profile.devices.values(), *profile.signals.values(), *profile.detectors.values()]
     chosen += [profile.plant] if profile.plant else []
     return own_files([profile.experiment, *(entry.kind for entry in chosen)])
+
+
+def own_kinds(profile: Profile, there: Collection[str]) -> dict[str, Any]:
+    """What `controller.contracts.tried` takes of a profile and its bench, which has the devices that are there; nothing
+    where all is shipped."""
+    devices = [name for name, entry in profile.devices.items() if is_own(entry.kind) and name in there]
+    detectors = {
+        name: partial(entry.made, name, entry.settings)
+        for name, entry in profile.detectors.items()
+        if is_own(entry.kind)
+    }
+    if not devices and not detectors:
+        return {}
+    baselines_s = {
+        name: max((getattr(settings, key) for key in settings.keys_of("baseline")), default=0.0)
+        for name in detectors
+        for settings in [profile.detectors[name].settings]
+    }
+    signals = {signal.info.name: signal.info for signal in make_signals(profile)}
+    return {"devices": devices, "detectors": detectors, "baselines_s": baselines_s, "signals": signals}
 
 
 def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterator[TrialPlan]:

@@ -220,10 +220,13 @@ class Sections:
             try:
                 return find(family, name, self._source.folders, port)
             except KindError as error:
-                mock = f"; its mock is Mock{name.partition(':')[2]}(OverMemory, …) beside it" * (
-                    port == "mock"
-                )
-                self._complain(place, f" = {shown(name)}: {error}{mock}")
+                made = name.partition(":")[2]
+                twins = {
+                    "mock": f"mock is Mock{made}(OverMemory, …)",
+                    "emulated": f"twin is Emulated{made}(settings, bench)",
+                }
+                hint = f"; its {twins[port]} beside it" if port in twins and is_own(name) else ""
+                self._complain(place, f" = {shown(name)}: {error}{hint}")
         elif key in table:
             self._complain(place, f" = {shown(name)}: unknown {key}; {near_or_all(str(name), known)}")
         else:  # most often a misspelt table: [detectors.contakt] beside [detectors.contact]

@@ -41,6 +41,10 @@ class PlainKind:
         return self.made
 
 
+LINE_FAULTS = ("unplug", "silent", "lose", "corrupt")
+"""What the line of any emulated device can show."""
+
+
 @dataclass(frozen=True)
 class DriverKind(PlainKind):
     """A driver.
@@ -62,9 +66,10 @@ class DriverKind(PlainKind):
 
     @classmethod
     def own(cls, name: str, folders: Sequence[Path]) -> DriverKind:
-        """Its mock stands beside it: `MockScale` beside `Scale`."""
+        """Its mock and its twin stand beside it: `MockScale` and `EmulatedScale` beside `Scale`."""
         module, _, made = name.partition(":")
-        return cls(name, mock=f"{module}:Mock{made}")
+        twin = f"{module}:Emulated{made}"
+        return cls(name, mock=f"{module}:Mock{made}", emulated=twin, emulated_faults=LINE_FAULTS)
 
     def at(self, port: str) -> str:
         """The mock driver at "mock", the real one elsewhere."""
@@ -172,6 +177,8 @@ def find(family: str, name: str, folders: Sequence[Path] = (), port: str = "") -
     kind = row(family, name, folders)
     if port == "emulated" and not kind.emulated:
         raise KindError('has no emulated device; write port = "mock" or a real port')
+    if port == "emulated" and is_own(name):
+        found_beside(kind.emulated, folders)
     made = found_beside(kind.at(port), folders) if is_own(name) else found(kind.at(port))
     lacking = [member for member in FAMILIES[family].members if not hasattr(made, member)]
     if not callable(made) or lacking:

@@ -77,7 +77,10 @@ def check(
             names = ", ".join(sorted({name for _, name in named}))
             click.echo(f"# not verified without --connect, as the device tells its streams then: {names}")
         return verbs.DONE
-    from config.assemble import build_rig
+    from itertools import chain
+
+    from config.assemble import build_rig, own_kinds
+    from controller.contracts import tried
     from controller.doctor import compare, examine
     from controller.rig import TrialScene
 
@@ -86,7 +89,10 @@ def check(
     click.echo("\n" * connect, nl=False)
     with closing(build_rig(loaded, devices=campaign.devices)) as rig:
         scene = TrialScene(0, 0, {}, plant)
-        for finding in examine(rig, scene, trials, named) if connect else compare(rig, trials, named):
+        looked = examine(rig, scene, trials, named) if connect else compare(rig, trials, named)
+        for finding in chain(
+            looked, tried(rig, scene, **own) if (own := own_kinds(loaded, rig.devices)) else ()
+        ):
             if finding.of_profile:
                 verbs.complain(finding.line)
                 code = code or verbs.USAGE

@@ -148,8 +148,8 @@ class Emulator:
     Args:
         scene: `{"plant": {"made": "module:Class", "settings_class": "module:Class", "settings": {…},
             "folders": […]}, "devices": {name: {"made": "module:function",
-            "settings": {…}}}, "faults": […], "realtime": false}`; a device is made by calling its function with the
-            settings of its driver, of which it takes what it needs, and the bench.
+            "settings": {…}, "settings_class": ""}}, "faults": […], "realtime": false}`; a device is made by calling
+            its function with the settings of its driver, of which it takes what it needs, and the bench.
 
     Raises:
         DeviceError: the devices do not go together.
@@ -164,7 +164,7 @@ class Emulator:
         made = _found(plant["made"])
         self._bench = made(_found(plant["settings_class"]).model_validate(plant["settings"]))
         self._ends: dict[str, FarEnd] = {
-            name: _far_end(_found(device["made"])(device["settings"], self._bench))
+            name: _far_end(_found(device["made"])(_settings(device), self._bench))
             for name, device in scene["devices"].items()
         }
         self._bench.warm_up()
@@ -236,6 +236,13 @@ class Emulator:
             at_s = t_s - self._trial_origin_s + fault.at_s
             self._faults[fault.device].add(fault.model_copy(update={"at_s": at_s}))
         return {"account": dict(self._bench.account()), "scene": dict(self._bench.scene(t_s))}
+
+
+def _settings(device: Mapping[str, Any]) -> Any:
+    """What a device is made of: those of the user's own are given their settings as their mocks are."""
+    if not device.get("settings_class"):
+        return device["settings"]
+    return _found(device["settings_class"]).model_validate_json(json.dumps(device["settings"]))
 
 
 def _far_end(device: Any) -> FarEnd:

@@ -54,23 +54,29 @@ def follow(verb, tmp_path, monkeypatch):
 def test_a_detector_is_added_as_the_page_says(follow):
     checked, run, replayed = follow("add_a_detector.md")
     assert 'kind = "my_lab.edge:Edge"' in checked
+    assert "detectors.contact: keeps the contract" in checked
     assert "3 contact" in run
     events = [json.loads(line)["event"] for line in replayed.splitlines()]
     assert events[:2] == ["BaselineReady", "Contact"]
 
 
 def test_a_device_is_added_as_the_page_says(follow, tmp_path):
-    checked, run = follow("add_a_device.md")
+    checked, run, wired, wired_run = follow("add_a_device.md")
     assert 'driver = "my_lab.device:ForceSensor"' in checked
+    assert "devices.scale: keeps the contract" in checked
     assert "3 contact" in run
-    (folder,) = tmp_path.glob("runs/*")
-    rows = (folder / "trials.csv").read_text().splitlines()[1:]
-    events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
-    contacts = [
-        event for event in events if (event["event"], event.get("detector")) == ("Contact", "contact")
-    ]
-    assert len(contacts) == len(rows) == 3
-    assert all(event["value"] > event["threshold"] for event in contacts)
+    assert "scale: FS1, serial 0042, port /dev/pts/" in wired
+    assert "devices.scale: keeps the contract" in wired
+    assert "1 stopped at a contact" in wired_run
+    first, second = sorted(tmp_path.glob("runs/*"))
+    for folder, trials in ((first, 3), (second, 1)):
+        rows = (folder / "trials.csv").read_text().splitlines()[1:]
+        events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+        contacts = [
+            event for event in events if (event["event"], event.get("detector")) == ("Contact", "contact")
+        ]
+        assert len(contacts) == len(rows) == trials
+        assert all(event["value"] > event["threshold"] for event in contacts)
 
 
 def test_an_experiment_is_added_as_the_page_says(follow, tmp_path):

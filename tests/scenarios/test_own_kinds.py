@@ -40,6 +40,8 @@ class Edge:
     def push(self, block):
         events = []
         for t_s, force_n in zip(block.times.tolist(), block.physical[:, 0].tolist(), strict=True):
+            if not math.isfinite(force_n):
+                continue
             if not self._ready:
                 self._ready = True
                 events.append(BaselineReady(t_s, self.name, 0.0, self.settings.threshold_n))
@@ -385,7 +387,7 @@ def test_an_error_of_the_users_own_detector_is_reported_with_its_file_and_line(v
         ("detectors.contact.threshold=1.0", "did you mean 'threshold_n'?"),
         (
             "devices={ board = { port = 'emulated' }, stage = { port = 'emulated' } }",
-            "has no emulated device",
+            "cell.py has no EmulatedCell; its twin is EmulatedCell(settings, bench) beside it",
         ),
         ("devices.board.driver=my_lab.lone:Lone", "lone.py has no MockLone; its mock is MockLone(OverMemory"),
         ("devices.board.driver=my_lab.bare:Bare", "no MockBareSettings"),

@@ -1,0 +1,214 @@
+"""What `run.py check` tries of a user's own classes: promises of a device or a detector, a line for a broken one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from controller.detectors.contract import CLAUSES, trace
+from controller.detectors.protocol import Detector
+from controller.doctor import Finding
+from controller.own_modules import own_place
+from controller.rig import Rig, TrialScene
+from drivers.core.errors import CommandError
+from drivers.core.messages import DeviceInfo, Listen, MoveTo, SampleBlock, StreamInfo
+
+TURN_S = 0.01
+"""How often what has come is taken."""
+
+LISTEN_S = 0.5
+"""How long a device is listened to."""
+
+RESTS_S, TOUCHED_S = 1.0, 2.0
+"""What a detector is shown: rest (and its baseline), then a step with an oscillation on it, then rest again."""
+
+LONGEST_S = 30.0
+"""Of a baseline that is shown (assumption: a longer one would keep a person waiting)."""
+
+EVENTS_HZ = 28.0
+"""How often samples come that have no rate: the finger's periods do."""
+
+SEED = 1
+
+
+def tried(
+    rig: Rig,
+    scene: TrialScene,
+    devices: Sequence[str],
+    detectors: Mapping[str, Callable[[], Detector]],
+    baselines_s: Mapping[str, float],
+    signals: Mapping[str, StreamInfo],
+) -> Iterator[Finding]:
+    """Try a user's own devices and detectors.
+
+    Args:
+        rig: The bench, closed; nothing is moved on it.
+        scene: For a simulated bench: the scene that it is to be in.
+        devices: Names of those to try.
+        detectors: Likewise, and what makes each.
+        baselines_s: For how long each of them learns.
+        signals: What the profile's signals give.
+    """
+    infos: dict[str, DeviceInfo] = {}
+    try:
+        infos = {name: device.open() for name, device in rig.devices.items()}
+        rig.clock.restart()
+        rig.begin_trial(scene)
+        for name in devices:
+            yield from _findings(f"devices.{name}", _device(rig, name, infos[name]))
+    finally:
+        for device in rig.devices.values():
+            device.close()
+    for name in devices:
+        rig.devices[name].close()  # twice is no error
+    streams = {name: stream for info in infos.values() for name, stream in info.streams.items()} | dict(
+        signals
+    )
+    for name, make in detectors.items():
+        yield from _findings(f"detectors.{name}", _detector(make, streams, baselines_s[name]))
+
+
+class _UntriedError(Exception):
+    """Why a promise could not be tried."""
+
+
+def _findings(what: str, broken: Iterator[str | None]) -> Iterator[Finding]:
+    """A line for each broken promise; a None among them is a promise kept."""
+    kept, lines = 0, []
+    try:
+        for line in broken:
+            kept += line is None
+            lines += [line] if line else []
+    except _UntriedError as error:
+        yield Finding(True, f"{what}: not tried: {error}")
+        return
+    except Exception as error:  # of the user's own, which is named
+        place = own_place(error)
+        lines.append(f"{type(error).__name__}: {error}" + (f" ({place})" if place else ""))
+    yield from (Finding(False, f"{what}: {line}", of_profile=True) for line in lines)
+    if not lines:
+        yield Finding(True, f"{what}: keeps the contract ({kept} promises)")
+
+
+def _device(rig: Rig, name: str, info: DeviceInfo) -> Iterator[str | None]:
+    """What a device breaks of `Device`."""
+    device = rig.devices[name]
+
+    def turn(seconds: float) -> list[SampleBlock]:
+        blocks: list[SampleBlock] = []
+        end_s = rig.clock.now() + seconds
+        while rig.clock.now() < end_s:
+            rig.clock.wait_until(rig.clock.now() + TURN_S)
+            blocks += device.read()
+            device.poll()
+        return blocks
+
+    def refusal(command: Any) -> str | None:
+        try:
+            device.apply(command)
+        except CommandError as error:
+            line = str(error)
+            return (
+                None
+                if line.startswith(f"{name}: ") and "\n" not in line
+                else f"refuses with {line!r}, not '{name}: …' in one line"
+            )
+        except Exception as error:
+            return f"{advised} {command}, not with {type(error).__name__}: {error}"
+        return f"{advised} {command}, not taken"
+
+    advised = "a CommandError (`wrong`, `check_streams`) is the answer to"
+    yield None if info.device == name else f"its DeviceInfo is of {info.device!r}; give it self.name"
+    for key, stream in info.streams.items():
+        sound = key == stream.name and key.startswith(f"{name}.") and stream.unit and stream.scale > 0.0
+        yield (
+            None
+            if sound
+            else f"stream {key}: has a name '{name}.…', a unit and a scale above 0, not {stream}"
+        )
+    silent = not turn(0.1)
+    yield None if silent else "sends samples that nobody listens to; wait for Listen"
+    yield refusal(Listen(name, frozenset({f"{name}.no_such_stream"})))
+    yield refusal(MoveTo(name, math.nan, math.nan))
+    device.apply(Listen(name, frozenset(info.streams)))
+    blocks = turn(LISTEN_S)
+    for key, stream in info.streams.items():
+        yield _samples(stream, [block for block in blocks if block.stream == key])
+    device.apply(Listen(name, frozenset()))
+    turn(0.1)
+    yield None if not turn(0.1) else "goes on sending when nobody listens any more"
+
+
+def _samples(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> str | None:
+    """What is wrong with the blocks of a stream."""
+    if not blocks:
+        return (
+            f"stream {stream.name}: no sample in {LISTEN_S:g} s"
+            if stream.rate_hz and stream.rate_hz * LISTEN_S > 2
+            else None
+        )
+    for block in blocks:
+        if block.values.shape != (len(block), len(stream.channels)):
+            return (
+                f"stream {stream.name}: values of shape {block.values.shape}, not (n, {len(stream.channels)})"
+            )
+        if (block.unit, block.scale, block.rate_hz) != (stream.unit, stream.scale, stream.rate_hz):
+            return f"stream {stream.name}: its blocks' unit, scale or rate is not its StreamInfo's; see info.block"
+        if not np.isfinite(block.physical).all():
+            return f"stream {stream.name}: reads values that are not finite"
+    for before, after in pairwise(blocks):
+        if after.seq < before.seq + len(before) or after.t0_s <= before.last_s:
+            begins = f"a block begins at number {after.seq}, {after.t0_s:.4f} s"
+            return f"stream {stream.name}: {begins}, within the one before"
+    return None
+
+
+def _detector(
+    make: Callable[[], Detector], streams: Mapping[str, StreamInfo], baseline_s: float
+) -> Iterator[str | None]:
+    """What a detector breaks of its contract."""
+    inputs = make().inputs
+    if unknown := [name for name in inputs if name not in streams]:
+        raise _UntriedError(f"nothing sends {', '.join(unknown)}")
+    blocks = _shown([streams[name] for name in inputs], min(baseline_s, LONGEST_S))
+    if not trace(make(), blocks)[0]:
+        shown = f"a rest, a step and an oscillation on {', '.join(inputs)}"
+        raise _UntriedError(f"it finds nothing in {shown}; give check_contract samples of yours in a test")
+    for clause in CLAUSES:
+        try:
+            clause(make, blocks)
+            yield None
+        except AssertionError as error:
+            yield f"{clause.__name__.replace('_', ' ')}: broken. {_short(error)}"
+
+
+def _short(error: AssertionError, longest: int = 200) -> str:
+    text = " ".join(str(error).split())
+    return text if len(text) <= longest else f"{text[:longest]} …"
+
+
+def _shown(streams: Sequence[StreamInfo], baseline_s: float) -> list[SampleBlock]:
+    """Samples of all inputs in which something happens, in blocks of 0.1 s, in the order of time."""
+    rests_s = RESTS_S + 1.2 * baseline_s
+    random = np.random.default_rng(SEED)
+    blocks = []
+    for stream in streams:
+        hz = stream.rate_hz or EVENTS_HZ
+        times_s = np.arange(math.ceil((rests_s + TOUCHED_S + RESTS_S) * hz)) / hz
+        touched = (times_s > rests_s) & (times_s <= rests_s + TOUCHED_S)
+        # in steps of the stream: large against its noise, small against any range
+        counts = random.normal(0.0, 3.0, (len(times_s), len(stream.channels)))
+        counts += (touched * (1e5 + 5e4 * np.sin(2.0 * np.pi * 0.11 * hz * times_s)))[:, None]
+        counts = np.rint(counts)
+        per_block = max(1, round(0.1 * hz))
+        for start in range(0, len(times_s), per_block):
+            part = slice(start, start + per_block)
+            block = stream.block(
+                start, float(times_s[start]), counts[part], times_s=None if stream.rate_hz else times_s[part]
+            )
+            blocks.append(block)
+    return sorted(blocks, key=lambda block: block.last_s)

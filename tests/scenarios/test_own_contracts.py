@@ -1,0 +1,199 @@
+"""`run.py check` tries the promises of a user's own device and detector: a line for each that is broken."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.refusals import check_refusal
+
+PROFILE = """
+extends = "mock/transient"
+
+[devices.scale]
+driver = "my_lab.flawed:Flawed"
+port = "mock"
+
+[detectors.contact]
+kind = "my_lab.alarm:Alarm"
+input = "scale.force"
+
+[trials]
+list = [ { location = "f", speed_m_s = 0.003 } ]
+"""
+
+FLAWED = """
+from dataclasses import replace
+
+import numpy as np
+
+from touchbench import Listen
+from my_lab.device import MockForceSensor
+from my_lab.driver import ForceSensor, ForceSensorSettings
+
+FlawedSettings = ForceSensorSettings
+
+
+class Flawed(ForceSensor):
+    pass
+
+
+class MockFlawed(MockForceSensor):
+    def _blocks_as(self, **changes):
+        return [replace(block, **changes) for block in super().read()]
+
+FLAW
+"""
+
+ALARM = """
+import math
+
+from touchbench import Contact, Settings, StreamName
+
+
+class AlarmSettings(Settings):
+    input: StreamName
+
+
+class Alarm:
+    def __init__(self, name: str, settings: AlarmSettings) -> None:
+        self.name, self.inputs = name, (settings.input,)
+        self.reset()
+
+    def reset(self):
+        self.touched = False
+
+    def push(self, block):
+        found = []
+        for t_s, force_n in zip(block.times.tolist(), block.physical[:, 0].tolist(), strict=True):
+            if not math.isfinite(force_n):
+                continue
+            if force_n > 20.0 and not self.touched:
+                found.append(Contact(t_s, self.name, force_n, 20.0))
+                self.touched = True
+        return found
+"""
+
+
+@pytest.fixture
+def checked(verb: Any, tmp_path: Path) -> Any:
+    """Checks a profile whose device has a flaw, or whose detector has; gives code, output and errors."""
+
+    def check(flaw: str = "", *changed: str) -> tuple[int, str, str]:
+        shutil.copytree("tests/data/force_sensor", tmp_path / "my_lab")
+        (tmp_path / "my_lab" / "flawed.py").write_text(FLAWED.replace("FLAW", flaw))
+        alarm = ALARM.replace(*changed) if changed else ALARM
+        assert changed == () or alarm != ALARM
+        (tmp_path / "my_lab" / "alarm.py").write_text(alarm)
+        (tmp_path / "scale.toml").write_text(PROFILE)
+        found: tuple[int, str, str] = verb("check", tmp_path / "scale.toml")
+        return found
+
+    return check
+
+
+def test_sound_classes_keep_their_promises(checked: Any) -> None:
+    code, out, err = checked()
+    assert (code, err) == (0, "")
+    assert re.search(r"^devices\.scale: keeps the contract \(\d promises\)$", out, re.MULTILINE)
+    assert re.search(r"^detectors\.contact: keeps the contract \(6 promises\)$", out, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("flaw", "named"),
+    [
+        (
+            "    def open(self):\n        return replace(super().open(), device='weight')",
+            ("DeviceInfo", "weight"),
+        ),
+        (
+            "    def open(self):\n"
+            "        info = super().open()\n"
+            "        return replace(info, streams={k: replace(s, unit='') for k, s in info.streams.items()})",
+            ("stream scale.force", "a unit"),
+        ),
+        (
+            "    def restart(self):\n"
+            "        super().restart()\n"
+            "        self.apply(Listen(self.name, frozenset({'scale.force'})))",
+            ("nobody listens", "Listen"),
+        ),
+        ("    def _valid(self, command):\n        return command", ("no_such_stream", "CommandError")),
+        (
+            "    def read(self):\n        return self._blocks_as(scale=1.0)",
+            ("scale.force", "scale", "StreamInfo"),
+        ),
+        (
+            "    def read(self):\n        return self._blocks_as(values=np.zeros((1, 2)))",
+            ("scale.force", "shape (1, 2)", "(n, 1)"),
+        ),
+        (
+            "    def read(self):\n        return self._blocks_as(values=np.full((1, 1), np.nan))",
+            ("scale.force", "not finite"),
+        ),
+        ("    def read(self):\n        return self._blocks_as(seq=3)", ("scale.force", "number 3", "within")),
+        (
+            "    def read(self):\n        super().read()\n        return []",
+            ("scale.force", "no sample in 0.5 s"),
+        ),
+        (
+            "    def read(self):\n        return 1 / 0",
+            ("ZeroDivisionError", "flawed.py, line"),
+        ),
+    ],
+    ids=lambda given: given[-1] if isinstance(given, tuple) else "",
+)
+def test_a_promise_that_a_device_breaks_is_one_line(checked: Any, flaw: str, named: tuple[str, ...]) -> None:
+    code, _, err = checked(flaw)
+    assert code == 2
+    lines = [line for line in err.splitlines() if "devices.scale: " in line]
+    assert lines, err
+    check_refusal(lines[0], "devices.scale", *named)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "named"),
+    [
+        (
+            "        self.touched = False",
+            "        pass\n    touched = False",
+            ("after a reset it is as new",),
+        ),
+        ("                continue\n", "                force_n = 99.0\n", ("not finite", "no alarm")),
+        ("found.append(Contact(t_s", "found.append(Contact(t_s + 1e-4", ("samples time", "no sample has")),
+        (
+            "        found = []\n",
+            "        found, self.touched = [], False\n",
+            ("blocks of any size", "blocks of 1"),
+        ),
+        ("        found = []\n", "        found = [1 / 0]\n", ("ZeroDivisionError", "alarm.py, line")),
+    ],
+    ids=lambda given: given[-1] if isinstance(given, tuple) else "",
+)
+def test_a_promise_that_a_detector_breaks_is_one_line(
+    checked: Any, right: str, wrong: str, named: tuple[str, ...]
+) -> None:
+    code, _, err = checked("", right, wrong)
+    assert code == 2
+    lines = [line for line in err.splitlines() if "detectors.contact: " in line]
+    assert lines, err
+    check_refusal(lines[0], "detectors.contact", *named)
+
+
+def test_a_detector_that_finds_nothing_in_what_is_shown_is_not_called_broken(checked: Any) -> None:
+    code, out, err = checked("", "force_n > 20.0", "force_n > 20e9")
+    assert (code, err) == (0, "")
+    assert "detectors.contact: not tried: it finds nothing in" in out
+    assert "check_contract" in out
+
+
+def test_a_stream_that_nothing_sends_is_named(checked: Any) -> None:
+    code, _, err = checked(
+        "", "input: StreamName\n", 'input: StreamName\n    other: StreamName = "scale.torque"\n'
+    )
+    assert code == 2
+    check_refusal(err, "scale.torque", "did you mean scale.force?")
