@@ -63,10 +63,15 @@ class Run:
         return self.manifest.get("bench") in ("mock", "emulated")
 
     @property
+    def device_tables(self) -> Mapping[str, Mapping[str, Any]]:
+        """The profile's devices, by name: those that are not taken away."""
+        devices = ((self.manifest.get("profile") or {}).get("resolved") or {}).get("devices") or {}
+        return {name: table for name, table in devices.items() if isinstance(table, Mapping)}
+
+    @property
     def measured_by(self) -> list[str]:
         """Devices of a simulated bench that are real: each at a port of its own."""
-        devices = ((self.manifest.get("profile") or {}).get("resolved") or {}).get("devices") or {}
-        ports = {name: table.get("port") for name, table in devices.items() if self.simulated}
+        ports = {name: table.get("port") for name, table in self.device_tables.items() if self.simulated}
         return [name for name, port in ports.items() if port not in (None, "mock", "emulated")]
 
     @property
