@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test lines browser mutants check docs format bench recordings soak-test fuzz lerobot franka lock diagrams clean
+.PHONY: run test lines others browser mutants check docs format bench recordings soak-test fuzz lerobot franka lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
@@ -12,15 +12,18 @@ run: .venv/run.stamp            ## the main job on the mock bench: 132 approache
 SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_together)) \
 	$(addprefix tests/unit/drivers/,arm test_axis_limits.py barrett_hand can_gripper gripper robotiq sensor_board/test_sensor_board_driver.py ur_arm zaber_stage)
 
-# four workers on two cores: tests on the wire wait half of their time
 test: export PYTHONDONTWRITEBYTECODE :=
 test: .venv/dev.stamp browser   ## the tests; what they need is compiled before; guard, limits, loop and stop paths: every line
 	$(BIN)/python -m config.precompile
-	$(MAKE) -s lines
-	$(BIN)/python -m pytest -n 4 --dist loadscope --no-loadscope-reorder --durations=15 $(SAFETY:%=--ignore=%)
+	$(MAKE) -s -j2 lines others
+
+others: .venv/dev.stamp         # five workers on two cores: tests on the wire wait half of their time
+	$(BIN)/python -m pytest -n 5 --dist loadscope --no-loadscope-reorder --durations=15 $(SAFETY:%=--ignore=%)
 
 lines: .venv/dev.stamp          ## the unit tests of guard, limits, loop and stop paths, which leave no line of these out
-	$(BIN)/python -m coverage run -m pytest $(SAFETY)
+	@mkdir -p build
+	$(BIN)/python -m coverage run -m pytest $(SAFETY) >build/lines.log 2>&1 || { cat build/lines.log; exit 1; }
+	@tail -1 build/lines.log
 	$(BIN)/python -m coverage report
 
 browser:                        ## the report is tested in one
