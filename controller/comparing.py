@@ -17,6 +17,7 @@ from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.reports.counts import Row, mean_of
 from controller.reports.generic import with_spread
 from controller.reports.pages import environment
+from controller.reports.settings import flat
 from controller.scales import scale_of
 
 SECOND = " (second)"
@@ -38,7 +39,7 @@ def compared(first: Run, second: Run) -> Iterator[str]:
         if not run.trials:
             raise RunFolderError(f"{run.folder.path}: no trial has ended, so there is nothing to compare")
     one, other = (
-        dict(_leaves(run.manifest["profile"]["resolved"]))
+        dict(flat(run.manifest["profile"]["resolved"]))
         | {key: run.manifest[key] for key in ("commit", "seed")}
         for run in (first, second)
     )
@@ -141,18 +142,4 @@ def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:
 
 def _factors(first: Run, second: Run) -> list[str]:
     """The columns of what was varied in both."""
-    varied = [set(_varied(run)) for run in (first, second)]
-    return [name for name in first.table.columns if name in varied[0] & varied[1]]
-
-
-def _varied(run: Run) -> set[str]:
-    trials = run.recorded_trials
-    return set(run.trial(trials[0]).factors) if trials else set()
-
-
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict):
-        for key, item in value.items():
-            yield from _leaves(item, f"{path}.{key}" if path else key)
-    else:
-        yield path, value
+    return [name for name in first.table.columns if name in first.factors and name in second.factors]

@@ -7,14 +7,13 @@ offers by name. A bench that profiles name is a function beside its part, as `fi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.errors import RefusedError
 from drivers.core.settings import Settings
-from simulator.physics.stage_axis import MotionPiece
 
 Floats = NDArray[np.float64]
 
@@ -28,22 +27,6 @@ class StreamSpec(NamedTuple):
     unit: str
     scale: float
     rate_hz: float | None
-
-
-class Carrier(Protocol):
-    """What carries a bench's tool: its motion along the approach axis."""
-
-    def place(self, t_s: float, position_m: float) -> None:
-        """Stand still on the axis from `t_s` on, and forget what was before."""
-
-    def position(self, t_s: float) -> float:
-        """Position on the approach axis in metres."""
-
-    def velocity(self, t_s: float) -> float:
-        """Velocity along the approach axis in m/s."""
-
-    def pieces(self, t_s: float) -> Sequence[MotionPiece]:
-        """The motion along the axis from `t_s` on: the first piece starts at `t_s`, the last holds for ever."""
 
 
 class BenchPart:
@@ -152,7 +135,8 @@ class Bench:
             part.warm_up()
 
     def mount(self, carrier: Any) -> None:
-        """Fix the tool to what carries it: a `Carrier`, with `ToolTrack.offsets` where one axis will not do.
+        """Fix the tool to what carries it: it has `place`, `position`, `velocity` and `pieces` of `StageAxis`, and
+        `ToolTrack.offsets` where one axis will not do.
 
         Raises:
             RefusedError: something carries it already, or the mover cannot do what this bench needs.
