@@ -11,12 +11,12 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from behaviors.events import GuardStopped
-from behaviors.machine import Behavior, StatePlan, from_mover, on
+from behaviors.machine import Behavior, Row, StatePlan, from_mover, on
 from controller.guard import Guard, GuardRefusal
 from controller.limits import MoverLimits
 from controller.loop import Aborted, Loop, LoopSettings
@@ -86,6 +86,9 @@ AWAY_S = 1.0
 GIVE_UP_S = 90.0
 """Longest way to where a case begins."""
 
+PRESS_N = 0.5
+"""A force limit up to this is pressed for as well, by the mover itself (assumption: no probe is the worse for it)."""
+
 NOT_AT_REST = "NOT seen standing still: look at the bench"
 
 Verdict = Literal["acted", "failed", "not shown", "nothing to bound", "not tried"]
@@ -113,7 +116,7 @@ class Proof(NamedTuple):
     way_m: float | None = None
 
 
-class Outcome(NamedTuple):
+class Tried(NamedTuple):
     """What became of a case; see `Proof`."""
 
     verdict: Verdict
@@ -122,7 +125,7 @@ class Outcome(NamedTuple):
     way_m: float | None = None
 
 
-NOT_CLAMPED = Outcome("failed", "the driver took it")
+NOT_CLAMPED = Tried("failed", "the driver took it")
 
 
 class Case(NamedTuple):
@@ -131,7 +134,7 @@ class Case(NamedTuple):
     limit: str
     value: str
     done: str
-    tried: Callable[[], Outcome]
+    tried: Callable[[], Tried]
     first: bool = False
 
 
@@ -161,6 +164,13 @@ class Wrong:
     away_from: str = ""
     begun: bool = False
     _last: Any = None
+
+    @property
+    def said(self) -> str:
+        """For a person."""
+        if self.away_s:
+            return f"the program is away for {self.away_s:.2f} s"
+        return f"{self.stream} goes wrong" if self.stream else "must stop"
 
     def passed_on(self, block: SampleBlock) -> Sequence[SampleBlock]:
         """What is passed on of a block."""
@@ -277,7 +287,7 @@ class Creep(Behavior):
         past_s: When it began.
     """
 
-    table = (
+    table: ClassVar[Sequence[Row]] = (
         on("reached", "READYING", "STARTING", from_mover),
         on("reached", "STARTING", "MOVING", from_mover),
         on("deadline", "MOVING", "PAST"),
@@ -300,7 +310,9 @@ class Creep(Behavior):
         self._creeping, self._wrong, self._late = mover, wrong, command
         shown = frozenset({mover.shown, wrong.stream} - {""})
         deadlines_s = {"READYING": GIVE_UP_S, "STARTING": GIVE_UP_S, "MOVING": RUN_S, "PAST": patience_s}
-        plans = {state: StatePlan(deadline_s, measures=shown) for state, deadline_s in deadlines_s.items()}
+        deadlines_s |= {"STOPPING": PATIENCE_S, "BACK": GIVE_UP_S}
+        states = [state for state in self.states if state not in self.final]
+        plans = {state: StatePlan(deadlines_s[state], measures=shown) for state in states}
         super().__init__(plans, mover=mover.name)
 
     def enter_READYING(self) -> None:
@@ -320,6 +332,19 @@ class Creep(Behavior):
         self.past_s, self._wrong.begun = self.event.t_s, True
         if self._late is not None:
             self.command(self._late)
+
+
+class Press(Creep):
+    """Press until the guard stops it, stand still, go back."""
+
+    table = (
+        *Creep.table,
+        on("guard_stopped", ["MOVING", "PAST"], "STOPPING"),
+        on("standstill", "STOPPING", "BACK", from_mover),
+        on("reached", "BACK", "OVER", from_mover),
+    )
+
+    enter_BACK = Creep.enter_STARTING
 
 
 class Once(Behavior):
@@ -618,6 +643,13 @@ class Certifier:
                 yield self._case(
                     movers, "force_n", f"{limits.force_n:g} N", done, wrong, limits.force_median_s
                 )
+            mover = movers[0]
+            if limits.force_n <= PRESS_N and isinstance(mover.drive, MoveAt):
+                end_m = min(mover.limits.travel_m, mover.settings.travel_max_m)
+                drive = MoveAt(mover.name, mover.speed_m_s, end_m)
+                done = f"{mover.name} at {1e3 * mover.speed_m_s:g} mm/s: presses on, at most to {1e3 * end_m:g} mm"
+                tried = partial(self._pressed, mover._replace(drive=drive))
+                yield Case("limits.force_n", f"{limits.force_n:g} N", done, tried)
         for stream in sorted({*limits.range_streams, *self.bench.range_streams}):
             wrong = Wrong(stream, beyond=1e9)
             yield self._case(
@@ -707,7 +739,7 @@ class Certifier:
             away_s, shown = most_m / speed_m_s + 1.0, f"{value:g} {unit}"
             if most_m + 2.0 * SLACK_M > room_m:
                 reason = f"left alone it might go {1e3 * most_m:g} mm; {1e3 * room_m:.3g} mm are free here"
-                yield Case(limit, shown, "nothing", partial(Outcome, "not shown", reason))
+                yield Case(limit, shown, "nothing", partial(Tried, "not shown", reason))
             else:
                 done = f"{mover.name} at {1e3 * speed_m_s:g} mm/s: the program is away for {away_s:.1f} s"
                 yield Case(
@@ -751,15 +783,15 @@ class Certifier:
         return Case(f"{where}.{key}", value, f"at rest: {done}", partial(self._resting, said, wrong, own_s))
 
     def _refused(self, mover: Mover, limit: str, value: str, command: Command, said: str = "") -> Case:
-        def tried() -> Outcome:
+        def tried() -> Tried:
             self.bench.consent(f"{mover.name} must refuse {_short(command)}: nothing should move")
             ran = self._run(Once(command, PATIENCE_S), Wrong(), "")
             still = self._at_rest(ran, mover)
             if (said or limit) in ran.refusal:
-                return Outcome(
+                return Tried(
                     "acted" if still else "failed", f"guard refused{'' if still else f'; {NOT_AT_REST}'}"
                 )
-            return Outcome("failed", f"the guard let it through{'' if still else f'; {NOT_AT_REST}'}")
+            return Tried("failed", f"the guard let it through{'' if still else f'; {NOT_AT_REST}'}")
 
         return Case(limit, value, f"{_short(command)} asked for", tried)
 
@@ -797,14 +829,14 @@ class Certifier:
             device.close()
             device.open()
 
-    def _homed(self, mover: Mover) -> Outcome:
+    def _homed(self, mover: Mover) -> Tried:
         self.bench.consent(f"{mover.name} goes home, at its own speed")
         ran = self._run(behavior := Once(Home(mover.name)), Wrong(), "")
         still = self._at_rest(ran, mover)
         if behavior.state != "OVER" or not still:
             reason = ran.refusal or ran.loop.account.reason or behavior.reason or "it is not at home"
-            return Outcome("failed", f"{reason}{'' if still else f'; {NOT_AT_REST}'}")
-        return Outcome("acted", "it is home, and stands still")
+            return Tried("failed", f"{reason}{'' if still else f'; {NOT_AT_REST}'}")
+        return Tried("acted", "it is home, and stands still")
 
     def _moving(
         self,
@@ -814,11 +846,11 @@ class Certifier:
         own_s: float = 0.0,
         command: Command | None = None,
         pauses: bool = False,
-    ) -> Outcome:
+    ) -> Tried:
         """Let something go wrong while a mover creeps: what must act `said` this; "" is the mover's own standstill."""
         behavior, ran, still, way_m = self._crept(mover, wrong, own_s + PATIENCE_S, command, pauses)
         if math.isnan(behavior.past_s):
-            return Outcome("failed", f"it did not come that far: {_why(ran, behavior)}")
+            return Tried("failed", f"it did not come that far: {_why(ran, behavior)}")
         past_s = behavior.past_s
         after = [event for event in ran.loop.events if event.t_s >= past_s]
         rests = [each.t_s for each in after if isinstance(each, Standstill) and each.device == mover.name]
@@ -829,25 +861,45 @@ class Certifier:
         rest = "" if still else f"; {NOT_AT_REST}"
         if first_s == math.inf:
             reason = "; ".join(dict.fromkeys(each.reason for each in ends)) or "nothing acted"
-            return Outcome("failed", f"{reason} within {own_s + PATIENCE_S:g} s{rest}", after_s, way_m)
+            return Tried("failed", f"{reason} within {own_s + PATIENCE_S:g} s{rest}", after_s, way_m)
         within_s = own_s + SLACK_S
         slow = first_s - past_s > within_s or way_m > mover.speed_m_s * within_s + SLACK_M
         who = "guard" if said else "device"
         told = acting[0].reason if said else "it stands still"
         text = f"{who}: {told}{'; too late, or too far' if slow else ''}{rest}"
-        return Outcome("acted" if still and not slow else "failed", text, after_s, way_m)
+        return Tried("acted" if still and not slow else "failed", text, after_s, way_m)
 
-    def _left(self, mover: Mover, wrong: Wrong, most_m: float) -> Outcome:
+    def _pressed(self, mover: Mover) -> Tried:
+        """Press on until the force limit acts."""
+        assert isinstance(mover.drive, MoveAt)
+        patience_s = mover.drive.limit_m / mover.speed_m_s + PATIENCE_S
+        _, ran, still, _ = self._crept(mover, Wrong(), patience_s, None, False, Press)
+        rest = "" if still else f"; {NOT_AT_REST}"
+        stops = [each for each in ran.loop.events if isinstance(each, GuardStopped)]
+        if not stops or "limits.force_n" not in stops[0].reason:
+            reason = (
+                stops[0].reason if stops else "nothing presses so hard within the travel: put something there"
+            )
+            return Tried("failed" if stops or rest else "not shown", f"{reason}{rest}")
+        rests = [each.t_s for each in ran.loop.events if isinstance(each, Standstill)]
+        after_s = min((t_s for t_s in rests if t_s >= stops[0].t_s), default=math.inf) - stops[0].t_s
+        seen = ran.seams[mover.name].seen
+        at_m = next(x_m for t_s, x_m in reversed(seen) if t_s <= stops[0].t_s)
+        way_m = max([x_m - at_m for t_s, x_m in seen if t_s >= stops[0].t_s], default=0.0)
+        sound = still and after_s <= SLACK_S and way_m <= mover.speed_m_s * SLACK_S + SLACK_M
+        return Tried("acted" if sound else "failed", f"guard: {stops[0].reason}{rest}", after_s, way_m)
+
+    def _left(self, mover: Mover, wrong: Wrong, most_m: float) -> Tried:
         """Leave a mover alone: it must end its motion by itself within a distance."""
         behavior, ran, still, way_m = self._crept(mover, wrong, PATIENCE_S, None, False)
         if math.isnan(behavior.past_s):
-            return Outcome("failed", f"it did not come that far: {_why(ran, behavior)}")
+            return Tried("failed", f"it did not come that far: {_why(ran, behavior)}")
         rest = "" if still else f"; {NOT_AT_REST}"
         if way_m > most_m + SLACK_M:
-            return Outcome("failed", f"it went on, left alone, for {1e3 * way_m:.2f} mm{rest}", None, way_m)
-        return Outcome("acted" if still else "failed", f"device: it stopped by itself{rest}", None, way_m)
+            return Tried("failed", f"it went on, left alone, for {1e3 * way_m:.2f} mm{rest}", None, way_m)
+        return Tried("acted" if still else "failed", f"device: it stopped by itself{rest}", None, way_m)
 
-    def _guarded_by(self, name: str, movers: Sequence[Mover], wrong: Wrong, watchdog_s: float) -> Outcome:
+    def _guarded_by(self, name: str, movers: Sequence[Mover], wrong: Wrong, watchdog_s: float) -> Tried:
         """Leave a device alone: it must say that its watchdog tripped, or have stopped to send in time."""
         still = True
         behavior: Creep | Resting = Resting(wrong, PATIENCE_S)
@@ -857,7 +909,7 @@ class Certifier:
             ran = self._run(behavior, wrong, "")
         rest = "" if still else f"; {NOT_AT_REST}"
         if math.isnan(behavior.past_s):
-            return Outcome("failed", f"it did not come that far: {_why(ran, behavior)}")
+            return Tried("failed", f"it did not come that far: {_why(ran, behavior)}")
         told = [each for each in ran.loop.events if getattr(each, "device", "") == name]
         if movers and movers[0].name == name:
             said = [reason for each in told if "watchdog" in (reason := getattr(each, "reason", ""))]
@@ -866,31 +918,40 @@ class Certifier:
             sent_s = ran.seams[name].last_s - behavior.past_s
             found = f"device: it sent for {sent_s:.2f} s more" if sent_s <= watchdog_s + SLACK_S else ""
         if found and still:
-            return Outcome("acted", found)
-        return Outcome("failed", f"{found or 'it went on, left alone'}{rest}")
+            return Tried("acted", found)
+        return Tried("failed", f"{found or 'it went on, left alone'}{rest}")
 
     def _crept(
-        self, mover: Mover, wrong: Wrong, patience_s: float, command: Command | None, pauses: bool
+        self,
+        mover: Mover,
+        wrong: Wrong,
+        patience_s: float,
+        command: Command | None,
+        pauses: bool,
+        how: type[Creep] = Creep,
     ) -> tuple[Creep, Ran, bool, float]:
         """Run a `Creep`; whether the mover stands still then, and how far it went since something was wrong."""
-        self.bench.consent(f"{mover.name} moves {1e3 * ROOM_M:g} mm at {1e3 * mover.speed_m_s:g} mm/s")
-        behavior = Creep(mover, wrong, command, patience_s, self.bench.range_streams)
+        farthest_m = getattr(mover.drive, "limit_m", ROOM_M)
+        self.bench.consent(
+            f"{mover.name} moves {1e3 * farthest_m:g} mm at {1e3 * mover.speed_m_s:g} mm/s, and {wrong.said}"
+        )
+        behavior = how(mover, wrong, command, patience_s, self.bench.range_streams)
         ran = self._run(behavior, wrong, mover.shown, pauses)
         seen = ran.seams[mover.name].seen
         last_m = next((x_m for t_s, x_m in reversed(seen) if t_s <= behavior.past_s), math.nan)
         still = self._at_rest(ran, mover)
         return behavior, ran, still, abs(self._end_m - last_m)
 
-    def _resting(self, said: str, wrong: Wrong, own_s: float) -> Outcome:
+    def _resting(self, said: str, wrong: Wrong, own_s: float) -> Tried:
         """Where nothing moves: a trial must end where what it listens to goes wrong."""
         ran = self._run(behavior := Resting(wrong, own_s + PATIENCE_S), wrong, "")
         account = ran.loop.account
         if said in account.reason and account.outcome:
             after_s = ran.loop.visits[-1][1] - behavior.past_s
-            return Outcome("acted", f"the trial ended: {account.reason}", after_s)
-        return Outcome("failed", f"the trial went on for {own_s + PATIENCE_S:g} s")
+            return Tried("acted", f"the trial ended: {account.reason}", after_s)
+        return Tried("failed", f"the trial went on for {own_s + PATIENCE_S:g} s")
 
-    def _given(self, name: str, key: str, value: float, mover: Mover | None) -> Outcome:
+    def _given(self, name: str, key: str, value: float, mover: Mover | None) -> Tried:
         """Give a driver what it must refuse or clamp, past the guard, where the mover already is."""
         here_m = 0.0
         if mover is not None:
@@ -903,13 +964,13 @@ class Certifier:
         try:
             sent = self.bench.rig.devices[name].apply(command)
         except CommandError as error:
-            found = Outcome("acted", f"driver refused: {error.reason}")
+            found = Tried("acted", f"driver refused: {error.reason}")
         else:
             speed = getattr(sent, "speed_m_s", math.inf)
             clamped = speed <= value * (1.0 + 1e-9)
-            found = Outcome("acted", f"driver made it {speed:.3g}") if clamped else NOT_CLAMPED
+            found = Tried("acted", f"driver made it {speed:.3g}") if clamped else NOT_CLAMPED
         if mover is not None and not self._stands(mover):
-            return Outcome("failed", f"{found.acted}; {NOT_AT_REST}")
+            return Tried("failed", f"{found.acted}; {NOT_AT_REST}")
         return found
 
     # --- standing still ------------------------------------------------------------------------------
@@ -965,7 +1026,7 @@ def asked_of_driver(
 
 
 def _nothing(limit: str, value: str, reason: str) -> Case:
-    return Case(limit, value, "nothing", partial(Outcome, "nothing to bound", reason))
+    return Case(limit, value, "nothing", partial(Tried, "nothing to bound", reason))
 
 
 def _why(ran: Ran, behavior: Behavior) -> str:

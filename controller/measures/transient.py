@@ -72,7 +72,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
             row.update(detect_s=contact.t_s, false_contacts=1)
             outcome = "false_contact" if outcome == "contact" else outcome
         return outcome, row
-    times_s, force_n = _tared(evidence, settings.load_cell_stream, begun_s)
+    times_s, force_n = tared(evidence, settings.load_cell_stream, begun_s)
     above = np.flatnonzero(force_n >= ONSET_N)
     onset_s = float(times_s[above[0]]) if len(above) else None
     touched_s = None
@@ -83,7 +83,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     if contact is None or (contact.t_s < begun_s and outcome != "contact"):
         return outcome, row
     detect_s = contact.t_s
-    row.update(detect_s=detect_s, **_certificate(evidence, settings, position, detect_s))
+    row.update(detect_s=detect_s, **stop_certificate(evidence, settings.mover, position, detect_s))
     if settings.load_cell_stream is None and evidence.truth is None:
         row["false_contacts"] = None  # nothing on this bench tells a true contact from a false one
         return outcome, row
@@ -94,7 +94,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     row["force_n"] = _mean_over_oscillation(times_s, force_n, detect_s, _period(evidence, settings, detect_s))
     if onset_s is not None:
         row["delay_s"] = detect_s - onset_s
-        at = _positions(evidence, position, (onset_s, detect_s))
+        at = positions_at(evidence, position, (onset_s, detect_s))
         row["extent_m"] = at[1] - at[0] if at is not None else None
     return outcome, row
 
@@ -105,7 +105,7 @@ def touch_of(row: Mapping[str, Any], evidence: TrialEvidence) -> float | None:
     return found
 
 
-def _tared(
+def tared(
     evidence: TrialEvidence, stream: str | None, begun_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Load cell of approach, stop and hold, less its mean over the baseline before."""
@@ -136,7 +136,7 @@ def _mean_over_oscillation(
     return float(force_n[within].mean()) if within.any() else None
 
 
-def _positions(evidence: TrialEvidence, stream: str, at_s: tuple[float, ...]) -> NDArray[np.float64] | None:
+def positions_at(evidence: TrialEvidence, stream: str, at_s: tuple[float, ...]) -> NDArray[np.float64] | None:
     """Mover's positions at some instants, between its reports (the speed between two of them is constant)."""
     positions = evidence.covered(stream, min(at_s), max(at_s))
     if not len(positions):
@@ -144,17 +144,17 @@ def _positions(evidence: TrialEvidence, stream: str, at_s: tuple[float, ...]) ->
     return np.interp(at_s, positions.times_s, positions.values[:, 0])
 
 
-def _certificate(
-    evidence: TrialEvidence, settings: TransientSettings, position: str, detect_s: float
+def stop_certificate(
+    evidence: TrialEvidence, mover: str, position: str, detect_s: float
 ) -> Mapping[str, float | None]:
     """The stop certificate: when the command left, when the mover stood still, how far it went in between."""
-    still = evidence.first(Standstill, detect_s, device=settings.mover)
+    still = evidence.first(Standstill, detect_s, device=mover)
     travel_m = None
     if still is not None:
-        at = _positions(evidence, position, (detect_s, still.t_s))
+        at = positions_at(evidence, position, (detect_s, still.t_s))
         travel_m = float(at[1] - at[0]) if at is not None else None
     return {
-        "command_s": evidence.stop_sent_s(settings.mover, detect_s),
+        "command_s": evidence.stop_sent_s(mover, detect_s),
         "standstill_s": None if still is None else still.t_s,
         "stop_travel_m": travel_m,
     }

@@ -78,9 +78,10 @@ class EmulatedPerson:
 
     def _hang(self, t_s: float, bridge: str, force_n: float) -> None:
         """Let this force hang, and nothing else, from `t_s` on; raises `RefusedError`."""
+        load = part(self._bench, "load", "operator")
         self._bench.advance(t_s)
         for name in ("x", "y", "t"):
-            self._bench.load(name, self._true_n(force_n) if name == bridge else 0.0)
+            load(name, self._true_n(force_n) if name == bridge else 0.0)
 
     def _true_n(self, force_n: float) -> float:
         """What pulls when this is written on the weight, N."""
@@ -104,10 +105,5 @@ class EmulatedPerson:
 
 
 def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedPerson:
-    """A person who hangs weights on the bench's fingertip.
-
-    Raises:
-        RefusedError: the bench has none.
-    """
-    part(bench, "load", "operator")
+    """A person at the bench, who hangs weights where it has a fingertip."""
     return EmulatedPerson(HandSettings(), bench)

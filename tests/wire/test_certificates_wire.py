@@ -17,6 +17,7 @@ BENCHES = {
         "devices.board.watchdog_s",
         "devices.stage.max_speed_m_s",
     },
+    "emulated/first_contact": {"limits.force_n", "devices.board.watchdog_s"},
     "emulated/pretouch": {"devices.arm.loop_timeout_s", "devices.gripper.watchdog_s", "limits.grip_n"},
     "emulated/slip": {"devices.arm.leash_m", "devices.board.watchdog_s", "limits.reach_rad"},
     "emulated/weights": {"limits.stuck_s", "devices.board.watchdog_s"},

@@ -127,6 +127,7 @@ ACTING = {
     "transient": {"contact"},
     "transient_arm": {"contact"},
     "flexion": {"following"},
+    "first_contact": {"contact"},
     "slip": {"touch_fingertip"},
     "pointer": {"touch"},
     "pretouch": set(),
@@ -157,6 +158,7 @@ STOPS = {
     **dict.fromkeys(("pretouch", "touch", "objects", "centering", "grasp"), SONIC),
     **{name: [Stop("arm")] for name in ("pointer", "slip")},
     "chirp": [Excite("audio", False)],
+    "first_contact": [Stop("stage")],
     "weights": [],
 }
 """What a trial commands when it cannot go on."""

@@ -60,6 +60,12 @@ def slipping(stream, name, *thresholds):
 
 
 CASES = [
+    (
+        "hardware/first_contact",
+        {},
+        {"stage", "board", "operator"},
+        STAGE | {BOARD, "limits.travel_m", "detectors.contact.threshold", "behavior.approach_limit_m"},
+    ),
     ("hardware/chirp", {}, {"audio"}, {AUDIO}),
     ("hardware/weights", {}, {"board", "operator"}, {BOARD}),
     (
@@ -154,6 +160,8 @@ def test_on_hardware_nothing_that_moves_and_no_threshold_has_a_value_of_the_simu
     }
     if name != "hardware/weights":  # where nothing moves
         live |= LIMITS
+    if name == "hardware/first_contact":  # its 0.3 N are what makes it one, on any bench
+        live -= {"limits.force_n"}
     unset = {".".join(path) for path in profile.source.unset}
     console = {"devices.operator.port"}
     assert live - unset - console == set()

@@ -1,0 +1,148 @@
+"""The first touch on a new bench: slowly, a person's word before each motion."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field
+
+from behaviors.approach import Approaching, approaching
+from behaviors.machine import StatePlan, from_mover, on
+from drivers.core.messages import Ask, Home, MoveTo
+from drivers.core.settings import DetectorName, DeviceName, Settings, StreamName
+
+
+class FirstContactSettings(Settings):
+    """How the first touch is made."""
+
+    mover: DeviceName = "stage"
+    """Device that approaches."""
+
+    operator: DeviceName = "operator"
+    """The person at the bench."""
+
+    detector: DetectorName = "contact"
+    """Detector whose contact ends the approach."""
+
+    load_cell_stream: StreamName = "board.load_cell"
+    """Force (N)."""
+
+    position_stream: StreamName = "stage.position"
+    """Where the mover is (m)."""
+
+    start_m: float = Field(default=0.0, ge=-1.0, le=1.0)
+    """Where the approach starts, on the mover's axis."""
+
+    approach_limit_m: float = Field(default=0.005, ge=-1.0, le=1.0)
+    """Where an approach without contact ends."""
+
+    speed_m_s: float = Field(default=0.001, gt=0.0, le=0.001)
+    """Of every motion but the way home, which has the device's own."""
+
+    baseline_timeout_s: float = Field(default=10.0, gt=0.0, le=600.0)
+    """Longest wait for the detector's baseline."""
+
+    motion_timeout_s: float = Field(default=60.0, gt=0.0, le=600.0)
+    """Longest motion."""
+
+    answer_timeout_s: float = Field(default=600.0, gt=0.0, le=3600.0)
+    """Longest wait for the person. Assumption: ten minutes to look at a bench."""
+
+
+class FirstContactFactors(Settings):
+    """What a trial varies: nothing."""
+
+    touch: int = Field(default=1, ge=1)
+    """Which touch it is."""
+
+
+class FirstContact(Approaching):
+    """Ask, go home; ask, go to the start; ask, approach until contact; ask, go back."""
+
+    def __init__(
+        self, settings: FirstContactSettings, factors: FirstContactFactors, detectors: frozenset[str]
+    ) -> None:
+        self.settings = settings
+        measured = frozenset((settings.load_cell_stream, settings.position_stream))
+        acting = frozenset({settings.detector})
+        asking = StatePlan(settings.answer_timeout_s, measures=measured, prompt=False)
+        motion = StatePlan(settings.motion_timeout_s, measures=measured)
+        way_m = settings.approach_limit_m - settings.start_m
+        super().__init__(
+            {
+                **dict.fromkeys(self.ASKING, asking),
+                **dict.fromkeys(("HOMING", "STARTING", "STOPPING", "RETRACTING"), motion),
+                "BASELINE": StatePlan(settings.baseline_timeout_s, acting, measured, prompt=False),
+                "APPROACH": self.approach(
+                    settings.detector,
+                    math.copysign(settings.speed_m_s, way_m),
+                    settings.approach_limit_m,
+                    abs(way_m),
+                    StatePlan(settings.motion_timeout_s, acting, measured),
+                ),
+            },
+            settings.mover,
+            acting,
+        )  # fmt: skip
+
+    def answered(self) -> bool:
+        """Whether the answer is the person's."""
+        return self.came_from(self.settings.operator)
+
+    def conclude_unanswered(self) -> None:
+        """Nobody is there."""
+        reason = f"{self.settings.operator} did not answer within {self.settings.answer_timeout_s:g} s"
+        self.outcome, self.reason = "aborted", reason
+
+    def _ask(self, request: str) -> None:
+        self.command(Ask(self.settings.operator, f"{request}; emergency stop in reach?"))
+
+    def enter_READY_FOR_HOME(self) -> None:
+        """Ask for the way home."""
+        self._ask(f"{self._mover} goes home at its own speed")
+
+    def enter_HOMING(self) -> None:
+        """Know where the mover is."""
+        self.command(Home(self._mover))
+
+    def enter_READY_FOR_START(self) -> None:
+        """Ask for the way to the start."""
+        self._ask(
+            f"{self._mover} goes to {1e3 * self.settings.start_m:g} mm at {1e3 * self.settings.speed_m_s:g} mm/s"
+        )
+
+    def enter_STARTING(self) -> None:
+        """Go to the start."""
+        self.command(MoveTo(self._mover, self.settings.start_m, self.settings.speed_m_s))
+
+    enter_RETRACTING = enter_STARTING
+
+    def enter_READY_FOR_TOUCH(self) -> None:
+        """Ask for the approach."""
+        limit_m = self.settings.approach_limit_m
+        self._ask(
+            f"{self._mover} approaches until contact, at most to {1e3 * limit_m:g} mm; nothing touches yet"
+        )
+
+    enter_APPROACH = Approaching.go_until_contact
+
+    def enter_READY_TO_LEAVE(self) -> None:
+        """Ask for the way back."""
+        self._ask(f"{self._mover} goes back")
+
+    ASKING = ("READY_FOR_HOME", "READY_FOR_START", "READY_FOR_TOUCH", "READY_TO_LEAVE")
+    table = (
+        on("answered", "READY_FOR_HOME", "HOMING", answered),
+        on("reached", "HOMING", "READY_FOR_START", from_mover),
+        on("answered", "READY_FOR_START", "STARTING", answered),
+        on("reached", "STARTING", "READY_FOR_TOUCH", from_mover),
+        on("answered", "READY_FOR_TOUCH", "BASELINE", answered),
+        on("baseline_ready", "BASELINE", "APPROACH", Approaching.decisive),
+        *approaching("APPROACH", stopped="READY_TO_LEAVE", missed="READY_TO_LEAVE"),
+        on("answered", "READY_TO_LEAVE", "RETRACTING", answered),
+        on("reached", "RETRACTING", "DONE", from_mover),
+        on("deadline", ASKING, "FAILED", do=conclude_unanswered),
+        on("resumed", ["READY_FOR_HOME", "HOMING"], "READY_FOR_HOME"),
+        on("resumed", ["READY_FOR_START", "STARTING", "READY_FOR_TOUCH", "BASELINE", "APPROACH"], "READY_FOR_START"),
+        on("resumed", ["STOPPING", "READY_TO_LEAVE", "RETRACTING"], "READY_TO_LEAVE"),
+    )  # fmt: skip

@@ -1,0 +1,40 @@
+"""The first touch on a new bench: where contact was detected, how hard it pressed, how far the mover went on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from behaviors.events import Contact
+from behaviors.first_contact import FirstContactSettings
+from controller.measures import Column
+from controller.measures.transient import positions_at, stop_certificate, tared
+from controller.measures.trial import TrialEvidence
+
+HIGHLIGHTS = ("position_m", "force_peak_n", "stop_travel_m")
+
+COLUMNS = {
+    "detect_s": Column("when contact was detected", 4),
+    "position_m": Column("where the mover was then", 3),
+    "force_peak_n": Column("largest force from the approach until it went back", 3),
+    "command_s": Column("when the stop command's last byte left"),
+    "standstill_s": Column("when the mover stood still"),
+    "stop_travel_m": Column("how far it went from detection to standstill", 3),
+}
+
+
+def measure(
+    evidence: TrialEvidence, settings: FirstContactSettings, outcome: str
+) -> tuple[str, dict[str, Any]]:
+    """Measure one touch; None for what did not occur."""
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    begun_s = evidence.entered_s.get("APPROACH")
+    if begun_s is None:
+        return outcome, row
+    _, force_n = tared(evidence, settings.load_cell_stream, begun_s)
+    row["force_peak_n"] = float(abs(force_n).max()) if len(force_n) else None
+    contact = evidence.last(Contact, detector=settings.detector)
+    if contact is not None:
+        at_m = positions_at(evidence, settings.position_stream, (contact.t_s,))
+        row.update(detect_s=contact.t_s, position_m=None if at_m is None else float(at_m[0]))
+        row.update(stop_certificate(evidence, settings.mover, settings.position_stream, contact.t_s))
+    return outcome, row

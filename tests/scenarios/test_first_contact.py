@@ -1,0 +1,49 @@
+"""The first touch of a new bench: slow, light, and no motion without a person's word."""
+
+from __future__ import annotations
+
+import pytest
+
+from controller.recording.reader import open_run
+
+MOTIONS = ("Home(", "MoveTo(", "MoveAt(")
+
+
+@pytest.fixture
+def touch(verb, tmp_path):
+    """Runs the profile; gives exit code, errors and the run."""
+
+    def touch(*more):
+        code, _, err = verb("run", "mock/first_contact", "--no-report", "--out", tmp_path, *more)
+        return code, err, open_run(max(tmp_path.iterdir(), key=lambda folder: folder.stat().st_mtime_ns))
+
+    return touch
+
+
+def test_each_motion_of_a_first_touch_waits_for_a_person(touch):
+    code, _, run = touch()
+    assert code == 0
+    assert [row["outcome"] for row in run.trials] == ["contact"] * 3
+    for row in run.trials:
+        assert 0.02 < float(row["force_peak_n"]) < 0.05
+        assert 0.0 <= float(row["stop_travel_m"]) < 1e-4
+        assert 0.0029 < float(row["position_m"]) < 0.0035, "the finger's surface is at 3 mm"
+    words = motions = 0
+    for event in (event for event in run.events if event["trial"] == 1):
+        words += event["event"] == "Answered"
+        motions += any(command.startswith(MOTIONS) for command in event["commands"])
+        assert motions <= words, event
+    assert (words, motions) == (4, 4)
+
+
+@pytest.mark.parametrize("state", ["STARTING", "APPROACH", "RETRACTING"])
+def test_nothing_moves_where_nobody_answers(touch, state):
+    _, _, run = touch("--only", "1")
+    at_s = next(event["t_s"] for event in run.events if event["next"] == state) - 0.6
+    fault = f'faults=[{{device="operator",kind="silent",at_s={at_s}}}]'
+    code, err, run = touch("--only", "1", "--set", fault, "--set", "behavior.answer_timeout_s=5.0")
+    assert code == 1
+    assert "operator" in err
+    assert [row["outcome"] for row in run.trials] == ["aborted"]
+    after = [event for event in run.events if event["t_s"] > at_s]
+    assert not any(command.startswith(MOTIONS) for event in after for command in event["commands"])
