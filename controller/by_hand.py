@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,6 +25,7 @@ from drivers.core.messages import (
     DeviceInfo,
     Home,
     Listen,
+    Lost,
     Reached,
     SampleBlock,
     Status,
@@ -150,6 +151,7 @@ class HandSession:
         make_signals: Makes the profile's signals, fresh.
         scene: For a simulated bench.
         paced: Whether virtual time passes as the wall clock does, for a person who looks on.
+        absent: Takes why devices did not open, for what goes on with the others; None goes on without none.
 
     Attributes:
         infos: What `open` found, by device.
@@ -164,6 +166,7 @@ class HandSession:
     make_signals: Callable[[], Sequence[Signal]] = tuple
     scene: TrialScene = field(default_factory=lambda: TrialScene(0, 0, {}))
     paced: bool = False
+    absent: dict[str, DeviceError] | None = None
     infos: dict[str, DeviceInfo] = field(default_factory=dict)
     latest: Latest = field(default_factory=Latest)
     lost: Mapping[str, int] = field(default_factory=dict)
@@ -176,7 +179,13 @@ class HandSession:
         """
         try:
             for name, device in self.rig.devices.items():
-                self.infos[name] = device.open()
+                try:
+                    self.infos[name] = device.open()
+                except DeviceError as error:
+                    if self.absent is None:
+                        raise
+                    self.absent[name] = error
+            self.rig = replace(self.rig, devices={name: self.rig.devices[name] for name in self.infos})
             self.rig.clock.leave()
         except BaseException:
             self.__exit__()
@@ -256,13 +265,16 @@ class HandSession:
         Gives bench time and what the devices reported. Ends when the operator has it end.
         """
         self._begin()
+        self.lost = lost = dict[str, int]()
         clock, signals = self.rig.clock, Signals(self.signals)
         asked = signals.subscribe(frozenset(streams))
         operator = _Operator(self.operator, self.rig, self.paced)
         for name, device in self.rig.devices.items():
             device.apply(Listen(name, frozenset(stream for stream in asked if _owner(stream) == name)))
         try:
-            while operator.poll() != "abort":
+            while (request := operator.poll()) != "abort":
+                if request == "suspend":
+                    operator.suspend()
                 clock.wait_until(clock.now() + LISTEN_S)
                 blocks: list[SampleBlock] = []
                 statuses: list[Status] = []
@@ -270,6 +282,9 @@ class HandSession:
                     blocks += device.read()
                     statuses += device.poll()
                 made, saturated = signals.push(blocks)
+                for status in statuses:
+                    if isinstance(status, Lost):
+                        lost[status.stream] = lost.get(status.stream, 0) + status.samples
                 self.latest.record([*blocks, *made])
                 yield clock.now(), [*statuses, *saturated]
         finally:
@@ -386,7 +401,7 @@ def place(session: HandSession, device: str) -> str:
     for name, setting, section in PLACES:
         values = session.latest.values(f"{device}.{name}")
         if len(values):
-            shown = [f"{value:.6g}" for value in values[-1].tolist()]
+            shown = [f"{round(value, 6) + 0.0:.7g}" for value in values[-1].tolist()]
             text = f"[{', '.join(shown)}]" if len(shown) > 1 else shown[0]
             return f"{setting} = {text}  # {section.format(device)}"
     return ""

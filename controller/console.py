@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import signal
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread, get_ident
 from types import FrameType, TracebackType
-from typing import Any, TextIO
+from typing import Any, Self, TextIO
 
 from controller.outcomes import UNMEASURED
 from controller.scales import scale_of
@@ -50,6 +51,8 @@ class ConsoleOperator:
         asking: Devices that ask the person at this keyboard.
     """
 
+    _single = False  # whether each key comes as it is pressed, and not with the line's Enter
+
     def __init__(self, keyboard: TextIO | None = None, asking: Iterable[Asking] = ()) -> None:
         self._keyboard = sys.stdin if keyboard is None else keyboard
         self._interactive = self._keyboard is not None and self._keyboard.isatty()
@@ -64,7 +67,7 @@ class ConsoleOperator:
         self._abort = False
         self._reply: tuple[int, bool] | None = None
 
-    def __enter__(self) -> ConsoleOperator:
+    def __enter__(self) -> Self:
         handlers: dict[signal.Signals, Any] = {
             signal.SIGINT: self._interrupted,
             **dict.fromkeys((signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT), lambda *_: self.press("stop")),
@@ -165,7 +168,7 @@ class ConsoleOperator:
             self._modes = self._modes or modes
             silent = list(modes)
             silent[0] &= ~termios.IXON
-            silent[3] &= ~termios.ECHO
+            silent[3] &= ~(termios.ECHO | (termios.ICANON if self._single else 0))
             termios.tcsetattr(self._keyboard.fileno(), termios.TCSANOW, silent)
 
     def _show_keys(self) -> None:
@@ -197,6 +200,11 @@ class ConsoleOperator:
 
     def _line_typed(self) -> str | None:
         """What was typed before Enter, or None where Enter was not pressed."""
+        typed = self._typed()
+        return None if typed is None else typed.strip().lower()
+
+    def _typed(self) -> str | None:
+        """What the keyboard has, or None; where it has gone, the run ends."""
         if not self._in_foreground():
             return None
         descriptor = self._keyboard.fileno()
@@ -209,7 +217,7 @@ class ConsoleOperator:
         if not typed:
             self._abort = True  # The terminal is gone, and with it the only way to resume.
             return None
-        return typed.decode(errors="replace").strip().lower()
+        return typed.decode(errors="replace")
 
     def _open_question(self) -> tuple[Asking, Question] | None:
         for device in self._asking:
@@ -235,6 +243,30 @@ class ConsoleOperator:
         if typed in ("", "n", "no"):
             device, question = asked
             device.answer(question.number, typed == "")
+
+
+_KEY = re.compile(r"\x1b[\[O][0-9;]*[A-Za-z~]|.", re.DOTALL)
+
+
+class KeyOperator(ConsoleOperator):
+    """The same where single keys steer: each is read as it is pressed, and Ctrl+C ends instead of pausing.
+
+    After Ctrl+Z what goes on is what a key begins anew.
+    """
+
+    _single = True
+
+    def pressed(self) -> Sequence[str]:
+        """What was pressed since the last call, in order; an arrow key is its escape sequence."""
+        return _KEY.findall(self._typed() or "")
+
+    def suspend(self) -> None:
+        """See `ConsoleOperator.suspend`."""
+        super().suspend()
+        self._go_on = True
+
+    def _interrupted(self, number: int, frame: FrameType | None) -> None:
+        self._abort = True
 
 
 class _Printer:

@@ -129,8 +129,9 @@ def shown_limits(limits: GuardSettings) -> Iterable[tuple[str, str, Sequence[int
     """What the guard holds against a limit: name, stream, channels whose size counts, limit, unit."""
     if limits.force_stream is not None and limits.force_n is not None:
         yield "force", limits.force_stream, limits.force_channels, limits.force_n, "N"
-    if limits.position_stream is not None:
-        yield "travel", limits.position_stream, (0,), limits.travel_m, "m"
+    for each in (limits, *limits.movers.values()):
+        if each.position_stream is not None:
+            yield "travel", each.position_stream, (0,), each.travel_m, "m"
 
 
 class Bounds:

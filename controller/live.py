@@ -41,7 +41,7 @@ _GOOD, _MISSED, _BAD = "green", "yellow", "red"
 """Colours of a trial that succeeded, of one that did not, and of one that was broken off."""
 
 
-class _Drawer:
+class Drawer:
     """Draws in a thread of its own: a terminal that takes nothing holds up that thread and no other."""
 
     def __init__(self, terminal: Terminal) -> None:
@@ -92,7 +92,7 @@ class LiveConsole:
         self._counts: Counter[str] = Counter()
         self._results: deque[tuple[int, Mapping[str, Any], str, Mapping[str, Any]]] = deque(maxlen=ROWS)
         self._started_s = self._entered_s = self._drawn_s = monotonic_s()
-        self._drawer: _Drawer | None = None
+        self._drawer: Drawer | None = None
         self._view: LiveView | None = None
         self._paused_s = 0.0
 
@@ -104,7 +104,7 @@ class LiveConsole:
         """Begins to draw."""
         self._title, self._trials, self._folder = title, trials, folder
         self._started_s = monotonic_s()
-        self._drawer = _Drawer(self._terminal)
+        self._drawer = Drawer(self._terminal)
         self._refresh()
 
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
@@ -130,7 +130,7 @@ class LiveConsole:
             self._drawer.end(self._picture())
         self._operator.suspend()
         if self._drawer is not None:
-            self._drawer = _Drawer(self._terminal)
+            self._drawer = Drawer(self._terminal)
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """Adds a row."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +17,7 @@ from controller.registry import row
 if TYPE_CHECKING:
     from config.profile import Profile
     from controller.by_hand import HandOperator, HandResult, HandSession
+    from drivers.core.errors import DeviceError
 
 HOME_S = 120.0
 """Longest way home. Assumption: twice a stage of 0.5 m at a slow 10 mm/s, and an arm that is unlocked before."""
@@ -54,6 +57,7 @@ def session_on(
     operator: HandOperator,
     endpoints: Path | None = None,
     paced: bool = False,
+    absent: dict[str, DeviceError] | None = None,
 ) -> HandSession:
     """Some devices of a profile's bench, for what a person asks for; still closed."""
     from config.assemble import build_rig, limits_of, make_signals
@@ -70,6 +74,7 @@ def session_on(
         lambda: make_signals(loaded),
         TrialScene(0, 0, {}, plant),
         paced,
+        absent,
     )
 
 
@@ -178,4 +183,140 @@ FORCES = ("N", "N m")
 """Units of the streams that are tared."""
 
 
-VERBS = (home, tare)
+@click.command(cls=verbs.Verb, short_help="Show a profile's streams as they come; nothing moves.")
+@bench_options
+@click.argument("streams", nargs=-1)
+@click.option("--seconds", type=verbs.Finite(min=0.1, max=1e6), metavar="N", help="End after N seconds.")
+def monitor(
+    profile: str,
+    overrides: Mapping[str, str],
+    streams: Sequence[str],
+    seconds: float | None,
+    endpoints: Path | None,
+) -> int:
+    """Show the streams of a PROFILE's bench, or these STREAMS alone: value, rate, age, noise, loss, margin to a limit.
+
+    Noise is the standard deviation of the last second, of the noisiest channel. Nothing moves, and only what is shown
+    is opened and subscribed to; without STREAMS, devices that do not open are named and left out. q or Ctrl+C ends.
+    Where the output is no terminal, the values are printed every second.
+
+    \b
+    Example:
+      run.py monitor hardware/transient
+      run.py monitor hardware/slip arm.force --seconds 10
+    """
+    from config.assemble import make_signals
+    from controller.by_hand import sources
+    from controller.console import KeyOperator
+    from controller.hand_view import HandScreen, table
+    from controller.jogging import ENDING
+    from controller.subscriptions import missing
+    from drivers.core.messages import Failed
+
+    loaded = loaded_bench(profile, overrides)
+    made = {signal.info.name: signal for signal in make_signals(loaded)}
+    devices = [known_device(loaded, name) for name in sources(streams, made)] or list(loaded.devices)
+    absent: dict[str, DeviceError] | None = None if streams else {}
+    with KeyOperator() as operator, session_on(loaded, devices, operator, endpoints, True, absent) as session:
+        for error in (absent or {}).values():
+            verbs.complain(str(error))
+        if not session.infos:
+            return verbs.DEVICE
+        for stream in streams:
+            if stream not in session.streams:
+                raise click.UsageError(missing(stream, session.streams.keys()))
+        shown = list(streams or session.streams)
+        t_s = 0.0
+        screen = HandScreen(_terminal(), verbs.say_at_once)
+
+        def lines() -> Sequence[str]:
+            return table(session, shown, t_s)
+
+        for t_s, statuses in session.listen(shown):
+            if failed := next((each for each in statuses if isinstance(each, Failed)), None):
+                screen.end(lines)
+                verbs.complain(f"{failed.device}: {failed.reason}")
+                return verbs.DEVICE
+            screen.show(lines, t_s)
+            if (seconds is not None and t_s >= seconds) or any(key in ENDING for key in operator.pressed()):
+                break
+        screen.end(lines)
+    return verbs.DONE
+
+
+@click.command(cls=verbs.Verb, short_help="Move a device while a key is held.")
+@bench_options
+@click.argument("device")
+def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path | None) -> int:
+    """Move DEVICE of a PROFILE's bench while a key is held, under the guard and the profile's limits.
+
+    Slow first, 2 mm/s; with Shift 10 mm/s. A motion stops 0.2 s after its last key, at any other key, at Ctrl+C and
+    when the terminal is lost. At the end the place where it stands is printed, as the line for the profile. A stage
+    or gripper that does not know where it is goes home first: hold h.
+
+    \b
+    Keys:
+      f b, or → ←         forward, back along the approach axis
+      d a, w s, e c       an arm's tool along its own +x −x, +y −y, +z −z
+      o c                 open, close a gripper
+      h                   home, at its own speed, while it is held
+      q, Esc              end
+
+    \b
+    Example:
+      run.py jog hardware/transient stage
+      run.py jog hardware/slip arm --set limits.force_n=5
+
+    Exit codes: 0 done, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130 interrupted.
+    """
+    from config.assemble import limits_of, make_signals
+    from controller import by_hand
+    from controller.console import KeyOperator
+    from controller.hand_view import HandScreen, jog_lines
+    from controller.jogging import Jog, motions
+    from drivers.core.axis import AxisLimits
+
+    loaded = loaded_bench(profile, overrides)
+    if not (sys.stdin and sys.stdin.isatty()):
+        raise click.UsageError("it moves by keys: call it on a terminal")
+    limits = by_hand.limits_of(limits_of(loaded), known_device(loaded, device))
+    devices = by_hand.needed(limits, make_signals(loaded), device)
+    with KeyOperator() as operator, session_on(loaded, devices, operator, endpoints, paced=True) as session:
+        settings = loaded.devices[device].settings
+        axis = settings if isinstance(settings, AxisLimits) else None
+        keys, refused = motions(session, device, limits, axis)
+        if not keys:
+            raise click.UsageError(
+                "; ".join(refused) or f"{device} does not move: it has no position and no width"
+            )
+        screen = HandScreen(_terminal(), lambda line: None)
+        doing = ""
+
+        def lines() -> Sequence[str]:
+            return jog_lines(session, device, limits, keys, refused, doing)
+
+        def show(what: str) -> None:
+            nonlocal doing
+            doing = what
+            screen.show(lines, 0.0)
+
+        own = [stream for stream in session.infos[device].streams if stream != f"{device}.force"]
+        result = session.run(Jog(device, keys, operator.pressed, show), device, own, limits=limits)
+        doing = result.outcome
+        screen.end(lines)
+        code = ended(result)
+        if stands := by_hand.place(session, device):
+            verbs.say(stands)
+    return code
+
+
+def _terminal() -> Any:
+    """Where to draw; None where the output is no terminal that can be drawn on."""
+    if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
+        return None
+    from rich.console import Console
+
+    return Console()
+
+
+VERBS = (monitor, jog, home, tare)

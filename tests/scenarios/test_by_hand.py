@@ -8,8 +8,10 @@ import pytest
 from config.assemble import limits_of, make_signals
 from config.profile import load_profile
 from config.verbs import by_hand as verbs
-from controller import by_hand
-from drivers.core.messages import Home, MoveAt, Reached, Stop
+from controller import by_hand, hand_view, jogging
+from drivers.core.axis import AxisLimits
+from drivers.core.errors import SilentError
+from drivers.core.messages import MOTION, Grip, Home, MoveAt, Reached, Release, Stop
 from simulator.devices.faults import Fault
 from tests.refusals import check_refusal
 
@@ -149,6 +151,196 @@ def test_a_tare_takes_the_level_away(session):
     assert after == pytest.approx(0.0, abs=0.2)
 
 
+class Keyboard:
+    """Keys at bench times, each held as a terminal repeats it."""
+
+    def __init__(self, session, *held):
+        self._session = session
+        self._left = sorted((t_s, key) for key, times_s in held for t_s in times_s)
+
+    def __call__(self):
+        now_s = self._session.rig.clock.now()
+        due = [key for t_s, key in self._left if t_s <= now_s]
+        self._left = self._left[len(due) :]
+        return due
+
+
+def hold(key, since_s, until_s):
+    """A key that is held: after its first it pauses, then it comes every 33 ms."""
+    return key, [since_s, *np.arange(since_s + 0.4, until_s, 0.033)]
+
+
+def jogged(session, mover, *held, **limits):
+    """Jogs a mover; gives the result and its motions' commands as (bench time, command)."""
+    own = by_hand.limits_of(session.limits, mover)
+    settings = session.rig.devices[mover]._settings
+    axis = settings if isinstance(settings, AxisLimits) else None
+    motions, refused = jogging.motions(session, mover, own, axis)
+    device, sent = session.rig.devices[mover], []
+    apply = device.apply
+    device.apply = lambda command: (
+        isinstance(command, (*MOTION, Stop)) and sent.append((session.rig.clock.now(), command)),
+        apply(command),
+    )[1]
+    jog = jogging.Jog(mover, motions, Keyboard(session, *held))
+    streams = list(session.infos[mover].streams)
+    return session.run(jog, mover, streams, limits=own, deadline_s=60.0), sent, refused
+
+
+def position_m(session, mover):
+    return session.latest.values(f"{mover}.position")[-1, 0]
+
+
+def test_a_key_moves_while_it_is_held_and_no_longer(session):
+    one = session()
+    result, sent, _ = jogged(one, "stage", ("h", [0.1]), hold("f", 1.0, 3.0), ("q", [4.0]))
+    assert result.outcome == "done"
+    times_s, commands = zip(*sent[:5], strict=True)
+    forward = MoveAt("stage", jogging.SLOW_M_S, 0.012)
+    assert commands == (Home("stage"), forward, Stop("stage"), forward, Stop("stage"))
+    last_key_s = hold("f", 1.0, 3.0)[1][-1]
+    assert times_s[1:4] == pytest.approx((1.0, 1.0 + jogging.HOLD_S, 1.4), abs=0.011)
+    assert times_s[4] == pytest.approx(last_key_s + jogging.HOLD_S, abs=0.011)
+    moved_s = times_s[2] - times_s[1] + times_s[4] - times_s[3]
+    assert position_m(one, "stage") == pytest.approx(jogging.SLOW_M_S * moved_s, abs=1e-4)
+    assert by_hand.place(one, "stage").startswith(f"start_m = {round(position_m(one, 'stage'), 6)}")
+
+
+@pytest.mark.parametrize("other", ["b", "F", " ", "x", "\x1b[A"])
+def test_any_other_key_stops(session, other):
+    one = session()
+    _, sent, _ = jogged(one, "stage", ("h", [0.1]), hold("f", 1.0, 2.0), (other, [1.7]), ("q", [1.71]))
+    assert (1.7, Stop("stage")) in [(pytest.approx(t_s, abs=0.006), command) for t_s, command in sent]
+    assert not any(
+        isinstance(command, MoveAt) and command.velocity_m_s != jogging.SLOW_M_S for _, command in sent
+    )
+
+
+def test_keys_that_a_terminal_held_up_move_nothing_later(session):
+    one = session()
+    _, sent, _ = jogged(one, "stage", ("h", [0.1]), ("f", [1.0] * 50), ("q", [3.0]))
+    stopped_s = [t_s for t_s, command in sent if t_s > 1.0 and isinstance(command, Stop)]
+    assert stopped_s[0] == pytest.approx(1.0 + jogging.HOLD_S, abs=0.011)
+    assert sum(isinstance(command, MoveAt) for _, command in sent) == 1
+
+
+def test_shift_is_faster_and_no_faster_than_the_limit(session):
+    one = session(limits__speed_m_s="0.008", devices__stage__max_speed_m_s="0.02")
+    _, sent, _ = jogged(one, "stage", ("h", [0.1]), hold("F", 1.0, 2.0), ("q", [2.5]))
+    assert MoveAt("stage", 0.008, 0.012) in [command for _, command in sent]
+
+
+def test_it_goes_no_farther_than_the_travel_and_back_again(session):
+    one = session(limits__travel_m="0.004")
+    held = ("h", [0.1]), hold("f", 1.0, 5.0), hold("b", 6.0, 7.5), ("q", [8.0])
+    result, sent, _ = jogged(one, "stage", *held)
+    assert result.outcome == "done"
+    forth = [command for t_s, command in sent if 1.3 < t_s < 5.9]
+    assert forth == [MoveAt("stage", jogging.SLOW_M_S, 0.004)], "what has come to its end is not sent again"
+    reached = [event.position_m for event in result.events if isinstance(event, Reached)]
+    assert reached[1] == pytest.approx(0.004, abs=1e-5)
+    assert 0.0 < position_m(one, "stage") < 0.003
+
+
+def test_a_force_beyond_the_limit_ends_it(session):
+    one = session(limits__force_n="0.003")
+    result, _, _ = jogged(one, "stage", ("h", [0.1]), hold("F", 1.0, 3.0), ("q", [4.0]))
+    assert result.outcome == "guard"
+    check_refusal(result.reason, "board.load_cell", "limits.force_n")
+
+
+def test_a_stage_that_does_not_know_where_it_is_says_so(session):
+    result, _, _ = jogged(session(), "stage", ("f", [1.0]), ("q", [2.0]))
+    assert result.outcome == "fault"
+    check_refusal(result.reason, "stage", "Home")
+
+
+def test_an_arm_moves_along_the_axes_of_its_tool(session):
+    one = session("mock/slip", "arm")
+    before = one.rig.devices["arm"]._settings.start_pose
+    jogged(one, "arm", hold("e", 1.0, 3.0), ("q", [4.0]))
+    way_m = one.latest.values("arm.pose")[-1, :3] - before[:3]
+    # the tool points down: its z is the base's −z
+    assert way_m[2] < -0.002
+    assert way_m[:2] == pytest.approx([0.0, 0.0], abs=1e-5)
+    assert by_hand.place(one, "arm").startswith("start_pose = [")
+
+
+def test_an_arm_without_a_reach_has_no_steps_and_says_why(session):
+    one = session("mock/transient_arm", "arm")
+    own = by_hand.limits_of(one.limits, "arm")
+    keys, refused = jogging.motions(one, "arm", own)
+    assert set("fFbBhH") == keys.keys()
+    assert all("limits.reach_m" in line for line in refused)
+    assert len(refused) == 6
+
+
+def test_a_gripper_opens_and_closes_gently(session):
+    one = session("mock/grasp", "gripper")
+    _, sent, _ = jogged(one, "gripper", hold("h", 0.1, 6.0), ("c", [8.0]), ("o", [9.0]), ("q", [10.0]))
+    commands = [command for t_s, command in sent if 8.0 <= t_s < 10.0]
+    closed_m = one.infos["gripper"].details["closed_width_m"]
+    close = Grip("gripper", closed_m, jogging.SLOW_M_S, jogging.PRESS_N)
+    assert commands == [close, Stop("gripper"), Release("gripper", jogging.SLOW_M_S), Stop("gripper")]
+
+
+def test_jog_wants_a_terminal(verb):
+    code, _, err = verb("jog", "mock/transient", "stage")
+    assert code == 2
+    check_refusal(err.strip(), "jog", "terminal")
+
+
+def test_a_monitor_shows_each_stream_with_its_rate_its_noise_and_its_margin(verb):
+    code, out, err = verb(
+        "monitor", "mock/transient", "board.load_cell", "stage.position", "--seconds", "1.05"
+    )
+    assert (code, err) == (0, "")
+    rows = [line.split() for line in out.splitlines()[-2:]]
+    name, value, unit, rate, hertz, _age, ms, noise, lost, *margin = rows[0]
+    assert (name, unit, rate, hertz, ms, lost) == ("board.load_cell", "N", "1000", "Hz", "ms", "0")
+    assert 0.0 < float(noise) < 0.001
+    assert margin == ["force", value, "of", "2", "N"]
+    assert rows[1][0] == "stage.position"
+    assert rows[1][-5:] == ["travel", "0", "of", "12", "mm"]
+
+
+def test_a_monitor_opens_only_what_it_shows(verb, monkeypatch):
+    opened = []
+    session_on = verbs.session_on
+    monkeypatch.setattr(
+        verbs,
+        "session_on",
+        lambda loaded, devices, *more, **how: (
+            opened.extend(devices),
+            session_on(loaded, devices, *more, **how),
+        )[1],
+    )
+    assert verb("monitor", "mock/slip", "signals.tip", "--seconds", "0.2")[0] == 0
+    assert opened == ["board"]
+
+
+def test_a_monitor_goes_on_without_a_device_that_is_switched_off(verb, monkeypatch):
+    def off(stage):
+        raise SilentError("stage", "opening", "no reply", "is it on?")
+
+    monkeypatch.setattr("simulator.mocks.zaber_stage.MockZaberStage.open", off)
+    code, out, err = verb("monitor", "mock/transient", "--seconds", "0.2")
+    assert code == 0
+    check_refusal(err.strip(), "stage", "no reply", "is it on?")
+    assert "board.load_cell" in out
+    assert "stage." not in out
+    assert verb("monitor", "mock/transient", "stage.position")[0] == 3
+
+
+def test_a_monitor_shows_a_silent_stream_and_ends_with_a_device_that_failed(session, verb):
+    one = session(faults=[{"device": "board", "kind": "silent", "at_s": 0.5}])
+    for t_s, _ in one.listen(["board.load_cell"]):
+        if t_s > 2.0:
+            break
+    row = hand_view.table(one, ["board.load_cell"], t_s)[1]
+    assert "silent 1.5" in row
+
+
 def test_the_verbs_say_what_they_did(verb):
     assert verb("home", "mock/transient") == (
         0,
@@ -166,6 +358,8 @@ def test_the_verbs_say_what_they_did(verb):
     [
         (["home", "mock/transient", "stag"], 2, ("stag", "stage")),
         (["home", "mock/transient", "board"], 2, ("board", "move")),
+        (["monitor", "mock/transient", "boar.load_cell"], 2, ("boar", "board")),
+        (["monitor", "mock/transient", "board.load"], 2, ("board.load", "board.load_cell")),
         (["home", "mock/weights"], 2, ("mock/weights", "nothing that moves")),
         (["home", "papers/slip"], 2, ("papers/slip", "parts", "mock/weights")),
         (["tare", "mock/transient", "stage"], 2, ("stage", "N")),

@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import pty
-import re
-import select
-import sys
-import time
-from pathlib import Path
-
 from controller.recording.reader import open_run
+from tests.wire.terminal import Terminal
 
-ROOT = Path(__file__).resolve().parents[2]
 SHORT = {
     "behavior.weights_t_n": "[0.5, 1.0]",
     "behavior.cycles": "1",
@@ -36,50 +27,6 @@ def test_a_bridge_is_calibrated_over_a_pty_with_an_emulated_person(tmp_path):
     assert row["loads"] == 4
     link = run.manifest["devices"]["operator"]["link"]
     assert link == {"requests": 7, "malformed_lines": 0}, "one set-up, five loads, all taken off at the end"
-
-
-class Terminal:
-    """A program on a terminal of its own, and the person at it."""
-
-    def __init__(self, arguments):
-        self.seen = ""
-        self.pid, self.descriptor = pty.fork()
-        if self.pid == 0:
-            os.chdir(ROOT)
-            os.environ.update(TERM="xterm", COLUMNS="100", LINES="40")
-            os.execv(sys.executable, [sys.executable, "run.py", *arguments])
-
-    def until(self, text, seconds=100.0):
-        """Read until a text has come since the last call; returns what was read, without its colours."""
-        end_s = time.monotonic() + seconds
-        while text not in self.seen:
-            assert time.monotonic() < end_s, f"{text!r} never came, but {self.seen[-600:]!r}"
-            if select.select([self.descriptor], [], [], 0.1)[0]:
-                data = b""
-                with contextlib.suppress(OSError):  # the program has ended
-                    data = os.read(self.descriptor, 65536)
-                assert data, f"it ended without {text!r}: {self.seen[-600:]!r}"
-                self.seen += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", data.decode(errors="replace"))
-        read, _, self.seen = self.seen.partition(text)
-        return read
-
-    def press(self, keys):
-        os.write(self.descriptor, keys)
-
-    def close(self):
-        """Waits for its end; returns the exit code."""
-        end_s = time.monotonic() + 60.0
-        while time.monotonic() < end_s:
-            if select.select([self.descriptor], [], [], 0.05)[0]:
-                with contextlib.suppress(OSError):
-                    os.read(self.descriptor, 65536)
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
-            if pid:
-                os.close(self.descriptor)
-                return os.waitstatus_to_exitcode(status)
-        os.kill(self.pid, 9)
-        os.waitpid(self.pid, 0)
-        raise AssertionError("it did not end")
 
 
 def test_a_person_at_a_terminal_answers_pauses_goes_on_and_ends_it(tmp_path):

@@ -1,0 +1,138 @@
+"""What a person sees of a bench by hand: its streams and margins, drawn on a terminal or printed line by line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from rich.console import Console as Terminal
+from rich.text import Text
+
+from controller.by_hand import HandSession
+from controller.jogging import HOLD_S, Motions
+from controller.limits import GuardSettings, shown_limits
+from controller.live import REFRESH_S, Drawer
+from controller.scales import displayed, figure, shown_in
+from drivers.core.clock import monotonic_s
+
+PRINT_S = 1.0
+"""How often values are printed where no terminal is drawn on."""
+
+CHANNELS = 3
+"""How many channels of a stream are shown; of the others the number."""
+
+HEADING = ("stream", "value", "unit", "rate", "age", "noise", "lost", "margin")
+
+AGED_S = 1.0
+"""A stream without a sample for so long is shown as silent."""
+
+
+class HandScreen:
+    """Shows lines, now and then, and waits for no terminal.
+
+    Args:
+        terminal: Where to draw; None prints.
+        show: Prints a line.
+    """
+
+    def __init__(self, terminal: Terminal | None, show: Callable[[str], None]) -> None:
+        self._drawer = Drawer(terminal) if terminal else None
+        self._print = show
+        self._due_s = -math.inf
+
+    def show(self, lines: Callable[[], Sequence[str]], now_s: float) -> None:
+        """Show these lines, where it is time to; `now_s` is bench time."""
+        if self._drawer is not None:
+            now_s = monotonic_s()
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + (PRINT_S if self._drawer is None else REFRESH_S)
+        if self._drawer is not None:
+            self._drawer.show(picture(lines()))
+        else:
+            for line in lines():
+                self._print(line)
+
+    def end(self, lines: Callable[[], Sequence[str]]) -> None:
+        """Draw for the last time; what is printed was printed."""
+        if self._drawer is not None:
+            self._drawer.end(picture(lines()))
+
+
+def picture(lines: Sequence[str]) -> Text:
+    """Lines as they are drawn."""
+    return Text("\n", no_wrap=True, overflow="ellipsis").join(Text(line) for line in lines)
+
+
+def table(session: HandSession, streams: Sequence[str], now_s: float) -> Sequence[str]:
+    """A line for each stream under a heading, in columns."""
+    rows = [HEADING, *(_row(session, stream, now_s) for stream in streams)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.ljust(width) if number in (0, 2, 7) else cell.rjust(width)
+            for number, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _row(session: HandSession, stream: str, now_s: float) -> Sequence[str]:
+    """Value, unit, rate, age, noise, loss and margin of a stream, as its last second has them."""
+    info = session.streams[stream]
+    values, times_s = session.latest.values(stream), session.latest.times(stream)
+    lost = str(session.lost.get(stream, 0))
+    margin = "; ".join(margins(session, session.limits, stream))
+    if not len(values):
+        silent = f"silent for {now_s:.1f} s" if info.rate_hz or now_s > AGED_S else ""
+        return (stream, silent, shown_in(info.unit)[0], "", "", "", lost, margin)
+    shown, unit = displayed(stream, values, info.unit)
+    more = f" +{shown.shape[1] - CHANNELS}" if shown.shape[1] > CHANNELS else ""
+    value = " ".join(figure(float(each)) for each in shown[-1, :CHANNELS]) + more
+    noise = figure(float(np.nanmax(shown.std(axis=0)))) if len(shown) > 1 else ""
+    span_s = float(times_s[-1] - times_s[0])
+    rate = f"{(len(times_s) - 1) / span_s:.0f} Hz" if span_s > 0.0 else ""
+    age_s = max(0.0, now_s - float(times_s[-1]))
+    age = f"silent {age_s:.1f} s" if age_s > AGED_S else f"{age_s * 1e3:.0f} ms"
+    return (stream, value, unit, rate, age, noise, lost, margin)
+
+
+def margins(session: HandSession, limits: GuardSettings, stream: str = "") -> Iterator[str]:
+    """How far each limit is: `force 0.04 of 2 N`; of one stream, or of all."""
+    for name, source, channels, limit, unit in shown_limits(limits):
+        values = session.latest.values(source)
+        if len(values) and stream in ("", source):
+            shown, factor = shown_in(unit)
+            read = values[-1, list(channels)] * factor
+            size = float(read[0]) if len(read) == 1 else float(np.linalg.norm(read))
+            yield f"{name} {figure(size)} of {figure(limit * factor)} {shown}"
+
+
+def jog_lines(
+    session: HandSession,
+    mover: str,
+    limits: GuardSettings,
+    keys: Motions,
+    refused: Sequence[str],
+    doing: str,
+) -> Sequence[str]:
+    """What a person who moves a device by keys looks at: the keys, what goes on, where it stands, the margins."""
+    named = "   ".join(f"{key} {what}" for key, (what, _) in keys.items() if key.islower())
+    places = []
+    for stream, info in session.infos[mover].streams.items():
+        values = session.latest.values(stream)
+        if len(values) and stream != f"{mover}.force":
+            shown, unit = displayed(stream, values[-1:], info.unit)
+            numbers = " ".join(f"{value:.3f}" for value in shown[0, :CHANNELS].tolist())
+            places.append(f"{stream}  {numbers} {unit}")
+    return [
+        f"{mover} by hand: {doing}",
+        "",
+        *places,
+        "  ".join(margins(session, limits)),
+        "",
+        named,
+        f"Shift is faster; let go, or press any other key, and it stops within {HOLD_S:g} s; q ends",
+        *refused,
+    ]

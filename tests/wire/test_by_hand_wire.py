@@ -1,0 +1,102 @@
+"""A stage and an arm led by keys on a terminal: real drivers, emulated devices."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+
+from config.profile import load_profile
+from config.verbs.by_hand import session_on
+from tests.wire.terminal import ROOT, Terminal
+
+READY = "q ends"
+
+
+@pytest.fixture
+def emulator(tmp_path):
+    """Devices that outlive the program which moves them; gives the file with their addresses."""
+    path = tmp_path / "bench.json"
+    with path.open("w") as out:
+        process = subprocess.Popen(
+            [sys.executable, "run.py", "emulate", "emulated/transient"], cwd=ROOT, stdout=out
+        )
+    while not path.read_text().endswith("\n"):
+        assert process.poll() is None
+        time.sleep(0.1)
+    yield path
+    process.send_signal(signal.SIGINT)
+    process.wait(30.0)
+
+
+class Nobody:
+    def poll(self):
+        return None
+
+    def suspend(self):
+        raise AssertionError("nobody asked for it")
+
+
+def stage_now(endpoints):
+    """Two positions of the stage, half a second apart."""
+    with session_on(load_profile("emulated/transient"), ["stage"], Nobody(), endpoints) as session:
+        found = []
+        for t_s, _ in session.listen(["stage.position"]):
+            values = session.latest.values("stage.position")
+            if t_s > 0.5 * (len(found) + 1) and len(values):
+                found.append(values[-1, 0])
+            if len(found) == 2:
+                return found
+    raise AssertionError("it ended")
+
+
+def test_a_stage_goes_home_and_forward_by_keys_and_tells_where_it_stands(emulator):
+    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(emulator)])
+    terminal.until(READY)
+    terminal.hold(b"h", "by hand: stands still", 1.0)
+    terminal.hold(b"\x1b[C", "by hand: forward", 0.5)
+    terminal.until("by hand: stands still")
+    terminal.press(b"q")
+    ended = terminal.until("for example in [behavior]")
+    assert terminal.close() == 0
+    (shown,) = re.findall(r"start_m = (\S+)", ended)
+    place_m = float(shown)
+    # keys for a second or so at 2 mm/s, as long as the screen takes to show it
+    assert 0.0003 < place_m < 0.01
+    assert stage_now(emulator) == pytest.approx([place_m, place_m], abs=1e-6)
+
+
+@pytest.mark.parametrize("how", ["hangs up", "is killed"])
+def test_a_terminal_that_goes_away_leaves_a_stage_that_stands(emulator, how):
+    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(emulator)])
+    terminal.until(READY)
+    terminal.hold(b"h", "by hand: stands still", 1.0)
+    terminal.hold(b"f", "by hand: forward", 0.3)
+    if how == "hangs up":
+        assert terminal.hang_up() in (130, 1)
+    else:
+        terminal.kill()
+    first_m, second_m = stage_now(emulator)
+    assert first_m == pytest.approx(second_m, abs=1e-6)
+    assert 0.0 < first_m < 0.01
+
+
+def test_an_arm_is_led_along_its_axis_and_aside_and_its_pose_can_be_pasted():
+    terminal = Terminal(["jog", "emulated/slip", "arm"])
+    terminal.until(READY)
+    terminal.hold(b"h", "by hand: home")
+    terminal.hold(b"h", "by hand: stands still")
+    terminal.hold(b"d", "by hand: tool +x", 0.5)
+    terminal.until("by hand: stands still")
+    terminal.press(b"\x03")
+    ended = terminal.until("# in [devices.arm]")
+    assert terminal.close() == 130
+    (shown,) = re.findall(r"start_pose = (\[.*\])", ended)
+    pose = json.loads(shown)
+    start: Any = load_profile("emulated/slip").resolved["devices"]["arm"]["start_pose"]
+    assert abs(pose[0] - start[0]) > 0.0003
+    assert pose[1:3] == pytest.approx(start[1:3], abs=2e-4)
