@@ -300,7 +300,7 @@ class Campaign:
         """For the recording: the profile as it is resolved, and the manifest as it is before the run's end is known."""
         profile = self._manifest["profile"]["resolved"]
         for name, document in (("profile.json", profile), ("manifest.json", self._manifest)):
-            yield name, json.dumps(document, indent=2, default=str).encode()
+            yield name, json.dumps(document, default=str).encode()
 
     def _close(self) -> None:
         """Close every device, then the bench; each even where another one fails."""

@@ -29,6 +29,7 @@ from drivers.core.messages import (
     Lost,
     SampleBlock,
     Saturated,
+    Sent,
     Stalled,
     Standstill,
     Status,
@@ -157,6 +158,7 @@ class TrialState:
     newest: dict[str, int] = field(default_factory=dict)
     moving: set[str] = field(default_factory=set)
     turn: int = 0
+    events: int = 0
     paused_s: float | None = None
     resuming: bool = False
     suspending: bool = False
@@ -327,7 +329,7 @@ class Loop:
             changed=[self._guard, *trial.signals.awake, *trial.listening()],
             look=self._look,
             armed=bool(trial.armed),
-            events=len(self.events),
+            events=trial.events,
         )
         if not turns:
             return False
@@ -522,6 +524,7 @@ class Loop:
 
     def _record_event(self, event: Event, before: str, after: str, commands: Sequence[Command]) -> None:
         self.events.append(event)
+        self._trial.events += not isinstance(event, Sent)
         if before != after:
             self.visits.append((after, event.t_s))
         self._witness.event(event, state=before, next_state=after, commands=commands)

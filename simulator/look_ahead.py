@@ -85,7 +85,7 @@ class LookAhead:
             changed: What a look changes beside the bench.
             look: Sees what has come by now; when the first thing happened in it, None where nothing did.
             armed: Whether detectors listen.
-            events: How many there were in the trial so far.
+            events: How many there were in the trial so far that something may follow from.
 
         Returns:
             How many turns have passed; 0 where the next one is to be taken by itself.
@@ -141,7 +141,8 @@ class Snapshot:
 
     Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which never change;
     nor does a read-only array. A class names in `lasting` what need not be put back: a ring of the
-    latest samples, twice as long as a look; what it holds of later ones is written anew.
+    latest samples, twice as long as a look; what it holds of later ones is written anew. One with a method
+    `copy_kept` is copied by it.
 
     Args:
         roots: The objects. What they share is copied once.
@@ -179,6 +180,8 @@ def _copier(kind: type) -> Copier:
         return _same
     if is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         return _same
+    if hasattr(kind, "copy_kept"):
+        return lambda thing, _: thing.copy_kept()
     if issubclass(kind, tuple) and hasattr(kind, "_make"):
         return lambda thing, memo: _tuple(thing, memo, kind._make)
     if all(base is object or base.__flags__ & _OF_PYTHON for base in kind.__mro__):
@@ -187,14 +190,13 @@ def _copier(kind: type) -> Copier:
 
 
 def _each(things: Iterable[Any], memo: dict[int, Any]) -> list[Any]:
-    """Copies, in order. What is plain, most of a bench, is not asked about again: this is where the time goes."""
-    return [each if type(each) in _PLAIN else _copy(each, memo) for each in things]
+    """Copies, in order. What is plain or fixed, most of a bench, is not asked about again: this is where the time
+    goes."""
+    return [each if type(each) in _PLAIN or id(each) in _FIXED else _copy(each, memo) for each in things]
 
 
 def _tuple(thing: Any, memo: dict[int, Any], made: Callable[[list[Any]], Any] = tuple) -> Any:
     """A tuple of copies, or the tuple itself where there was nothing to copy."""
-    if id(thing) in _FIXED:
-        return thing
     parts = _each(thing, memo)
     if not all(map(is_, thing, parts)):
         return made(parts)

@@ -187,12 +187,14 @@ class ResonancePaperDetector:
 
     def _terms(self) -> Floats:
         """What the mean depends on: nothing, or the tendon's position over the window, its square and its speed."""
-        if not self.settings.tendon:
-            return np.ones(1)
-        (_, first_s, first_m), (_, last_s, last_m) = self._window[0], self._window[-1]
-        at_m = math.fsum(each[2] for each in self._window) / len(self._window)
-        speed_m_s = (last_m - first_m) / (last_s - first_s) if last_s > first_s else 0.0
-        return np.array([1.0, at_m, at_m**2, speed_m_s])
+        terms = np.ones(1)
+        if self.settings.tendon:
+            (_, first_s, first_m), (_, last_s, last_m) = self._window[0], self._window[-1]
+            at_m = math.fsum(each[2] for each in self._window) / len(self._window)
+            speed_m_s = (last_m - first_m) / (last_s - first_s) if last_s > first_s else 0.0
+            terms = np.array([1.0, at_m, at_m**2, speed_m_s])
+        terms.setflags(write=False)  # a look-ahead copies no array that cannot change
+        return terms
 
     def _learn(self, t_s: float, average_hz: float, terms: Floats) -> Detected | None:
         if not self._baseline:

@@ -123,7 +123,8 @@ class Recorder:
             decided_s: Times of those that an event followed from.
         """
         gathered = self._readings.setdefault(detector, [])
-        gathered.append(np.column_stack([readings, np.isin(readings[:, 0], decided_s)]))
+        decided = np.isin(readings[:, 0], decided_s) if len(decided_s) else np.zeros(len(readings))
+        gathered.append(np.column_stack([readings, decided]))
         if readings[-1, 0] - gathered[0][0, 0] >= READINGS_S:
             self._keep_readings(detector)
 

@@ -108,6 +108,10 @@ class GripperOutcome:
     def _id(self) -> int:
         return 0 if self._command is None else self._command.id
 
+    def settled(self, state: GripperState) -> bool:
+        """Whether `push` of this state, without a fault, would change nothing, however often it comes."""
+        return not (self.busy or self.faulty or state.object) and state == self._state
+
     def push(self, asked_s: float, state: GripperState, fault: bool) -> list[Status]:
         """Take a state that was requested at bench time `asked_s`."""
         newly_faulty, self.faulty = fault and not self.faulty, fault

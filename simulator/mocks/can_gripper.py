@@ -200,11 +200,15 @@ class MockCanGripper(MockDriver):
         number, states = self._bench.jaws.take()
         if not len(states) or self._gone(now_s):
             return
-        for state in _states(states):
-            self._statuses += self._outcome.push(number / self._settings.poll_hz, state, fault=False)
+        for count, state in _runs(states):
+            numbers = range(number, number + count)
+            for each in numbers:
+                if self._outcome.settled(state):
+                    break
+                self._statuses += self._outcome.push(each / self._settings.poll_hz, state, fault=False)
             if self._subscribed:
-                self._samples.append((number, state))
-            number += 1
+                self._samples += [(each, state) for each in numbers]
+            number += count
 
     def _state(self) -> GripperState:
         jaws = self._bench.jaws
@@ -213,17 +217,15 @@ class MockCanGripper(MockDriver):
         )
 
 
-def _states(states: NDArray[np.float64]) -> Iterator[GripperState]:
-    """States of the drive, shape (m, 6), as the real one reports them."""
+def _runs(states: NDArray[np.float64]) -> Iterator[tuple[int, GripperState]]:
+    """States of the drive, shape (m, 6), as the real one reports them, and how often each comes in a row."""
     ticks, current_ma, finding, opened, closed, calibrated = states.T
     span = np.where(opened == closed, np.inf, opened - closed)
     counts = np.rint(np.clip((opened - ticks) / span, 0.0, 1.0) * POSITION_COUNTS)
-    last: list[float] | None = None
-    state = _state(0, 0.0, GripFinding.MOVING, False)
-    for row in np.column_stack((counts, current_ma, finding, calibrated)).tolist():
-        if row != last:
-            last, state = row, _state(int(row[0]), row[1], GripFinding(int(row[2])), bool(row[3]))
-        yield state
+    rows = np.column_stack((counts, current_ma, finding, calibrated))
+    begins = np.flatnonzero(np.append(True, (rows[1:] != rows[:-1]).any(axis=1)))
+    for count, row in zip(np.diff(begins, append=len(rows)).tolist(), rows[begins].tolist(), strict=True):
+        yield count, _state(int(row[0]), row[1], GripFinding(int(row[2])), bool(row[3]))
 
 
 def _state(position: int, current_ma: float, finding: GripFinding, calibrated: bool) -> GripperState:

@@ -149,10 +149,20 @@ class Books(NamedTuple):
 
     def enlarged(self) -> Books:
         """The same books with twice the places for records."""
-        larger = books_of(self.switch.size, 2 * self.record_whole.size, self.record_terms.shape[2] - 1)
-        for array, new in zip(self, larger, strict=True):
-            new[: array.shape[0]] = array
-        return larger
+        return self._copied(2 * self.record_whole.size)
+
+    def copy_kept(self) -> Books:
+        """The same books; what was not written in them is not copied."""
+        return self._copied(self.record_whole.size)
+
+    def _copied(self, places: int) -> Books:
+        made = books_of(self.switch.size, places, self.record_terms.shape[2] - 1)
+        switches, records = self.filled
+        for written, (array, new) in zip(
+            (*[switches] * 3, *[records] * 5, 2), zip(self, made, strict=True), strict=True
+        ):
+            new[:written] = array[:written]
+        return made
 
 
 def scene(

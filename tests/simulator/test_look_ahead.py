@@ -15,6 +15,7 @@ from controller.rig import TrialScene
 from drivers.core.clock import VirtualClock
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.look_ahead import LONGEST_S, LookAhead, Snapshot, turns_before
+from simulator.physics.finger_scene import books_of
 
 
 class Thing:
@@ -85,6 +86,19 @@ def test_a_tuple_of_values_is_kept_as_it_is_and_one_that_holds_what_changes_is_c
         kept.restore()
         assert thing.leg is leg and thing.table[1].tolist() == [0.0, 1.0, 2.0]
         mutable = thing.table[1]
+
+
+def test_of_a_fingers_books_what_was_written_is_put_back():
+    books = books_of(4, 4, 2)
+    books.filled[:] = 2, 3
+    books.switch[:2], books.record_terms[:3] = (7, 8), 1.5
+    held = SimpleNamespace(books=books)
+    before = Snapshot([held])
+    books.filled[:], books.switch[:], books.record_terms[:] = 4, 0, 0.0
+    before.restore()
+    assert held.books.filled.tolist() == [2, 3]
+    assert held.books.switch[:2].tolist() == [7, 8]
+    assert (held.books.record_terms[:3] == 1.5).all()
 
 
 def test_turns_before_an_event_are_those_in_which_it_is_not_seen():

@@ -178,6 +178,22 @@ def test_nothing_is_due_or_to_stop_before_the_first_command() -> None:
     assert pushed(outcome, MOVING, THERE) == []
 
 
+@pytest.mark.parametrize("command", [GRIP, Release("gripper", 0.1), Stop("gripper"), Home("gripper")])
+@pytest.mark.parametrize("state", [MOVING, CLOSING, OPENING, THERE, replace(THERE, calibrated=False)])
+def test_a_state_that_settles_all_changes_nothing_however_often_it_comes(
+    outcome: GripperOutcome, command: Command, state: GripperState
+) -> None:
+    outcome.begin(command, 1.0, drives=True)
+    assert not outcome.settled(state), "its answer is due"
+    settled = False
+    for number in range(5000):
+        before, settled = vars(outcome).copy(), outcome.settled(state)
+        statuses = outcome.push(after(number), state, False)
+        if settled:
+            assert (statuses, vars(outcome)) == ([], before | {"_still_s": outcome._still_s})
+    assert settled or outcome.busy or state.object
+
+
 def test_what_holds_jaws_that_look_for_their_ends_is_an_end(outcome: GripperOutcome) -> None:
     outcome.begin(Home("gripper"), 1.0, drives=True)
     assert pushed(outcome, *[replace(CLOSING, calibrated=False)] * 6) == []
