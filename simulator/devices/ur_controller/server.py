@@ -12,7 +12,6 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Protocol
 
 from drivers.core.clock import Clock, WallClock
 from simulator.devices.tcp_clients import TcpClients
@@ -37,14 +36,7 @@ CLIENTS = 64
 """Connections at a time (assumption; `select` bears a thousand)."""
 
 
-class Session(Protocol):
-    """One connection's protocol."""
-
-    def feed(self, data: bytes) -> bytes:
-        """Take bytes, answer with bytes."""
-
-    def close(self) -> None:
-        """The connection is gone."""
+Session = RtdeSession | ScriptSession | DashboardSession
 
 
 class UrServer:

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 from simulator.devices.ur_controller import rtde
 from simulator.devices.ur_controller.controller import Runtime, Safety, UrController
@@ -15,10 +15,6 @@ from simulator.devices.ur_controller.registers import registers
 from simulator.devices.ur_controller.rtde import PackageError, PackageKind, Recipe, Value
 from simulator.devices.ur_controller.script import STEP_S
 from simulator.physics import arm, rigid
-
-if TYPE_CHECKING:
-    from simulator.devices.ur_controller.controller import UrController
-
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 500.0
 """Rates of the stream on an e-Series; requests beyond are clipped to them (RTDE guide)."""
@@ -102,7 +98,7 @@ class RtdeSession:
 
     def _set_up_outputs(self, body: bytes) -> bytes:
         rate_hz, names = rtde.outputs_request(body)
-        types = [OUTPUTS[name].kind if name in OUTPUTS else rtde.NOT_FOUND for name in names]
+        types = [OUTPUTS[name][0] if name in OUTPUTS else rtde.NOT_FOUND for name in names]
         if rtde.NOT_FOUND in types or 1 + rtde.size(types) > rtde.LARGEST_BODY:
             return rtde.setup_reply(PackageKind.OUTPUTS, 0, types)
         self._outputs = [bytes([OUTPUT_RECIPE]), *(_piece(OUTPUTS[name]) for name in names)]
@@ -134,7 +130,7 @@ class RtdeSession:
 
 
 def _piece(output: Output) -> Piece:
-    pack, value = rtde.packer(output.kind), output.value
+    pack, value = rtde.packer(output[0]), output[1]
     if not callable(value):
         return pack(value)
     return lambda controller: pack(value(controller))
@@ -187,17 +183,8 @@ POWERED_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1
 """`robot_status_bits`."""
 
 
-class Output(NamedTuple):
-    """A variable that the controller sends.
-
-    Attributes:
-        kind: Its type on the wire.
-        value: Its value, or what finds it.
-    """
-
-    kind: str
-    value: Value | Callable[[UrController], Value]
-
+Output = tuple[str, Value | Callable[[UrController], Value]]
+"""A variable that the controller sends: its type on the wire, and its value or what finds it."""
 
 _TABLE: dict[str, Any] = tomllib.loads(Path(__file__).with_name("variables.toml").read_text("utf-8"))
 
@@ -209,47 +196,48 @@ def _register(way: str, name: str) -> Callable[[UrController], Value]:
     return (lambda c: c.inputs[name]) if way == "input" else (lambda c: c.outputs[name])
 
 
-_CONSTANTS = {
-    name: Output(row["kind"], tuple(row["value"]) if isinstance(row["value"], list) else row["value"])
+_CONSTANTS: dict[str, Output] = {
+    name: (row["kind"], tuple(row["value"]) if isinstance(row["value"], list) else row["value"])
     for name, row in _TABLE["constants"].items()
 }
 
-OUTPUTS = {
+OUTPUTS: dict[str, Output] = {
     **_CONSTANTS,
-    "timestamp": Output("DOUBLE", lambda c: c.t_s),
-    "target_q": Output("VECTOR6D", lambda c: c.arm.joints_rad),
-    "target_qd": Output("VECTOR6D", lambda c: c.arm.joint_speeds_rad_s),
-    "target_qdd": Output("VECTOR6D", lambda c: c.arm.joint_accelerations_rad_s2),
-    "actual_q": Output("VECTOR6D", lambda c: c.arm.joints_rad),
-    "actual_qd": Output("VECTOR6D", lambda c: c.arm.joint_speeds_rad_s),
-    "actual_TCP_pose": Output("VECTOR6D", lambda c: c.arm.pose),
-    "actual_TCP_speed": Output("VECTOR6D", lambda c: c.arm.twist),
-    "actual_TCP_force": Output("VECTOR6D", lambda c: c.force),
-    "target_TCP_pose": Output("VECTOR6D", lambda c: c.arm.pose),
-    "target_TCP_speed": Output("VECTOR6D", lambda c: c.arm.twist),
-    "tcp_force_scalar": Output("DOUBLE", lambda c: math.hypot(*c.force[:3])),
-    "tcp_offset": Output("VECTOR6D", lambda c: rigid.pose(c.arm.tool)),
-    "elbow_position": Output("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[0]),
-    "elbow_velocity": Output("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[1]),
-    "ft_raw_wrench": Output("VECTOR6D", lambda c: c.raw_force),
-    "payload": Output("DOUBLE", lambda c: c.payload[0]),
-    "payload_cog": Output("VECTOR3D", lambda c: c.payload[1:]),
-    "safety_mode": Output("INT32", lambda c: int(c.safety)),
-    "safety_status": Output("INT32", lambda c: int(c.safety)),
-    "safety_status_bits": Output("UINT32", lambda c: c.safety.bits),
-    "robot_status_bits": Output(
-        "UINT32", lambda c: POWERED_ON | (PROGRAM_RUNNING if c.runtime is c.runtime.PLAYING else 0)
+    "timestamp": ("DOUBLE", lambda c: c.t_s),
+    "target_q": ("VECTOR6D", lambda c: c.arm.joints_rad),
+    "target_qd": ("VECTOR6D", lambda c: c.arm.joint_speeds_rad_s),
+    "target_qdd": ("VECTOR6D", lambda c: c.arm.joint_accelerations_rad_s2),
+    "actual_q": ("VECTOR6D", lambda c: c.arm.joints_rad),
+    "actual_qd": ("VECTOR6D", lambda c: c.arm.joint_speeds_rad_s),
+    "actual_TCP_pose": ("VECTOR6D", lambda c: c.arm.pose),
+    "actual_TCP_speed": ("VECTOR6D", lambda c: c.arm.twist),
+    "actual_TCP_force": ("VECTOR6D", lambda c: c.force),
+    "target_TCP_pose": ("VECTOR6D", lambda c: c.arm.pose),
+    "target_TCP_speed": ("VECTOR6D", lambda c: c.arm.twist),
+    "tcp_force_scalar": ("DOUBLE", lambda c: math.hypot(*c.force[:3])),
+    "tcp_offset": ("VECTOR6D", lambda c: rigid.pose(c.arm.tool)),
+    "elbow_position": ("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[0]),
+    "elbow_velocity": ("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[1]),
+    "ft_raw_wrench": ("VECTOR6D", lambda c: c.raw_force),
+    "payload": ("DOUBLE", lambda c: c.payload[0]),
+    "payload_cog": ("VECTOR3D", lambda c: c.payload[1:]),
+    "safety_mode": ("INT32", lambda c: int(c.safety)),
+    "safety_status": ("INT32", lambda c: int(c.safety)),
+    "safety_status_bits": ("UINT32", lambda c: c.safety.bits),
+    "robot_status_bits": (
+        "UINT32",
+        lambda c: POWERED_ON | (PROGRAM_RUNNING if c.runtime is c.runtime.PLAYING else 0),
     ),
-    "runtime_state": Output("UINT32", lambda c: int(c.runtime)),
-    "speed_scaling": Output("DOUBLE", lambda c: c.arm.scaling),
-    "target_speed_fraction": Output("DOUBLE", lambda c: c.panel.slider),
-    "actual_digital_output_bits": Output("UINT64", lambda c: c.panel.digital_bits),
-    "actual_configurable_digital_output_bits": Output("UINT64", lambda c: c.panel.digital_bits >> 8 & 0xFF),
-    "analog_io_types": Output("UINT32", lambda c: c.panel.analog_types),
-    "standard_analog_output0": Output("DOUBLE", lambda c: c.panel.analog(0)),
-    "standard_analog_output1": Output("DOUBLE", lambda c: c.panel.analog(1)),
+    "runtime_state": ("UINT32", lambda c: int(c.runtime)),
+    "speed_scaling": ("DOUBLE", lambda c: c.arm.scaling),
+    "target_speed_fraction": ("DOUBLE", lambda c: c.panel.slider),
+    "actual_digital_output_bits": ("UINT64", lambda c: c.panel.digital_bits),
+    "actual_configurable_digital_output_bits": ("UINT64", lambda c: c.panel.digital_bits >> 8 & 0xFF),
+    "analog_io_types": ("UINT32", lambda c: c.panel.analog_types),
+    "standard_analog_output0": ("DOUBLE", lambda c: c.panel.analog(0)),
+    "standard_analog_output1": ("DOUBLE", lambda c: c.panel.analog(1)),
     **{
-        name: Output(kind, _register(way, name))
+        name: (kind, _register(way, name))
         for way in ("input", "output")
         for name, kind in registers(way).items()
     },
