@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from config.hints import did_you_mean, near_or_all
 from config.source import Bench, KeyPath, ProfileError, Source, Table, bench_of
 from config.trials import TrialsSettings
-from config.validation import shown, validated
+from config.validation import may_be_none, shown, validated
 from controller.own_modules import KindError, found, is_own
 from controller.registry import FAMILIES, KINDS, PARTS, Meaning, find, row
 from drivers.core.settings import Mark, Settings
@@ -242,10 +242,10 @@ class Sections:
             return None
         self._sound[path] = settings
         for place, to, name in references(settings):
-            self._check_reference((*path, *place), to, name)
+            self._check_reference((*path, *place), to, name, may_be_none(model, place[0]))
         return settings
 
-    def _check_reference(self, place: KeyPath, to: str, name: str) -> None:
+    def _check_reference(self, place: KeyPath, to: str, name: str, optional: bool) -> None:
         """What a setting names must be there."""
         owner, sends = name, to == "stream"
         if sends:
@@ -253,8 +253,9 @@ class Sections:
             to, owner = ("signal", signal) if owner == SIGNALS else ("device", owner)
         known = getattr(self.tables, f"{to}s")
         if owner in self._source.absent.get(f"{to}s", ()):
+            remedy = 'name another, or write "none"' if optional else "put it back, or name another"
             self.deferred[place] = (
-                f"{self._where(place)} = {shown(name)}: {to} '{owner}' is \"none\"; put it back, or name another"
+                f"{self._where(place)} = {shown(name)}: {to} '{owner}' is \"none\"; {remedy}"
             )
         elif owner not in known:
             self._complain(place, f" = {shown(name)}: no {to} '{owner}'; {near_or_all(owner, known)}")

@@ -35,7 +35,7 @@ def validated(model: type[S], table: Mapping[str, Any], where: Where) -> S:
         ProfileError: one line for each thing that is wrong.
     """
     given = {
-        key: None if value == NONE and _may_be_none(model, key) else value for key, value in table.items()
+        key: None if value == NONE and may_be_none(model, key) else value for key, value in table.items()
     }
     try:
         # As JSON, because only from JSON do strict settings take a list for a tuple and text for an Enum. A date
@@ -65,7 +65,8 @@ def _without_none(value: Any) -> Any:
     return {key: _without_none(leaf) for key, leaf in value.items() if leaf is not None}
 
 
-def _may_be_none(model: type[BaseModel], key: str) -> bool:
+def may_be_none(model: type[BaseModel], key: str) -> bool:
+    """Whether a profile may write "none" for a setting."""
     field = model.model_fields.get(key)
     return field is not None and type(None) in get_args(field.annotation)
 

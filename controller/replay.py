@@ -208,7 +208,8 @@ def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) 
 def own_detectors(manifest: Mapping[str, Any], recording: TrialRecording) -> Mapping[str, Mapping[str, Any]]:
     """Kind and settings of each detector of the profile that a trial was run with, by name."""
     resolved = manifest.get("profile", {}).get("resolved", {})
-    tables = {name: dict(table) for name, table in resolved.get("detectors", {}).items()}
+    named = resolved.get("detectors", {}).items()
+    tables = {name: dict(table) for name, table in named if isinstance(table, Mapping)}  # not what is "none"
     for factor, value in recording.factors.items():
         section, _, setting = factor.partition(".")
         name, _, key = setting.partition(".")

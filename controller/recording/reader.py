@@ -62,16 +62,25 @@ class Run:
         """Whether its numbers come from physics in software."""
         return self.manifest.get("bench") in ("mock", "emulated")
 
-    @property
-    def device_tables(self) -> Mapping[str, Mapping[str, Any]]:
-        """The profile's devices, by name: those that are not taken away."""
-        devices = ((self.manifest.get("profile") or {}).get("resolved") or {}).get("devices") or {}
-        return {name: table for name, table in devices.items() if isinstance(table, Mapping)}
+    @cached_property
+    def resolved(self) -> Mapping[str, Any]:
+        """The profile with all its settings; what is "none" in it (a device, a detector, a signal) is not there."""
+        profile = (self.manifest.get("profile") or {}).get("resolved") or {}
+        named = {name: profile.get(name) or {} for name in ("devices", "detectors", "signals")}
+        there = {
+            name: {key: table for key, table in tables.items() if isinstance(table, Mapping)}
+            for name, tables in named.items()
+        }
+        return {name: there.get(name, value) for name, value in profile.items()}
 
     @property
     def measured_by(self) -> list[str]:
         """Devices of a simulated bench that are real: each at a port of its own."""
-        ports = {name: table.get("port") for name, table in self.device_tables.items() if self.simulated}
+        ports = {
+            name: table.get("port")
+            for name, table in self.resolved.get("devices", {}).items()
+            if self.simulated
+        }
         return [name for name, port in ports.items() if port not in (None, "mock", "emulated")]
 
     @property

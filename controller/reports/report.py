@@ -130,7 +130,7 @@ def _page(
         if len(groups) > 1:
             apart.append(differences(groups))
     sections = [part.section for part in parts]
-    tables = [table for run in runs for table in run.device_tables.values()]
+    tables = [table for run in runs for table in run.resolved.get("devices", {}).values()]
     drivers = dict.fromkeys(str(table.get("driver")) for table in tables)
     ours = [_OURS[driver] for driver in drivers if driver in _OURS]
     ours += [text for part in parts for text in part.ours]

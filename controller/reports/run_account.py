@@ -84,7 +84,7 @@ def series_of(recording: TrialRecording, kind: str) -> Series:
 
 def setting_of(run: Run, *path: str) -> Any:
     """A setting of the resolved profile, or None."""
-    value: Any = (run.manifest.get("profile") or {}).get("resolved") or {}
+    value: Any = run.resolved
     for name in path:
         value = value.get(name) if isinstance(value, Mapping) else None
     return value

@@ -18,11 +18,11 @@ _NO_EFFECT = ("title", "description", "trials")
 
 def settings_of(run: Run) -> Mapping[str, Any]:
     """What of a run's resolved profile changes its trials."""
-    resolved = (run.manifest.get("profile") or {}).get("resolved") or {}
-    settings = {name: value for name, value in resolved.items() if name not in _NO_EFFECT}
+    settings = {name: value for name, value in run.resolved.items() if name not in _NO_EFFECT}
     # where a device is plugged in is no setting of a trial; runs on different kinds of bench are separated before
     own = {
-        name: {key: table[key] for key in table if key != "port"} for name, table in run.device_tables.items()
+        name: {key: table[key] for key in table if key != "port"}
+        for name, table in run.resolved.get("devices", {}).items()
     }
     return settings | {"devices": own}
 

@@ -1,0 +1,111 @@
+"""A bench of one's own by the tutorial: a stage of another pitch than the profile has, and a board that prints."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from config.assemble import start_emulator
+from config.profile import load_profile
+from simulator.wiring.emulator_process import EmulatorProcess
+from tests.refusals import check_refusal
+
+ROOT = Path(__file__).parents[2]
+
+STAGE = {
+    "devices.board": "none",
+    "devices.stage.microstep_m": "0.047625e-6",
+    "detectors.ours": "none",
+    "detectors.contact": '{ kind = "force.threshold", input = "stage.position", threshold = 1.0 }',
+    "behavior.detector": "contact",
+    "behavior.exciter": "none",
+    "behavior.load_cell_stream": "none",
+    "behavior.period_stream": "none",
+    "limits.force_stream": "none",
+    "limits.force_n": "none",
+}
+"""The far end of the stage: a profile of which only its emulated device is used."""
+
+
+@pytest.fixture
+def stage() -> Iterator[EmulatorProcess]:
+    emulator = start_emulator(load_profile("emulated/transient", STAGE), realtime=True)
+    yield emulator
+    emulator.close()
+
+
+@pytest.fixture
+def arduino(stage: EmulatorProcess) -> Iterator[str]:
+    """Prints `micros()` and the force of a spring that the probe meets at 3 mm: 1 N/mm, 100,000 steps a newton."""
+    far, near = os.openpty()
+    tty.setraw(near)
+    os.set_blocking(far, False)
+    ended = threading.Event()
+
+    def loop() -> None:
+        begun_s, tick, probe_m = time.monotonic(), 0, 0.0
+        while not ended.wait(0.004):
+            probe_m = stage.scene()["probe_m"]
+            while tick < (time.monotonic() - begun_s) * 500.0:
+                tick += 1
+                force = 1e8 * max(0.0, probe_m - 0.003) + tick % 7
+                with suppress(BlockingIOError):  # nobody reads: a port's buffer is full
+                    os.write(far, b"%d,%d\r\n" % (tick * 2000, 8388 + force))
+
+    thread = threading.Thread(target=loop, daemon=True)
+    thread.start()
+    yield os.ttyname(near)
+    ended.set()
+    thread.join()
+    os.close(far)
+    os.close(near)
+
+
+def test_a_stage_and_a_printing_board_are_a_bench_by_the_page(
+    stage: EmulatorProcess, arduino: str, tmp_path: Path
+) -> None:
+    page = (ROOT / "docs" / "tutorial" / "first_run.md").read_text()
+    (text,) = re.findall(r"```toml\n# my_bench/stage_and_cell\.toml\n(.*?)```", page, re.DOTALL)
+    assert len(text.splitlines()) <= 40
+    text = text.replace("/dev/serial/by-id/usb-MY_STAGE", stage.endpoints["devices"]["stage"]["port"])
+    (tmp_path / "bench.toml").write_text(text.replace("/dev/serial/by-id/usb-MY_ARDUINO", arduino))
+
+    def program(*words: str) -> subprocess.CompletedProcess[str]:
+        # the machine may be busy: what is late here is no sensor's silence
+        sets = ["limits.stale_s=5.0", "limits.late_s=5.0", "devices.cell.silence_timeout_s=5.0"]
+        return subprocess.run(
+            [
+                sys.executable,
+                str(ROOT / "run.py"),
+                *words,
+                *[part for each in sets for part in ("--set", each)],
+            ],
+            cwd=tmp_path,
+            input="\n" * 20,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    other = program("check", "bench.toml", "--connect")
+    assert other.returncode == 3
+    (line,) = [line for line in other.stdout.splitlines() if line.startswith("stage: ")]
+    check_refusal(line, "limit.max", "microstep_m = 4.96094e-07", "4.763e-08", "data sheet")
+    right = ["--set", "devices.stage.microstep_m=0.047625e-6"]
+    agreed = program("check", "bench.toml", "--connect", *right)
+    assert agreed.returncode == 0, agreed.stdout + agreed.stderr
+    run = program("run", "bench.toml", *right)
+    assert run.returncode == 0, run.stderr
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert (folder / "trials.csv").read_text().splitlines()[1].startswith("1,contact,0.001,")
+    assert "cell.force" in (folder / "report.html").read_text()
