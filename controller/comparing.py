@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy.special import stdtrit  # a third of what all of scipy.stats takes to load
 
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
@@ -133,7 +133,8 @@ def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:
         return ""
     mean, half = float(np.mean(found)), math.nan
     if len(found) > 1:
-        half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, len(found) - 1) * stats.sem(found))
+        error = np.std(found, ddof=1) / math.sqrt(len(found))
+        half = float(stdtrit(len(found) - 1, 0.5 + CONFIDENCE / 2) * error)
     scale = scale_of(column)
     interval = "" if math.isnan(half) else f" ({scale.cell(mean - half)} to {scale.cell(mean + half)})"
     sign = "+" * (mean >= 0.0)

@@ -1,19 +1,15 @@
-"""Two ways of moving the finger that share no code and no logic with the plant.
+"""A way of moving the finger that shares no code and no logic with the plant.
 
-`modal` solves each piece by eigenvectors in many digits and finds each switch by scanning and bisection. `naive` takes
-small equal steps and looks at signs. Both are written from the equations of docs/explanation/finger_physics.md.
+`modal` solves each piece by eigenvectors in many digits and finds each switch by scanning and bisection. It is written
+from the equations of docs/explanation/finger_physics.md.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
-import numpy as np
 from mpmath import mp, mpf
-from numpy.typing import NDArray
 
-from drivers.core.compiled import compiled
 from simulator.physics.finger_settings import LOCATIONS, FingerSettings
 
 _REAL = 1e-20
@@ -288,104 +284,3 @@ def _bisect(at, guard, low, high):  # type: ignore[no-untyped-def]
         if high - low < mpf(10) ** -24 or abs(g) < mpf(10) ** -28:
             return middle
     return high
-
-
-@compiled()
-def _naive_steps(
-    q: NDArray[np.float64],
-    plan: NDArray[np.float64],
-    steps: int,
-    dt: float,
-    every: int,
-    theta_out: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    inertia, joint, c1, base_inertia, kb, cb, drive, arm, gap, k2, c2 = q[:11]
-    fa, lever, fh, quality, level, fr, f0, f1 = q[11:19]
-    th = om = b = be = a = g1 = g2 = 0.0
-    v, phase = 0.5, 0.0
-    comparator = oscillator = touching = 0
-    times, kinds = [0.0], [-1]
-    row = 0
-    for i in range(steps):
-        t = i * dt
-        while row + 1 < plan.shape[0] and plan[row + 1, 0] <= t:
-            row += 1
-        since = t - plan[row, 0]
-        position = plan[row, 1] + plan[row, 2] * since + 0.5 * plan[row, 3] * since * since
-        velocity = plan[row, 2] + plan[row, 3] * since
-        overlap = position - gap - arm * th
-        push = k2 * overlap + c2 * (velocity - arm * om)
-        force = push if overlap > 0.0 and push > 0.0 else 0.0
-        if (force > 0.0) != (touching == 1):
-            touching = 1 - touching
-            times.append(t)
-            kinds.append(0 if touching else 1)
-        bend = joint * (th - b) + c1 * (om - be)
-        om_rate = ((drive if oscillator else -drive) - bend + arm * force) / inertia
-        be_rate = (bend - kb * b - cb * be) / base_inertia
-        y = a - g1 / quality - g2
-        if (comparator == 0 and y > level) or (comparator == 1 and y < -level):
-            comparator = 1 - comparator
-            times.append(t)
-            kinds.append(2 if comparator else 3)
-        detected = 1.0 if comparator != oscillator else 0.0
-        om += dt * om_rate
-        be += dt * be_rate
-        th += dt * om
-        b += dt * be
-        a += dt * fa * (-lever * be_rate - a)
-        g1 += dt * fh * y
-        g2 += dt * fh * g1
-        phase += dt * (f0 + f1 * v)
-        v += dt * fr * (detected - v)
-        if phase >= 0.5:
-            phase -= 0.5
-            oscillator = 1 - oscillator
-            times.append(t + dt)
-            kinds.append(4 if oscillator else 5)
-        if (i + 1) % every == 0:
-            theta_out[(i + 1) // every - 1] = th
-    return np.array(times[1:]), np.array(kinds[1:])
-
-
-def naive(
-    s: FingerSettings,
-    *,
-    pieces: Sequence[tuple[float, float, float, float]],
-    gap_m: float,
-    until_s: float,
-    dt_s: float,
-    sample_s: float,
-    location: str = "f",
-) -> tuple[list[Switch], NDArray[np.float64]]:
-    """The same by semi-implicit Euler steps: switches, and theta every `sample_s`; of first order in `dt_s`."""
-    arm, k2 = arm_and_stiffness(s, location)
-    two_pi = 2.0 * math.pi
-    q = np.array(
-        [
-            s.inertia_kg_m2,
-            s.joint_n_m_rad,
-            s.joint_n_m_s_rad,
-            s.base_inertia_kg_m2,
-            s.base_n_m_rad,
-            s.base_n_m_s_rad,
-            s.drive_n_m,
-            arm,
-            gap_m,
-            k2,
-            s.contact_n_s_m,
-            two_pi * s.accelerometer_hz,
-            s.accelerometer_arm_m,
-            two_pi * s.high_pass_hz,
-            s.high_pass_quality,
-            s.hysteresis_m_s2,
-            two_pi * s.loop_hz,
-            s.oscillator_lowest_hz,
-            s.oscillator_range_hz,
-        ]
-    )
-    steps, every = round(until_s / dt_s), round(sample_s / dt_s)
-    thetas = np.empty(steps // every)
-    times, kinds = _naive_steps(q, np.array(pieces, dtype=np.float64), steps, dt_s, every, thetas)
-    names = ("made", "lost", "comparator_up", "comparator_down", "drive_up", "drive_down")
-    return [(float(t), names[kind]) for t, kind in zip(times, kinds, strict=True)], thetas

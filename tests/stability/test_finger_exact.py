@@ -1,4 +1,4 @@
-"""Every switch and the angle, against two solvers that share nothing with the plant.
+"""Every switch and the angle, against a solver that shares nothing with the plant.
 
 Bounds: 1e-12 s and 1e-13 rad against the modal reference of 40 digits. Double precision leaves about 1e-15 of either
 over a tenth of a second; stiff contact amplifies that by the number of its rings.
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from simulator.physics.finger import FingerPlant, FingerSettings
-from tests.stability.finger_oracles import arm_and_stiffness, modal, naive
+from tests.stability.finger_oracles import arm_and_stiffness, modal
 
 ALL = frozenset({"switches"})
 SWITCH_S, THETA_RAD = 1e-12, 1e-13
@@ -172,40 +172,15 @@ def test_periods_at_a_million_seconds_have_no_rounding_of_the_clock():
     assert periods[1] == pytest.approx(periods[0], abs=1e-14)
 
 
-@pytest.mark.parametrize("stiffness_n_m", [4220.0, 1e6])
-def test_naive_small_steps_agree_within_their_own_error(stiffness_n_m):
-    s = FingerSettings(noise_scale=0.0, pad_n_m=stiffness_n_m)
-    scene = {"pieces": [(0.0, 0.0, 0.03, 0.0)], "gap_m": 0.001, "until_s": 0.1}
-    ours, thetas = run_plant(s, **scene, samples_s=np.linspace(0.01, 0.1, 10))
-    errors = []
-    for dt_s in (2e-6, 1e-6):
-        theirs, naive_thetas = naive(s, **scene, dt_s=dt_s, sample_s=0.01)
-        assert [kind for _, kind in theirs] == [kind for _, kind in ours]
-        late_s = np.max(np.abs(np.array([t for t, _ in ours]) - [t for t, _ in theirs]))
-        errors.append((late_s, np.max(np.abs(naive_thetas - thetas))))
-    assert errors[1][0] < 2e-5
-    assert errors[1][1] < 1e-4
-    # of first order: half the step, half the difference, and nothing that stays
-    assert errors[1][1] < 0.7 * errors[0][1]
-
-
 def test_a_probe_that_stops_dead_does_not_pull():
-    """The damper's force jumps with the probe's velocity; the naive stepper decides by (4) at every step."""
+    """The damper's force jumps with the probe's velocity: what P would be below zero ends the contact at once."""
     s = FingerSettings(contact_n_s_m=20.0, noise_scale=0.0)
-    pieces = [(0.0, 0.0, 0.05, 0.0), (0.01, 0.0005, 0.0, 0.0)]
-    samples_s = np.arange(1, 101) * 1e-3
-    _, expected = naive(s, pieces=pieces, gap_m=1e-4, until_s=0.1, dt_s=1e-6, sample_s=1e-3)
+    scene = {"pieces": [(0.0, 0.0, 0.05, 0.0), (0.01, 0.0005, 0.0, 0.0)], "gap_m": 1e-4}
+    switches = agree(s, **scene, until_s=0.1, samples_s=np.linspace(0.01, 0.1, 10))
+    assert (pytest.approx(0.01, abs=SWITCH_S), "lost") in switches
     plant = FingerPlant(s)
     plant.begin(key=(0, 0), gap_m=1e-4)
     plant.excite(True)
-    plant.move_probe(pieces)
-    theta_rad, force_n = [], []
-    for t_s in samples_s.tolist():
-        plant.advance(t_s, frozenset({"load_cell"}))
-        theta_rad.append(plant.theta_rad)
-        force_n.append(float(plant.sample("load_cell", np.array([t_s]))[0]))
-    assert (0.01, False) in [(pytest.approx(t_s, abs=1e-12), made) for t_s, made in plant.contacts()]
-    assert min(force_n) >= -1e-12
-    # The stepper is of first order: 1e-6 s of a finger at some rad/s.
-    n = min(len(expected), len(theta_rad))
-    assert np.abs(np.array(theta_rad[:n]) - expected[:n]).max() < 2e-5
+    plant.move_probe(scene["pieces"])
+    plant.advance(0.1, frozenset({"load_cell"}))
+    assert plant.sample("load_cell", np.arange(1, 101) * 1e-3).min() >= -1e-12
