@@ -8,10 +8,9 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from behaviors.approach import approaching
+from behaviors.approach import TipTrial, TipTrialSettings, approaching
 from behaviors.events import BaselineReady
 from behaviors.machine import StatePlan, from_mover, on
-from behaviors.tip import TipTrial, TipTrialSettings
 from drivers.core.messages import Home, Stop
 from drivers.core.settings import DetectorName, Settings, StreamName
 

@@ -11,9 +11,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
-from behaviors.approach import approaching
+from behaviors.approach import TipTrial, TipTrialSettings, approaching
 from behaviors.machine import Action, Row, StatePlan, from_mover, on
-from behaviors.tip import TipTrial, TipTrialSettings
 from drivers.core.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
 from drivers.core.settings import DetectorName, Settings, StreamName
 

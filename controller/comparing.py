@@ -16,7 +16,7 @@ from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.reports.counts import Row, mean_of
 from controller.reports.generic import with_spread
-from controller.reports.pages import environment
+from controller.reports.section import environment
 from controller.reports.settings import flat
 from controller.scales import scale_of
 

@@ -15,8 +15,7 @@ from behaviors.machine import Behavior
 from controller.detectors.protocol import Detector, quantity_of
 from controller.limits import GuardSettings, shown_limits
 from controller.recording.series import DETECTOR, TrialRecording
-from controller.scales import displayed, shown_in
-from controller.wording import as_text
+from controller.scales import as_text, displayed, shown_in
 
 BARS = "▁▂▃▄▅▆▇█"
 

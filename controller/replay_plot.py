@@ -14,8 +14,7 @@ from controller.detectors.calibration import Statistic, StatisticCourse, courses
 from controller.detectors.protocol import NOTHING, Detector, readings_of
 from controller.recording.tables import ReplayError
 from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
-from controller.scales import displayed
-from controller.wording import spaced
+from controller.scales import displayed, spaced
 from drivers.core.messages import SampleBlock
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import BIN_S, DETECTOR, TrialRecording, bins_of, extremes_of_each
 from controller.recording.stream_writer import StreamWriter
-from controller.wording import as_text
+from controller.scales import as_text
 from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
 
 if TYPE_CHECKING:

@@ -17,10 +17,18 @@ from controller.registry import experiment_of
 from controller.reports import generic
 from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
-from controller.reports.pages import environment, library, rendered
 from controller.reports.papers import CITATION, settings_in
 from controller.reports.run_account import early_end, facts_of, setting_of
-from controller.reports.section import Kind, Printed, Result, Section, laid_out
+from controller.reports.section import (
+    Kind,
+    Printed,
+    Result,
+    Section,
+    environment,
+    laid_out,
+    library,
+    rendered,
+)
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
 from controller.reports.trial_signals import payload, trial_table
 from controller.scales import NOTHING

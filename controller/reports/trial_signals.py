@@ -16,8 +16,7 @@ from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
 from controller.reports.counts import is_number, title
 from controller.reports.run_account import acting_of, setting_of, statistic_of
-from controller.scales import displayed, scale_of
-from controller.wording import spaced
+from controller.scales import displayed, scale_of, spaced
 
 Floats = NDArray[np.float64]
 

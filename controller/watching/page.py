@@ -157,7 +157,7 @@ class _Wire(_Guarded, WebSocketHandler):
 
 def html() -> str:
     """The page: one file, which sends requests to this process alone."""
-    from controller.reports.pages import environment, library
+    from controller.reports.section import environment, library
 
     return environment().get_template("watch.html.j2").render(library=library())
 

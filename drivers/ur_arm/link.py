@@ -10,8 +10,7 @@ from typing import ClassVar
 from drivers.arm.link import LOOK_S, ArmRow, LinkError, Opened
 from drivers.core.clock import Clock, rest
 from drivers.core.errors import PortError, RefusedError, SilentError
-from drivers.ur_arm.client import CONTROL_GONE, RtdeClient, RtdeSockets
-from drivers.ur_arm.controller import PLAYING, STOPPED, fault_of
+from drivers.ur_arm.client import CONTROL_GONE, PLAYING, STOPPED, RtdeClient, RtdeSockets, fault_of
 from drivers.ur_arm.dashboard import Dashboard
 from drivers.ur_arm.settings import UrArmSettings
 from drivers.ur_arm.tool import PENDANT, Tool, disagreement, stated

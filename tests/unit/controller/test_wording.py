@@ -1,7 +1,7 @@
 import pytest
 
 from behaviors.events import Contact, GuardStopped
-from controller.wording import as_text
+from controller.scales import as_text
 from drivers.core.messages import Excite, Gripped, Listen, MoveAt, MoveTo, Reached, Refused, Sent, Stop
 
 MOVE = MoveTo("stage", 0.003, 0.005)

@@ -19,9 +19,8 @@ from controller.registry import ExperimentKind
 from controller.reports import report, static
 from controller.reports.approaches import read_approaches
 from controller.reports.figures import Figures
-from controller.reports.pages import library
 from controller.reports.report import build_report, build_report_with_summary
-from controller.reports.section import Printed
+from controller.reports.section import Printed, library
 from controller.reports.settings import settings_table
 from controller.reports.transient import representative, section, trace_of
 from tests.unit.controller.reports.synthetic_runs import (

@@ -8,7 +8,7 @@ from drivers.arm.axis import Axis
 from drivers.arm.link import ArmRow, Seen
 from drivers.arm.motion import MotionControl
 from drivers.core.messages import Command, Status
-from drivers.ur_arm.controller import fault_of
+from drivers.ur_arm.client import fault_of
 from drivers.ur_arm.settings import UrArmSettings
 from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
 from simulator.physics.arm_motion import StiffPlane

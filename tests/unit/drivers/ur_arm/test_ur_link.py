@@ -13,7 +13,7 @@ from drivers.arm.link import ArmRow, LinkError, Opened
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import PortError, RefusedError, SilentError
 from drivers.ur_arm import link
-from drivers.ur_arm.controller import PLAYING
+from drivers.ur_arm.client import PLAYING
 from drivers.ur_arm.settings import UrArmSettings
 from drivers.ur_arm.tool import Tool
 from tests.refusals import refused
