@@ -120,7 +120,7 @@ class StreamWriter:
             self._streams[block.stream] = StreamInfo(block.stream, channels, block.unit)
         data = encode_block(self._block, block)
         self._add(f"/raw{topic}", self._block, block.t0_s, data, block.seq, described)
-        numbers = block.seq + np.arange(len(block))
+        numbers = np.arange(block.seq, block.seq + len(block))
         self._pieces.setdefault(block.stream, []).append((block.times, block.physical, numbers))
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:

@@ -95,10 +95,10 @@ class SampleBlock:
         if self.times_s is not None:
             return self.times_s
         rate_hz, tick, since_s = self._grid()
-        times_s: NDArray[np.float64] = np.arange(len(self.values), dtype=np.float64)
-        times_s += tick
+        times_s: NDArray[np.float64] = np.arange(tick, tick + len(self.values))
         times_s /= rate_hz
-        times_s += since_s
+        if since_s:
+            times_s += since_s
         return times_s
 
     @property
@@ -113,8 +113,8 @@ class SampleBlock:
         """Rate, number and time that samples count from: from zero where their times are k / rate, the same to the bit
         however the stream is cut."""
         assert self.rate_hz is not None, f"{self.stream}: neither times nor a rate"
-        tick = float(np.rint(self.t0_s * self.rate_hz))
-        if tick / self.rate_hz == self.t0_s and abs(tick) < 2**52:
+        ticks = self.t0_s * self.rate_hz
+        if abs(ticks) < 2**52 and (tick := float(round(ticks))) / self.rate_hz == self.t0_s:
             return self.rate_hz, tick, 0.0
         return self.rate_hz, 0.0, self.t0_s
 
