@@ -84,14 +84,14 @@ def _findings(what: str, broken: Iterator[str | None]) -> Iterator[Finding]:
             kept += line is None
             lines += [line] if line else []
     except _UntriedError as error:
-        yield Finding(True, f"{what}: not tried: {error}")
+        yield Finding("ok", f"{what}: not tried: {error}")
         return
     except Exception as error:  # of the user's own, which is named
         place = own_place(error)
         lines.append(f"{type(error).__name__}: {error}" + (f" ({place})" if place else ""))
-    yield from (Finding(False, f"{what}: {line}", of_profile=True) for line in lines)
+    yield from (Finding("fail", f"{what}: {line}", of_profile=True) for line in lines)
     if not lines:
-        yield Finding(True, f"{what}: keeps the contract ({kept} promises)")
+        yield Finding("ok", f"{what}: keeps the contract ({kept} promises)")
 
 
 def _device(rig: Rig, name: str, info: DeviceInfo) -> Iterator[str | None]:

@@ -1,14 +1,20 @@
-"""A bench looked at without moving it: every device opened, every sensor read for a moment."""
+"""A bench looked at without moving it: the computer, every device opened, every sensor read for a moment."""
 
 from __future__ import annotations
 
+import os
+import resource
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from behaviors.events import BaselineRefused
 from controller.campaign import TrialPlan
+from controller.detectors.contract import ALARMS
 from controller.guard import GuardRefusal
+from controller.limits import shown_limits
 from controller.rig import Rig, TrialScene
 from controller.subscriptions import missing, unknown_streams
 from drivers.core.errors import DeviceError
@@ -30,13 +36,40 @@ LISTEN_S = 1.0
 TURN_S = 0.01
 """How often what has come is taken; at 1 kHz that is ten samples."""
 
+LATE_S = 0.02
+"""By how much a turn may come late: a fifth of what the guard tolerates by default."""
+
+DRIFT, DRIFT_SAMPLES = 1.0, 20
+"""Means of two halves that are farther apart than the noise's standard deviation are drift, of so many samples each."""
+
+SHOWN = 8
+"""Channels of a stream that are shown."""
+
+RATE = 0.02
+"""How far a rate may be from what the device says (assumption: some blocks at the ends of the second)."""
+
+LOST = 0.05
+"""Share of samples that may be lost in this second with no more than a warning."""
+
+DRIFT_PPM = 500.0
+"""Largest drift that a second can mean nothing by (assumption: crystals are within 100 ppm)."""
+
+
+Verdict = Literal["ok", "warn", "fail"]
+
 
 class Finding(NamedTuple):
-    """One line about the bench, whether it is good, and whether the profile is what to mend."""
+    """One line about the bench, with the remedy where it is not good; and whether the profile is what to mend."""
 
-    sound: bool
+    verdict: Verdict
     line: str
     of_profile: bool = False
+
+
+def summary(findings: Sequence[Finding]) -> str:
+    """How many of each."""
+    counts = Counter(finding.verdict for finding in findings)
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("ok", "warn", "fail"))
 
 
 def compare(
@@ -62,9 +95,15 @@ def compare(
 
 
 def examine(
-    rig: Rig, scene: TrialScene, trials: Iterable[TrialPlan] = (), named: Sequence[tuple[str, str]] = ()
+    rig: Rig,
+    scene: TrialScene,
+    trials: Iterable[TrialPlan] = (),
+    named: Sequence[tuple[str, str]] = (),
+    ports: Mapping[str, str] | None = None,
+    watchdogs: Mapping[str, float] | None = None,
 ) -> Iterator[Finding]:
-    """Open every device, read each of its streams for a second, close all; nothing is moved or excited.
+    """Look at the computer, open every device, read each of its streams for a second, close all; nothing is moved or
+    excited.
 
     A device that does not open is reported, and the others are examined all the same.
 
@@ -73,27 +112,86 @@ def examine(
         scene: For a simulated bench: the scene that it is to be in.
         trials: As `compare`; looked at where every device opens.
         named: Likewise.
+        ports: Of a real bench: where each device is.
+        watchdogs: Devices whose own watchdog switches their streams off, and after how long without the host.
     """
     infos: dict[str, DeviceInfo] = {}
+    trials = list(trials)
+    if rig.kind == "hardware":
+        yield from computer(ports or {})
     try:
         for name, device in rig.devices.items():
             try:
                 infos[name] = device.open()
             except DeviceError as error:
-                yield Finding(False, str(error))
-        blocks, statuses = _listen(rig, scene, infos)
+                yield Finding("fail", str(error))
+        blocks, statuses, late_s = _listen(rig, scene, infos)
+        if rig.time == "wall":
+            yield _punctual(late_s)
         for name, info in infos.items():
             yield _identity(name, info)
+            yield from _state(name, info)
             for stream in info.streams.values():
-                yield _reading(stream, blocks.get(stream.name, []))
-            for status in statuses:
-                if status.device == name and isinstance(status, Failed | Lost | Refused | Stalled):
-                    yield _trouble(status)
+                yield from _reading(stream, blocks.get(stream.name, []))
+            own = [status for status in statuses if status.device == name]
+            yield from _troubles(own, {key: sum(map(len, got)) for key, got in blocks.items()})
+            yield from _clock(name, rig.devices[name].account())
         if infos.keys() == rig.devices.keys():
-            yield from _unknown_streams(infos, trials, named)
+            unknown = list(_unknown_streams(infos, trials, named))
+            yield from unknown
+            if trials and not unknown:
+                yield from _uses(trials[0], blocks)
+        for name in (watchdogs or {}).keys() & infos.keys():
+            yield _watchdog(rig, infos[name], (watchdogs or {})[name])
     finally:
         for device in rig.devices.values():
             device.close()
+
+
+# --- the computer ------------------------------------------------------------------------------------
+
+
+def computer(ports: Mapping[str, str]) -> Iterator[Finding]:
+    """The serial ports that are there, whether this user may open them, and the right to run in real time.
+
+    Args:
+        ports: Where each device of the bench is.
+    """
+    from serial.tools.list_ports import comports
+
+    used = {os.path.realpath(port): name for name, port in ports.items()}
+    for port in comports():
+        name = used.get(os.path.realpath(port.device), "")
+        what = ", ".join(str(part) for part in (port.manufacturer, port.product) if part) or port.description
+        line = f"{port.device} ({what}): {f'{name} of this profile' if name else 'not used by this profile'}"
+        if not os.access(port.device, os.R_OK | os.W_OK):
+            rule = (
+                f'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{port.vid:04x}", ATTRS{{idProduct}}=="{port.pid:04x}", '
+                f'GROUP="dialout", MODE="0660"'
+                if port.vid is not None and port.pid is not None
+                else ""
+            )
+            remedy = "sudo usermod -aG dialout $USER, then log in again" + (
+                f"; or a udev rule: {rule}" * bool(rule)
+            )
+            yield Finding("fail" if name else "warn", f"{line}; this user may not open it: {remedy}")
+        else:
+            yield Finding("ok", line)
+    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    if limit == 0 and os.geteuid() != 0:
+        remedy = "add '@dialout - rtprio 20' to /etc/security/limits.d/bench.conf, then log in again"
+        yield Finding("warn", f"no right to run in real time, which an arm's process asks for: {remedy}")
+    else:
+        yield Finding("ok", "may run in real time")
+
+
+def _punctual(late_s: Sequence[float]) -> Finding:
+    """How late this program woke up while it listened."""
+    worst_s = max(late_s, default=0.0)
+    line = f"this program woke at most {1e3 * worst_s:.1f} ms late in {len(late_s)} turns"
+    if worst_s <= LATE_S:
+        return Finding("ok", line)
+    return Finding("warn", f"{line}; end what else runs here, and switch the processor's power saving off")
 
 
 def _unknown_streams(
@@ -110,60 +208,196 @@ def _unknown_streams(
                 )
             except GuardRefusal as refusal:
                 lines.append(str(refusal))
-    yield from (Finding(False, line, of_profile=True) for line in dict.fromkeys(lines))
+    yield from (Finding("fail", line, of_profile=True) for line in dict.fromkeys(lines))
 
 
 def _listen(
     rig: Rig, scene: TrialScene, infos: dict[str, DeviceInfo]
-) -> tuple[dict[str, list[SampleBlock]], list[Status]]:
-    """What the bench sends in a second: blocks by stream, and statuses."""
+) -> tuple[dict[str, list[SampleBlock]], list[Status], list[float]]:
+    """What the bench sends in a second: blocks by stream, and statuses; and how late each look at it was."""
     blocks: dict[str, list[SampleBlock]] = {}
     statuses: list[Status] = []
+    late_s: list[float] = []
     rig.clock.restart()
     rig.begin_trial(scene)
     for name, info in infos.items():
         rig.devices[name].apply(Listen(name, frozenset(info.streams)))
-    while rig.clock.now() < LISTEN_S:
-        rig.clock.wait_until(rig.clock.now() + TURN_S)
+    while (now_s := rig.clock.now()) < LISTEN_S:
+        rig.clock.wait_until(now_s + TURN_S)
+        late_s.append(rig.clock.now() - now_s - TURN_S)
         for name in infos:
             for block in rig.devices[name].read():
                 blocks.setdefault(block.stream, []).append(block)
             statuses += rig.devices[name].poll()
     for name in infos:
         rig.devices[name].apply(Listen(name, frozenset()))
-    return blocks, statuses
+    return blocks, statuses, late_s
+
+
+# --- the devices -------------------------------------------------------------------------------------
 
 
 def _identity(name: str, info: DeviceInfo) -> Finding:
     known = [info.model, info.serial and f"serial {info.serial}", info.version and f"version {info.version}"]
     details = [f"{key} {value}" for key, value in info.details.items()]
-    return Finding(True, f"{name}: {', '.join(part for part in [*known, *details] if part)}")
+    return Finding("ok", f"{name}: {', '.join(part for part in [*known, *details] if part)}")
 
 
-def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> Finding:
-    if not blocks:
+SOUND = {
+    "robot_mode": ("RUNNING", "switch it on and release its brakes at the pendant"),
+    "safety_status": ("NORMAL", "look at the arm, then clear the stop at the pendant"),
+    "remote_control": ("true", "switch remote control on at the pendant"),
+    "speed_slider": ("1", "it is slower than the profile says: move the slider at the pendant to 100 %"),
+    "realtime": ("True", "its process runs without real-time priority: see the right to run in real time"),
+    "not_stated_by_the_profile": (
+        "()",
+        "give them: what the controller counts with is compared with nothing",
+    ),
+}
+"""What a device may say of itself, how that should be, and what to do where it is not."""
+
+
+def _state(name: str, info: DeviceInfo) -> Iterator[Finding]:
+    """What a device says of itself and should not."""
+    for key, (sound, remedy) in SOUND.items():
+        found = info.details.get(key, sound)
+        shown = f"{found:g}" if isinstance(found, float) else str(found)
+        if shown != sound:
+            yield Finding("warn", f"    {name}: {key} is {shown}; {remedy}")
+
+
+def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> Iterator[Finding]:
+    """What a stream's samples are: how many, mean and noise, how far they drift, at which rate."""
+    if not sum(map(len, blocks)):
         if stream.rate_hz is None:
-            return Finding(
-                True, f"    {stream.name}: nothing in {LISTEN_S:g} s; it sends when something happens"
+            yield Finding(
+                "ok", f"    {stream.name}: nothing in {LISTEN_S:g} s; it sends when something happens"
             )
-        return Finding(False, f"    {stream.name}: silent for {LISTEN_S:g} s; is the sensor plugged in?")
+        else:
+            reason = f"silent for {LISTEN_S:g} s; is the sensor plugged in?"
+            yield Finding("fail", f"    {stream.name}: {reason}")
+        return
     values = np.concatenate([block.physical for block in blocks])
     if not np.isfinite(values).all():
-        return Finding(
-            False, f"    {stream.name}: reads values that are not finite; is the sensor plugged in?"
-        )
+        reason = "reads values that are not finite; is the sensor plugged in?"
+        yield Finding("fail", f"    {stream.name}: {reason}")
+        return
     means, spreads = values.mean(axis=0), values.std(axis=0)
-    means = ", ".join(
+    shown = ", ".join(
         f"{channel} {mean:.6g} +- {spread:.2g}"
-        for channel, mean, spread in zip(stream.channels, means, spreads, strict=True)
+        for channel, mean, spread in list(zip(stream.channels, means, spreads, strict=True))[:SHOWN]
+    ) + f", and {len(means) - SHOWN} more channels" * (len(means) > SHOWN)
+    yield Finding(
+        "ok", f"    {stream.name}: {len(values)} samples in {LISTEN_S:g} s, {shown} {stream.unit}".rstrip()
     )
-    return Finding(
-        True, f"    {stream.name}: {len(values)} samples in {LISTEN_S:g} s, {means} {stream.unit}".rstrip()
-    )
+    if stream.noisy and not spreads.any():
+        yield Finding("fail", f"    {stream.name}: repeats one value; is the sensor plugged in?")
+    half = len(values) // 2
+    if half >= DRIFT_SAMPLES:
+        drifts = np.abs(values[half:].mean(axis=0) - values[:half].mean(axis=0))
+        if (drifts > DRIFT * spreads).any() and spreads.any():
+            remedy = "let it warm up, and let nothing move"
+            line = f"drifts by {drifts.max():.2g} {stream.unit} in {LISTEN_S / 2.0:g} s; {remedy}"
+            yield Finding("warn", f"    {stream.name}: {line}")
+    times_s = np.concatenate([block.times for block in blocks])
+    if stream.rate_hz is not None and len(times_s) > 1 and times_s[-1] > times_s[0]:
+        rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
+        if abs(rate_hz / stream.rate_hz - 1.0) > RATE:
+            line = f"comes at {rate_hz:.4g} Hz, not at {stream.rate_hz:g}; correct its rate where it is set"
+            yield Finding("warn", f"    {stream.name}: {line}")
 
 
-def _trouble(status: Status) -> Finding:
-    if isinstance(status, Lost):
-        return Finding(False, f"    {status.stream}: {status.samples} samples lost")
-    reason = getattr(status, "reason", "")
-    return Finding(False, f"    {type(status).__name__.lower()}: {reason}")
+def _troubles(statuses: Sequence[Status], read: Mapping[str, int]) -> Iterator[Finding]:
+    """What went wrong while a device was read: one line for all of a kind, with their number."""
+    lost: Counter[str] = Counter()
+    others: Counter[str] = Counter()
+    times: Counter[str] = Counter()
+    for status in statuses:
+        if isinstance(status, Lost):
+            lost[status.stream] += status.samples
+            times[status.stream] += 1
+        elif isinstance(status, Failed | Refused | Stalled):
+            others[f"{type(status).__name__.lower()}: {status.reason}"] += 1
+    for stream, samples in lost.items():
+        few = samples <= LOST * (read.get(stream, 0) + samples)
+        places = f" in {times[stream]} places" if times[stream] > 1 else ""
+        remedy = "look at the cable, and at what else this computer does"
+        yield Finding("warn" if few else "fail", f"    {stream}: {samples} samples lost{places}; {remedy}")
+    for line, count in others.items():
+        yield Finding("fail", f"    {line}" + (f" ({count} times)" if count > 1 else ""))
+
+
+def _clock(name: str, account: Mapping[str, object]) -> Iterator[Finding]:
+    """How far a device's clock runs from this computer's."""
+    drift_ppm = account.get("drift_ppm")
+    if isinstance(drift_ppm, float) and abs(drift_ppm) > DRIFT_PPM:
+        remedy = "listen for longer, as a run does; if it stays so, one of both clocks is bad"
+        yield Finding(
+            "warn", f"    {name}: its clock runs {drift_ppm:.0f} ppm from this computer's; {remedy}"
+        )
+
+
+def _watchdog(rig: Rig, info: DeviceInfo, watchdog_s: float) -> Finding:
+    """Leave a device alone for longer than its watchdog allows: it must have ceased to send by itself."""
+    name, device = info.device, rig.devices[info.device]
+    regular = frozenset(stream.name for stream in info.streams.values() if stream.rate_hz is not None)
+    device.apply(Listen(name, regular))
+    began_s = last_s = rig.clock.now()
+    for absent_s in (TURN_S, watchdog_s + 1.0):
+        rig.clock.wait_until(rig.clock.now() + absent_s)
+        for block in device.read():
+            last_s = max(last_s, block.last_s)
+        device.poll()
+    sent_s = last_s - began_s
+    line = f"    {name}: left alone for {watchdog_s + 1.0:g} s, it went on sending for {sent_s:.2f} s"
+    if sent_s <= watchdog_s + 0.5:
+        return Finding("ok", f"{line}: its watchdog of {watchdog_s:g} s acts")
+    return Finding("fail", f"{line}: its watchdog of {watchdog_s:g} s does not act; look at its firmware")
+
+
+# --- what the trials need of it ----------------------------------------------------------------------
+
+
+def _uses(trial: TrialPlan, blocks: Mapping[str, Sequence[SampleBlock]]) -> Iterator[Finding]:
+    """Whether the guard's limits and the detectors can use what was read."""
+    limits = trial.guard.settings
+    for what, stream, channels, limit, unit in shown_limits(limits):
+        got = blocks.get(stream, ())
+        if what != "force" or not got:
+            continue
+        values = np.concatenate([block.physical[:, channels] for block in got])
+        size = float(np.linalg.norm(np.median(values, axis=0)))
+        line = f"limits.force_n = {limit:g} {unit}: {stream} is at {size:.3g} {unit} at rest"
+        if size > 0.5 * limit:
+            yield Finding("fail" if size > limit else "warn", f"{line}; tare it, or look what presses")
+        else:
+            yield Finding("ok", line)
+    for name, detector in trial.detectors.items():
+        if not all(blocks.get(stream) for stream in detector.inputs):
+            continue
+        mixed = sorted((block for stream in detector.inputs for block in blocks[stream]), key=_begins_s)
+        try:
+            detector.reset()
+            events = [event for block in mixed for event in detector.push(block)]
+        except ValueError as error:
+            yield Finding("fail", f"detector {name}: {error}", of_profile=True)
+            continue
+        refusals = [event for event in events if isinstance(event, BaselineRefused)]
+        alarms = [event for event in events if type(event).__name__ in ALARMS]
+        if refusals:
+            yield Finding(
+                "warn", f"detector {name}: refuses this second as its baseline: {refusals[0].reason}"
+            )
+        elif alarms:
+            reason = (
+                f"{len(alarms)} alarms in this second at rest; its threshold lies in the noise: calibrate it"
+            )
+            yield Finding("warn", f"detector {name}: {reason}")
+        else:
+            yield Finding(
+                "ok", f"detector {name}: takes {', '.join(detector.inputs)}; no alarm in this second"
+            )
+
+
+def _begins_s(block: SampleBlock) -> float:
+    return block.t0_s

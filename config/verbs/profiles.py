@@ -81,7 +81,7 @@ def check(
 
     from config.assemble import build_rig, own_kinds
     from controller.contracts import tried
-    from controller.doctor import compare, examine
+    from controller.doctor import compare, examine, summary
     from controller.rig import TrialScene
 
     plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
@@ -89,16 +89,29 @@ def check(
     click.echo("\n" * connect, nl=False)
     with closing(build_rig(loaded, devices=campaign.devices)) as rig:
         scene = TrialScene(0, 0, {}, plant)
-        looked = examine(rig, scene, trials, named) if connect else compare(rig, trials, named)
+        entries = {name: loaded.devices[name] for name in rig.devices}
+        ports = {name: entry.port for name, entry in entries.items()}
+        watchdogs = {
+            name: entry.settings.watchdog_s  # type: ignore[attr-defined]
+            for name, entry in entries.items()
+            if {"watchdog_s", "baud"} <= type(entry.settings).model_fields.keys()
+        }
+        looked = (
+            examine(rig, scene, trials, named, ports, watchdogs) if connect else compare(rig, trials, named)
+        )
+        findings = []
         for finding in chain(
             looked, tried(rig, scene, **own) if (own := own_kinds(loaded, rig.devices)) else ()
         ):
+            findings.append(finding)
             if finding.of_profile:
                 verbs.complain(finding.line)
                 code = code or verbs.USAGE
             else:
-                click.echo(finding.line)
-                code = code if finding.sound else verbs.DEVICE
+                click.echo(f"{finding.verdict:4}  {finding.line}")
+                code = code if finding.verdict != "fail" else verbs.DEVICE
+        if connect:
+            click.echo(summary(findings))
     return code
 
 

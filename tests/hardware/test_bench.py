@@ -17,4 +17,6 @@ def test_every_device_of_the_bench_answers_and_every_sensor_sends():
         findings = list(examine(rig, TrialScene(0, 0, {})))
     finally:
         rig.close()
-    assert all(finding.sound for finding in findings), "\n".join(finding.line for finding in findings)
+    assert all(finding.verdict != "fail" for finding in findings), "\n".join(
+        finding.line for finding in findings
+    )

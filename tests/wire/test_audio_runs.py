@@ -139,5 +139,5 @@ def test_check_refuses_bad_sound_with_exit_code_3(
     path = profile(tmp_path, f"file:{recording(tmp_path / 'take.wav', counts)}", 'kind = "none"')
     code, out, _ = verb("check", path, "--connect")
     assert code == 3
-    (line,) = [line for line in out.splitlines() if line.startswith("audio: ")]
+    (line,) = [line for line in out.splitlines() if line.startswith("fail  audio: ")]
     assert message in line

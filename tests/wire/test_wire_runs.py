@@ -76,7 +76,7 @@ def test_the_doctor_reads_every_sensor_and_moves_nothing(emulated):
     findings = list(examine(rig, TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))))
     rig.close()
     lines = "\n".join(finding.line for finding in findings)
-    assert all(finding.sound for finding in findings), lines
+    assert all(finding.verdict != "fail" for finding in findings), lines
     assert "board.load_cell" in lines
     assert "stage.position" in lines
     assert emulator.scene() == {"probe_m": 0.0, "probe_m_s": 0.0}

@@ -1,15 +1,17 @@
 """A bench looked at without moving it."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from controller.doctor import examine
+from controller.doctor import LISTEN_S, computer, examine, summary
 from controller.rig import Rig, TrialScene
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import SilentError
-from drivers.core.messages import DeviceInfo, Listen, Lost, SampleBlock, StreamInfo
+from drivers.core.messages import DeviceInfo, Listen, Lost, SampleBlock, Stalled, StreamInfo
+from tests.refusals import check_refusal
 
 SCENE = TrialScene(0, 0, {})
 
@@ -17,12 +19,15 @@ SCENE = TrialScene(0, 0, {})
 class Sensor:
     """A device with one stream of what the test gives it, once a turn."""
 
-    def __init__(self, name, clock, value=1.0, rate_hz=100.0, error=None):
+    def __init__(
+        self, name, clock, value=1.0, rate_hz=100.0, error=None, noisy=False, details=None, ends_s=99.0
+    ):
         self.name = name
         self.clock = clock
         self.value = value
         self.rate_hz = rate_hz
         self.error = error
+        self.noisy, self.details, self.ends_s = noisy, details or {}, ends_s
         self.commands = []
         self.closed = False
         self.statuses = []
@@ -31,8 +36,9 @@ class Sensor:
     def open(self):
         if self.error:
             raise self.error
-        stream = StreamInfo(f"{self.name}.force", ("fx",), "N", rate_hz=self.rate_hz)
-        return DeviceInfo(self.name, "LC-5", serial="17", streams={stream.name: stream})
+        stream = StreamInfo(f"{self.name}.force", ("fx",), "N", rate_hz=self.rate_hz, noisy=self.noisy)
+        streams = {stream.name: stream}
+        return DeviceInfo(self.name, "LC-5", serial="17", streams=streams, details=self.details)
 
     def close(self):
         self.closed = True
@@ -41,22 +47,25 @@ class Sensor:
         self.commands.append(command)
 
     def read(self):
-        if self.value is None:
+        if self.value is None or self.clock.now() > self.ends_s:
             return []
         self.seq += 1
-        values = np.array([[self.value]])
+        values = np.array([[self.value(self.seq) if callable(self.value) else self.value]])
         return [
             SampleBlock(f"{self.name}.force", self.seq, self.clock.now(), values, rate_hz=100.0, unit="N")
         ]
+
+    def account(self):
+        return {}
 
     def poll(self):
         statuses, self.statuses = self.statuses, []
         return statuses
 
 
-def lines(*devices):
+def lines(*devices, **more):
     clock = devices[0].clock
-    return list(examine(Rig("mock", {device.name: device for device in devices}, clock), SCENE))
+    return list(examine(Rig("mock", {device.name: device for device in devices}, clock), SCENE, **more))
 
 
 @pytest.fixture
@@ -70,7 +79,7 @@ def test_every_device_is_named_and_every_sensor_read(clock):
         "cell: LC-5, serial 17",
         "    cell.force: 100 samples in 1 s, fx 0.25 +- 0 N",
     ]
-    assert all(finding.sound for finding in findings)
+    assert all(finding.verdict == "ok" for finding in findings)
 
 
 def test_nothing_is_asked_of_a_device_but_to_listen(clock):
@@ -81,16 +90,16 @@ def test_nothing_is_asked_of_a_device_but_to_listen(clock):
 
 
 def test_a_silent_sensor_is_found(clock):
-    assert [finding.sound for finding in lines(Sensor("cell", clock, value=None))] == [True, False]
+    assert [finding.verdict for finding in lines(Sensor("cell", clock, value=None))] == ["ok", "fail"]
 
 
 def test_an_irregular_stream_may_be_silent(clock):
-    assert all(finding.sound for finding in lines(Sensor("cell", clock, value=None, rate_hz=None)))
+    assert all(finding.verdict == "ok" for finding in lines(Sensor("cell", clock, value=None, rate_hz=None)))
 
 
 def test_values_that_are_not_finite_are_found(clock):
     finding = lines(Sensor("cell", clock, value=np.nan))[1]
-    assert not finding.sound
+    assert finding.verdict == "fail"
     assert "not finite" in finding.line
 
 
@@ -98,13 +107,24 @@ def test_lost_samples_are_found(clock):
     sensor = Sensor("cell", clock)
     sensor.statuses = [Lost(0.5, "cell", "cell.force", 12)]
     finding = lines(sensor)[-1]
-    assert (finding.sound, finding.line) == (False, "    cell.force: 12 samples lost")
+    assert finding.verdict == "fail"
+    check_refusal(finding.line, "cell.force: 12 samples lost", "cable")
+
+
+def test_what_is_lost_again_and_again_is_one_line_with_a_count(clock):
+    sensor = Sensor("cell", clock)
+    sensor.statuses = [Lost(0.1 * k, "cell", "cell.force", 1) for k in range(5)]
+    sensor.statuses += [Stalled(0.5, "cell", "it is too hot")] * 3
+    few, many = lines(sensor)[2:]
+    assert few.verdict == "warn"
+    check_refusal(few.line, "5 samples lost in 5 places")
+    assert (many.verdict, many.line.strip()) == ("fail", "stalled: it is too hot (3 times)")
 
 
 def test_a_device_that_does_not_open_hides_no_other(clock):
     deaf = Sensor("stage", clock, error=SilentError("stage", "opening", "no reply", "is it on?"))
     findings = lines(deaf, Sensor("cell", clock))
-    assert (findings[0].sound, findings[0].line) == (False, "stage: no reply while opening; is it on?")
+    assert (findings[0].verdict, findings[0].line) == ("fail", "stage: no reply while opening; is it on?")
     assert findings[1].line.startswith("cell: ")
     assert deaf.closed
 
@@ -115,3 +135,51 @@ def test_all_devices_are_closed_where_the_reader_of_findings_leaves_early(clock)
     next(findings)
     findings.close()
     assert sensor.closed
+
+
+@pytest.mark.parametrize(
+    ("sensor", "verdict", "named"),
+    [
+        ({"value": lambda k: 0.01 * k + 0.001 * (k % 2)}, "warn", ["drifts by 0.5 N", "warm up"]),
+        ({"value": 0.25, "noisy": True}, "fail", ["repeats one value", "plugged in"]),
+        ({"value": lambda k: k % 2, "rate_hz": 104.0}, "warn", ["100 Hz", "104", "correct its rate"]),
+        ({"value": lambda k: k % 2, "details": {"safety_status": "FAULT"}}, "warn", ["is FAULT", "pendant"]),
+        ({"value": lambda k: k % 2, "details": {"speed_slider": 0.3}}, "warn", ["speed_slider is 0.3", "slider"]),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_sensor_or_a_state_is_one_line_with_a_remedy(clock, sensor, verdict, named):
+    (finding,) = [finding for finding in lines(Sensor("cell", clock, **sensor)) if finding.verdict != "ok"]
+    assert finding.verdict == verdict
+    check_refusal(finding.line, "cell", *named)
+
+
+def test_a_watchdog_is_left_to_act_and_one_that_does_not_is_a_failure(clock):
+    for ends_s, verdict in ((LISTEN_S + 1.0, "ok"), (99.0, "fail")):
+        finding = lines(Sensor("cell", clock, ends_s=ends_s), watchdogs={"cell": 1.0})[-1]
+        assert finding.verdict == verdict
+        check_refusal(finding.line, "cell", "watchdog of 1 s")
+
+
+def test_findings_are_counted():
+    clock = VirtualClock()
+    assert summary(lines(Sensor("cell", clock, value=None))) == "1 ok, 0 warn, 1 fail"
+
+
+def test_a_port_that_this_user_may_not_open_is_named_with_what_to_do(monkeypatch, tmp_path):
+    port = SimpleNamespace(
+        device=str(tmp_path / "ttyACM0"), manufacturer="Zaber", product="X-MCC", description="", vid=0x2939, pid=0x495B
+    )  # fmt: skip
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
+    monkeypatch.setattr("os.access", lambda *_: False)
+    monkeypatch.setattr("os.geteuid", lambda: 1000)
+    monkeypatch.setattr("resource.getrlimit", lambda _: (0, 0))
+    used, realtime = computer({"stage": port.device})
+    assert (used.verdict, realtime.verdict) == ("fail", "warn")
+    check_refusal(
+        used.line, "Zaber, X-MCC", "stage", "usermod -aG dialout", 'ATTRS{idVendor}=="2939"', '"495b"'
+    )
+    check_refusal(realtime.line, "rtprio", "limits.d")
+    monkeypatch.setattr("os.access", lambda *_: True)
+    (other, _) = computer({"stage": "/dev/elsewhere"})
+    assert other.verdict == "ok"
+    assert "not used by this profile" in other.line
