@@ -25,7 +25,6 @@ from controller.live_view import LiveView
 from controller.loop import Aborted, Loop, LoopOperator, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.outcomes import counted, exit_of, successes_in
-from controller.recording.joining import ResumedRun, clear, hold
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
 from controller.rig import Rig, TrialScene
@@ -35,6 +34,7 @@ from drivers.core.errors import DeviceError, RefusedError
 from drivers.core.messages import DeviceInfo, StreamInfo
 
 if TYPE_CHECKING:
+    from controller.recording.joining import ResumedRun
     from controller.recording.mcap_file import Mirror
     from controller.recording.recorder import Recorder
 
@@ -200,6 +200,8 @@ class Campaign:
             RecordingError: no run folder can be made.
             RunFolderError: the run that is to be resumed goes on in another program.
         """
+        from controller.recording.joining import hold
+
         started = utc_now()
         if self._resumed is None:
             folder = RunFolder.create(self._runs, self._plan.profile, started)
@@ -214,6 +216,8 @@ class Campaign:
     def _run(self, folder: RunFolder, started: datetime) -> Outcome:
         self._manifest = self._first_manifest(started)
         if self._resumed is not None:
+            from controller.recording.joining import clear
+
             clear(self._resumed)
             self._manifest = _going_on(self._resumed, started)
         folder.write_manifest(self._manifest)

@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 SETTINGS = [option for key, value in QUICK.items() for option in ("--set", f"{key}={value}")]
 
-PATIENCE_S = 60.0
+PATIENCE_S = 200.0
 """How long a machine that is busy with others may take for what takes some seconds."""
 
 
