@@ -14,6 +14,7 @@ from controller.registry import KINDS, experiment_of, find, row
 
 if TYPE_CHECKING:
     from behaviors.machine import Behavior
+    from config.needs import Needs
     from config.profile import Profile
     from config.trials import Trial
     from controller.campaign import CampaignPlan, TrialPlan
@@ -373,16 +374,25 @@ def _behavior(profile: Profile, trial: Trial) -> Behavior:
     return behavior
 
 
-def _used_devices(profile: Profile, trials: Sequence[Trial]) -> frozenset[str]:
-    """What some trials open: each one's behavior is made once, repetitions aside, and nothing opened that it misses."""
-    from config.needs import needs_of, refuse_missing
-    from config.source import ProfileError
+def used_by(profile: Profile, trials: Sequence[Trial]) -> Sequence[tuple[Profile, Trial, Needs]]:
+    """What each trial uses, repetitions aside, with its factors laid over the profile.
+
+    Raises:
+        ProfileError: a trial that its behavior cannot run, or a detector that it arms and the profile has not.
+    """
+    from config.needs import needs_of
     from config.trials import distinct
 
-    used = []
-    for trial in distinct(trials):
-        own = profile.for_trial(trial)
-        used.append((own, trial, needs_of(own, _behavior(own, trial))))
+    own = [(profile.for_trial(trial), trial) for trial in distinct(trials)]
+    return [(varied, trial, needs_of(varied, _behavior(varied, trial))) for varied, trial in own]
+
+
+def _used_devices(profile: Profile, trials: Sequence[Trial]) -> frozenset[str]:
+    """What some trials open, if all is there that they use."""
+    from config.needs import refuse_missing
+    from config.source import ProfileError
+
+    used = used_by(profile, trials)
     refuse_missing(used)
     devices = frozenset[str]().union(*(needs.devices for _, _, needs in used)) & profile.devices.keys()
     for number, fault in enumerate(profile.faults, start=1):

@@ -97,12 +97,12 @@ def within(limits: GuardSettings, needs: Needs) -> GuardSettings:
 
 
 def refuse_missing(
-    profiles: Sequence[tuple[Profile, Trial | None, Needs]], excused: Collection[str] = ()
+    used: Sequence[tuple[Profile, Trial | None, Needs]], excused: Collection[str] = ()
 ) -> None:
     """See that everything is there which is used: each value that the lab has to give, and what settings refer to.
 
     Args:
-        profiles: The profile with each trial's factors laid over it, the trial (None of what is used by hand), and
+        used: The profile with each trial's factors laid over it, the trial (None of what is used by hand), and
             what that uses.
         excused: Dotted keys that need no value here.
 
@@ -110,7 +110,7 @@ def refuse_missing(
         ProfileError: a line for each thing that is missing.
     """
     lines: dict[str, None] = {}
-    for profile, trial, needs in profiles:
+    for profile, trial, needs in used:
         for path, line in profile.deferred.items():
             if ".".join(path) not in excused and _is_used(path, profile, trial, needs):
                 lines[line] = None

@@ -323,6 +323,50 @@ def to_toml(table: Mapping[str, Any], origin: Callable[[KeyPath], str]) -> str:
     return "\n".join(_lines(table, (), origin)).strip() + "\n"
 
 
+def with_setting(text: str, path: KeyPath, value: Any, comment: str) -> str:
+    """A profile's text with one setting given; all else stays as it is, comments too.
+
+    Args:
+        text: TOML.
+        path: `("detectors", "contact", "threshold")`.
+        value: Its value.
+        comment: What stands beside it.
+
+    Raises:
+        ProfileError: it stands there in a way that is not changed here, in an inline table for one; the line to write.
+    """
+    given, *table = f"{_value(value)}  # {comment}", *path[:-1]
+    lines, here, header = text.rstrip("\n").split("\n"), list[str](), None
+    for number, line in enumerate(lines):
+        key, equals, _ = line.partition("=")
+        if found := re.match(r"\s*\[([^\[\]]+)\]", line):
+            here = _parts(found[1])
+            header = number if here == table else header
+        elif equals and (*here, *_parts(key)) == path:
+            lines[number] = f"{key.rstrip()} = {given}"
+            break
+    else:
+        at = len(lines) if header is None else header + 1
+        opened = ["", f"[{'.'.join(map(_key, table))}]"] if header is None else []
+        lines[at:at] = [*opened, f"{_key(path[-1])} = {given}"]
+    changed = "\n".join(lines) + "\n"
+    with suppress(tomllib.TOMLDecodeError):
+        if tomllib.loads(changed) == _with(tomllib.loads(text), path, value):
+            return changed
+    raise ProfileError(
+        f"[{'.'.join(table)}] cannot be written to as it stands; write there: {path[-1]} = {given}"
+    )
+
+
+def _parts(dotted: str) -> list[str]:
+    return [part.strip().strip("\"'") for part in dotted.split(".")]
+
+
+def _with(table: Mapping[str, Any], path: KeyPath, value: Any) -> Any:
+    """Nested tables with another value at a path."""
+    return {**table, path[0]: _with(table.get(path[0], {}), path[1:], value)} if path else value
+
+
 def _lines(table: Mapping[str, Any], path: KeyPath, origin: Callable[[KeyPath], str]) -> Iterator[str]:
     below = {key: value for key, value in table.items() if isinstance(value, Mapping)}
     here = {key: value for key, value in table.items() if key not in below}

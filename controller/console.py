@@ -104,7 +104,7 @@ class ConsoleOperator:
             return "pause"
         if not self._paused:
             self._read_answer()
-        elif self._line_typed() is not None:
+        elif self._line_typed() == "":  # Enter alone: a word was meant for something else
             self._paused = False
             return "resume"
         return None

@@ -128,6 +128,7 @@ class PreTouchDetector(OnEnvelope):
     """
 
     quantity = Quantity("explained over residual variance", "")
+    decides_in_motion = True
 
     def __init__(self, name: str, settings: PreTouchSettings) -> None:
         self.settings = settings

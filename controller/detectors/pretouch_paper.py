@@ -65,6 +65,7 @@ class PreTouchPaperDetector(OnEnvelope):
     """
 
     quantity = Quantity("power of the window", "FS²")
+    decides_in_motion = True
 
     def __init__(self, name: str, settings: PreTouchPaperSettings) -> None:
         self.settings = settings

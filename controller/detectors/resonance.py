@@ -259,6 +259,7 @@ class ResonanceDetector:
             self.settings.creep * free_hz, 6.0 * float(slow_hz.std()) if len(slow_hz) else 0.0
         )
         self._spread_hz = max(0.01 * free_hz, float(rates_hz.std()))
+        self._values = values
         self._limit = _students(self.settings.threshold, values)
         return ""
 
@@ -288,6 +289,19 @@ class ResonanceDetector:
         features = _residuals(*_features(joined), twin._teach) - twin._middle
         found = {senses: (features * weights).sum(axis=1) for senses, weights in twin._directions.items()}
         return joined[MEMORY + HORIZONS[-1] :, 0], found | {"amplitude": np.abs(found["amplitude"])}
+
+    def statistic(self, values: Floats, rate_hz: float) -> Floats:
+        """What `threshold` is compared with, for a recording whose first `baseline_s` are without contact, shape (n,);
+        the first column is used. NaN where nothing is decided: in the baseline, all where it is refused."""
+        twin = ResonanceDetector(self.name, self.settings)
+        twin.push(SampleBlock(self.settings.input, 0, 0.0, values[:, :1], rate_hz=rate_hz))
+        statistic = np.full(len(values), math.nan)
+        if len(twin.readings):
+            places = np.minimum(len(values) - 1, np.round(twin.readings[:, 0] * rate_hz).astype(int))
+            # as rare as in a long baseline: `_students` the other way round
+            deviations = np.maximum(0.0, twin.readings[:, 1])
+            statistic[places] = np.sqrt(twin._values * np.log1p(deviations**2 / twin._values))
+        return statistic
 
     def _deviations(self, features: Floats) -> Floats:
         s: Floats = ((features - self._middle) * self._weights).sum(axis=1)

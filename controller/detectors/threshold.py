@@ -155,7 +155,7 @@ class ForceThresholdDetector:
         found = np.full(len(values), math.nan)
         if len(values) > begin + size:
             after = chosen[begin:]
-            away = _running(after, size) - chosen[:begin].mean(axis=0)
+            away = _running(after, size) - np.nanmean(chosen[:begin], axis=0)  # samples may be missing
             found[begin + size - 1 :] = np.linalg.norm(away, axis=1)
         return found
 

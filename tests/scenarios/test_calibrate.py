@@ -60,7 +60,7 @@ def test_the_input_begins_at_the_baselines_start(verb, rolling):
 
 def test_every_detector_with_a_statistic_is_offered_where_one_has_none(verb, rolling):
     arguments = ["calibrate", rolling, "--column", "ft_v", "--rate", 1000, "--false-alarm-interval", 10]
-    code, out, err = verb(*arguments, "--detector", "resonance")
+    code, out, err = verb(*arguments, "--detector", "resonance.paper")
     assert (code, out) == (2, "")
     assert {"slip", "slip.paper"} <= set(calibratable())
     check_refusal(err, *calibratable())

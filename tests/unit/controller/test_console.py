@@ -96,6 +96,7 @@ ACTS = {
 
 SCENES = {
     "Ctrl+C pauses and Enter resumes": [None, "Ctrl+C", "pause", None, "Enter", "resume", None],
+    "a word resumes nothing": ["Ctrl+C", "pause", "oops", None, "no", None, "Enter", "resume"],
     "a second Ctrl+C aborts": ["Ctrl+C", "pause", "Ctrl+C", "abort", "abort"],
     "two Ctrl+C before the loop looks abort": ["Ctrl+C", "Ctrl+C", "abort"],
     "an Enter from before the pause resumes nothing": ["Enter", "Ctrl+C", "pause", None],

@@ -143,3 +143,22 @@ def test_a_silence_in_contact_ends_it_at_the_same_time_however_blocks_are_cut(si
     lost = next(event for event in events if isinstance(event, ContactLost))
     assert lost.t_s == pytest.approx(13.5, abs=0.002)
     assert names(events)[:4] == ["BaselineReady", "Contact", "ContactHeld", "ContactLost"]
+
+
+def test_its_statistic_is_what_its_threshold_is_compared_with():
+    """Contact comes at the first sample at which the statistic exceeds the setting; a baseline of any length."""
+    x = wave(np.concatenate([free(12.0), bouncing(1.0)]))
+    for baseline_s in (1.5, 10.0):
+        settings = {"baseline_s": baseline_s, "threshold": 6.0, "creep": 1.0}
+        detector = ResonanceDetector("contact", ResonanceSettings(**settings))
+        statistic = detector.statistic(x[:, None], RATE_HZ)
+        (contact,) = [event for event in events_of(x, **settings) if isinstance(event, Contact)]
+        assert np.isnan(statistic[: round(baseline_s * RATE_HZ)]).all()
+        beyond = np.flatnonzero(statistic > 6.0)
+        assert beyond[0] / RATE_HZ == pytest.approx(contact.t_s, abs=2e-3)
+        assert 1.0 < np.nanmax(statistic[: 12 * 1000]) < 6.0
+
+
+def test_its_statistic_decides_nothing_on_a_baseline_in_contact():
+    detector = ResonanceDetector("contact", ResonanceSettings())
+    assert np.isnan(detector.statistic(wave(bouncing(14.0))[:, None], RATE_HZ)).all()

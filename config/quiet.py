@@ -1,0 +1,139 @@
+"""`run.py quiet`: which bench is listened to, and where its thresholds are written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from config import verbs
+from config.source import PROFILES, ProfileError, with_setting
+from drivers.core.errors import PROGRAM
+
+if TYPE_CHECKING:
+    from config.profile import Profile
+    from controller.quiet import Proposal
+    from drivers.core.messages import Command
+
+SETTLE_S = 2.0
+"""How long a bench settles where its trials do not say (assumption)."""
+
+KEY = "threshold"
+"""The setting that is written."""
+
+
+def quieted(
+    name: str,
+    overrides: Mapping[str, str],
+    csv: Path | None,
+    numbers: Sequence[int],
+    endpoints: Path | None,
+    seconds: float,
+    interval_s: float,
+    named: Sequence[str],
+    dry_run: bool,
+) -> int:
+    """See `config.verbs.recordings.quiet`."""
+    from config.assemble import build_rig, limits_of, make_detectors, make_signals, used_by
+    from config.needs import Needs, refuse_missing
+    from config.trials import chosen
+    from controller.console import ConsoleOperator
+    from controller.quiet import RestingBench, proposals, unrest
+    from controller.rig import TrialScene
+
+    loaded = verbs.loaded_profile(name, overrides, csv)
+    target = None if dry_run else own_file(name)
+    used = used_by(loaded, chosen(loaded.trials(0), numbers))
+    own, trial, _ = used[0]
+    parts = frozenset[tuple[str, str]]().union(*(needs.parts for _, _, needs in used))
+    armed = {part for of, part in parts if of == "detectors"}
+    if not armed:
+        raise click.UsageError(f"{loaded.name}: its trials arm no detector")
+    excused = {".".join(path) for path in loaded.source.unset if path[0] == "devices" and path[-1] != "port"}
+    heard = frozenset(part for part in parts if part[0] != "detectors")
+    refuse_missing([(own, None, Needs(heard, moves=False))], excused)
+    detectors = {each: detector for each, detector in make_detectors(own).items() if each in armed}
+    limits = limits_of(own)
+    devices = Needs(heard, moves=False).devices
+    streams = {stream for each in detectors.values() for stream in each.inputs}
+    watched = (limits.position_stream, limits.pose_stream, limits.force_stream)
+    streams |= {stream for stream in watched if stream is not None and stream.partition(".")[0] in devices}
+    plant = own.plant.settings.model_dump(mode="json") if own.plant else {}
+    settle_s = getattr(own.behavior, "settle_s", SETTLE_S)
+    verbs.say(f"{loaded.name}: {seconds:g} s at rest, after {settle_s:g} s; touch nothing")
+    scene = TrialScene(trial.id, 0, trial.factors, plant)
+    rig = build_rig(loaded, verbs.joined(endpoints), devices=devices, excused=excused)
+    with ConsoleOperator() as operator:
+        bench = RestingBench(rig, limits, operator, own.loop, lambda: make_signals(own), scene)  # type: ignore[arg-type]
+        with bench:
+            result, blocks = bench.listened(streams, drive_of(own), settle_s, seconds)
+    if result.outcome != "done":
+        unrested = "not at rest: " * (result.outcome == "guard")
+        verbs.complain(f"{unrested}{result.reason or result.outcome}; nothing is written")
+        return {"guard": verbs.FAILED, "fault": verbs.DEVICE}.get(result.outcome, verbs.INTERRUPTED)
+    if reasons := list(unrest(blocks, result.events, limits, ("limits", "force_n") not in own.source.unset)):
+        for reason in reasons:
+            verbs.complain(f"not at rest: {reason}")
+        return verbs.FAILED
+    for stream, count in bench.lost.items():
+        verbs.complain(f"{stream}: {count} samples lost")
+    found = list(proposals(detectors, blocks, interval_s))
+    for proposal in found:
+        verbs.say(proposal.line)
+    verbs.say(f"They hold at rest; what moves is louder: {PROGRAM} calibrate, on a run without events")
+    if target is not None:
+        _write(target, own, found, named)
+    return verbs.DONE if any(proposal.found for proposal in found) else verbs.FAILED
+
+
+def own_file(name: str) -> Path:
+    """The file of a profile that thresholds may be written to.
+
+    Raises:
+        ProfileError: it is one that comes with the program.
+    """
+    path = next((each for each in (Path(name), Path(f"{name}.toml")) if each.is_file()), None)
+    if path is None or (PROFILES / f"{name}.toml").is_file() or path.resolve().is_relative_to(PROFILES):
+        raise ProfileError(
+            f'{name}: comes with the program, and is not written to; make a file of your own with extends = "{name}"'
+            f" and name that: {PROGRAM} quiet my_bench.toml; or --dry-run"
+        )
+    return path
+
+
+def drive_of(profile: Profile) -> Command | None:
+    """What makes the sensors of an experiment hear anything: by its settings, an excitation or the fingers' drive."""
+    from drivers.core.messages import Excite, Tone
+
+    settings: Any = profile.behavior
+    exciter = getattr(settings, "exciter", None)
+    if exciter is None:
+        return None
+    if "drive_hz" in type(settings).model_fields:
+        return Tone(exciter, settings.drive_hz, settings.drive_level)
+    return Excite(exciter, True)
+
+
+def _write(target: Path, profile: Profile, found: Sequence[Proposal], named: Sequence[str]) -> None:
+    """Write the thresholds that are not set, stand in the file itself, or were asked for by name."""
+    text, source = target.read_text(encoding="utf-8"), profile.source
+    for proposal in found:
+        path = ("detectors", proposal.detector, KEY)
+        settings = profile.detectors[proposal.detector].settings
+        if proposal.found is None or KEY not in type(settings).model_fields:
+            continue
+        elsewhere = path not in source.unset and source.origins.get(path) != source.files[-1]
+        if elsewhere and proposal.detector not in named:
+            present = getattr(settings, KEY)
+            shown = f"{present:g}" if present is not None else "its own from each baseline"
+            verbs.say(
+                f"{proposal.detector}: stays as it is set elsewhere, {shown}; --detector {proposal.detector}"
+            )
+            continue
+        value = float(f"{proposal.found.threshold:.4g}")
+        text = with_setting(text, path, value, f"quiet, {date.today()}: {proposal.evidence}")
+        verbs.say(f"{target}: [detectors.{proposal.detector}] {KEY} = {value:g}")
+    target.write_text(text, encoding="utf-8")
