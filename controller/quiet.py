@@ -14,6 +14,7 @@ from controller.detectors.calibration import Calibration, Statistic, calibrate_p
 from controller.detectors.protocol import Detector
 from controller.guard import RELIEF, GuardSettings
 from controller.replay import replay
+from drivers.core.errors import PROGRAM
 from drivers.core.messages import Command, Excite, SampleBlock, Saturated
 
 MOVED_M = 1e-4
@@ -132,7 +133,9 @@ def proposals(
         heard = [block for block in blocks if block.stream in detector.inputs]
         if getattr(detector, "decides_in_motion", False):
             yield Proposal(
-                name, None, "it decides while something moves: run.py calibrate on motion without an object"
+                name,
+                None,
+                f"it decides while something moves: {PROGRAM} calibrate, on motion without an object",
             )
         elif not isinstance(detector, Statistic):
             yield Proposal(name, None, "it takes its own from each trial's baseline, or shows no statistic")
@@ -176,7 +179,7 @@ def unrest(
             if force_n > RELIEF * limits.force_n:
                 yield (
                     f"{stream} reads {force_n:.3g} N at rest, more than a tenth of limits.force_n: lift off what"
-                    " touches, else run.py tare PROFILE"
+                    f" touches, else {PROGRAM} tare PROFILE"
                 )
         yield from _stepped(stream, values, times_s)
 
