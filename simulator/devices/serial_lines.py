@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -48,7 +48,7 @@ class EmulatedSerialLines:
         self._format = LineFormat(settings.separator, settings.checksum)
         self._own_hz = settings.rate_hz or IRREGULAR_HZ  # by its own clock
         self._rate_hz = self._own_hz * (1.0 + DRIFT_PPM * 1e-6)
-        self._shown = list(_shown(settings, bench))
+        self._shown = list(shown_columns(settings.streams, bench))
         self._sources = frozenset(column.source for column in self._shown)
         self._key = f"serial_lines {id(self)}"
         self._fields = ["0"] * settings.fields
@@ -126,14 +126,43 @@ class ShownColumn(NamedTuple):
     offset: float
 
 
-def _shown(settings: SerialLinesSettings, bench: Bench) -> Iterator[ShownColumn]:
-    known = {spec.name: spec for spec in part(bench, "streams", DEVICE)() if spec.rate_hz is not None}
+class Shows(Protocol):
+    """A stream of a profile whose columns show something of a simulated bench."""
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Which."""
+
+    @property
+    def shows(self) -> tuple[str, ...]:
+        """What each shows."""
+
+    @property
+    def unit(self) -> str:
+        """Of the values."""
+
+    @property
+    def scale(self) -> float:
+        """Units for each step."""
+
+    @property
+    def offset(self) -> float:
+        """Steps at zero."""
+
+
+def shown_columns(streams: Mapping[str, Shows], bench: Bench, device: str = DEVICE) -> Iterator[ShownColumn]:
+    """What the columns of a profile's streams show of the bench.
+
+    Raises:
+        RefusedError: a column that is named shows nothing of this bench.
+    """
+    known = {spec.name: spec for spec in part(bench, "streams", device)() if spec.rate_hz is not None}
     all_known = ", ".join(
         name if len(spec.channels) == 1 else f"{name}.{channel}"
         for name, spec in known.items()
         for channel in spec.channels
     )
-    for name, stream in settings.streams.items():
+    for name, stream in streams.items():
         where = f"streams.{name}.shows"
         for column, shown in zip(
             stream.columns, stream.shows or ("nothing",) * len(stream.columns), strict=True
@@ -142,14 +171,14 @@ def _shown(settings: SerialLinesSettings, bench: Bench) -> Iterator[ShownColumn]
             spec = known.get(source)
             if spec is None or channel not in (spec.channels if channel or len(spec.channels) > 1 else ("",)):
                 raise RefusedError(
-                    DEVICE,
+                    device,
                     "being wired to the bench",
                     f"column {column} shows {shown}",
                     f"{where} is one of: {all_known}",
                 )
             if spec.unit != stream.unit:
                 reason = f"column {column} is in {stream.unit}, and {shown} in {spec.unit}"
-                raise RefusedError(DEVICE, "being wired to the bench", reason, f'write unit = "{spec.unit}"')
+                raise RefusedError(device, "being wired to the bench", reason, f'write unit = "{spec.unit}"')
             place = spec.channels.index(channel) if channel else 0
             yield ShownColumn(source, place, column, stream.scale, stream.offset)
 

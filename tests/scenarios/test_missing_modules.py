@@ -23,6 +23,8 @@ EXTRAS = (
     "distributed",
     "foxglove",
     "pyarrow",
+    "nidaqmx",
+    "grpc",
 )
 LINUX = ("fcntl", "grp", "pty", "pwd", "resource", "syslog", "termios", "tty")
 

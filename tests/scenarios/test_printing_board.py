@@ -14,6 +14,8 @@ from tests.refusals import check_refusal
 
 PROFILE = Path("tests/data/serial_lines.toml")
 
+ANALOG = Path("tests/data/ni_daq.toml")
+
 PAGE = Path("docs/reference/sensors.md")
 
 STATIC = """
@@ -53,8 +55,9 @@ def rows(verb: Any, tmp_path: Path) -> Any:
     return run
 
 
-def test_the_page_shows_the_profile_that_is_tested() -> None:
-    assert f"```toml\n{PROFILE.read_text()}```" in PAGE.read_text()
+@pytest.mark.parametrize("profile", [PROFILE, ANALOG])
+def test_the_page_shows_the_profile_that_is_tested(profile: Path) -> None:
+    assert f"```toml\n{profile.read_text()}```" in PAGE.read_text()
 
 
 def test_the_sketch_prints_the_columns_of_the_profile_at_its_rate() -> None:
@@ -66,9 +69,10 @@ def test_the_sketch_prints_the_columns_of_the_profile_at_its_rate() -> None:
     assert len(sketch.splitlines()) <= 22
 
 
-def test_contacts_stop_the_stage(rows: Any) -> None:
+@pytest.mark.parametrize("profile", [PROFILE, ANALOG], ids=["lines", "analog inputs"])
+def test_contacts_stop_the_stage(rows: Any, profile: Path) -> None:
     trials = '[{ location = "f", speed_m_s = 0.0045 }, { location = "a", speed_m_s = 0.003785 }]'
-    found = rows(PROFILE, "behavior.settle_s=2.0", "trials.repeats=1", f"trials.list={trials}")
+    found = rows(profile, "behavior.settle_s=2.0", "trials.repeats=1", f"trials.list={trials}")
     assert [row["outcome"] for row in found] == ["contact", "contact"]
     assert all(0.0 < float(row["delay_s"]) < 0.1 for row in found)
 

@@ -25,6 +25,7 @@ BENCH = {
     "dsa_matrix": "mock/slip",
     "audio": "mock/centering",
     "can_gripper": "mock/centering",
+    "ni_daq": "tests/data/ni_daq.toml",
     "robotiq": "tests/data/robotiq.toml",
     "operator": "mock/weights",
 }
@@ -77,7 +78,10 @@ def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: s
     assert device._faults.kinds - either == set(KINDS["driver"][driver].mock_faults) - either
 
 
-@pytest.mark.parametrize("driver", [driver for driver in BENCH if driver not in ("ur_arm", "audio")])
+TWINS = [name for name in BENCH if KINDS["driver"][name].emulated and name not in ("ur_arm", "audio")]
+
+
+@pytest.mark.parametrize("driver", TWINS)
 def test_an_emulated_twin_takes_the_faults_of_its_own_that_the_table_gives_it_and_no_others(
     driver: str,
 ) -> None:

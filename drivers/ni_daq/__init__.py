@@ -1,0 +1,1 @@
+"""Analog inputs of a National Instruments device."""
