@@ -45,21 +45,29 @@ class EmulatedDevice(Protocol):
         """
 
 
-class FarEnd(Protocol):
-    """One device's end of the wire."""
+class FarEnd:
+    """One device's end of the wire.
 
-    @property
-    def endpoint(self) -> Mapping[str, Any]:
-        """Where the host finds it: settings of its driver."""
+    Attributes:
+        endpoint: Where the host finds it: settings of its driver.
+    """
+
+    endpoint: Mapping[str, Any]
+
+    def __init__(self) -> None:
+        self._faults = FaultSchedule()
 
     def open(self, faults: FaultSchedule, clock: Clock) -> None:
         """Accept the host; times come from `clock`, what goes wrong from `faults`."""
+        self._faults = faults
 
     def waited(self) -> Sequence[Any]:
         """What to select on."""
+        raise NotImplementedError
 
     def due_s(self) -> float:
         """When it has something to do by itself that is worth waking up for."""
+        return math.inf
 
     def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         """Carry bytes both ways, and let the faults happen that have begun.
@@ -72,20 +80,27 @@ class FarEnd(Protocol):
         Returns:
             False where nobody is served: the emulator may take longer steps.
         """
+        raise NotImplementedError
 
     def unread(self) -> bool:
         """Whether the host has bytes before it that it has not read."""
+        return False
 
     def unplug(self) -> None:
         """Disconnect; may be called twice."""
+        raise NotImplementedError
+
+    def _lossy(self, trial_s: float) -> bool:
+        """Whether what is streamed is lost: by TCP bytes come whole or not at all, corrupt ones not."""
+        return self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
 
 
-class Line:
+class Line(FarEnd):
     """A pty with an emulated device at its far end."""
 
     def __init__(self, device: EmulatedDevice) -> None:
+        super().__init__()
         self._device = device
-        self._faults = FaultSchedule()
         self._far, near = pty.openpty()
         tty.setraw(near)
         os.set_blocking(self._far, False)
@@ -93,17 +108,9 @@ class Line:
         # One end stays open here, so that the line survives a host that closes and opens it again.
         self._near: int | None = near
 
-    def open(self, faults: FaultSchedule, clock: Clock) -> None:
-        """See `FarEnd.open`; the line itself is there from the start."""
-        self._faults = faults
-
     def waited(self) -> Sequence[int]:
         """See `FarEnd.waited`."""
         return [self._far] if self._near is not None else []
-
-    def due_s(self) -> float:
-        """See `FarEnd.due_s`: it does with being stepped as often as all are."""
-        return math.inf
 
     def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         """See `FarEnd.exchange`."""
@@ -145,21 +152,15 @@ class Line:
                 raise
 
 
-class Network:
+class Network(FarEnd):
     """An emulated controller on a loopback address of its own.
 
-    TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come. A stall is a
-    protective stop; a refusal is local control, taken at the pendant.
+    A stall is a protective stop; a refusal is local control, taken at the pendant.
     """
 
     def __init__(self, server: UrServer) -> None:
+        super().__init__()
         self._server = server
-        self._faults = FaultSchedule()
-
-    @property
-    def endpoint(self) -> Mapping[str, Any]:
-        """See `FarEnd.endpoint`; what acts on an emulated arm is not to be scheduled before the loop."""
-        return {"host": self._server.host, "realtime_priority": 0}
 
     def open(self, faults: FaultSchedule, clock: Clock) -> None:
         """See `FarEnd.open`.
@@ -167,9 +168,11 @@ class Network:
         Raises:
             OSError: no address is free.
         """
-        self._faults = faults
+        super().open(faults, clock)
         self._server.clock = clock
         self._server.open(HOSTS)
+        # what acts on an emulated arm is not to be scheduled before the loop
+        self.endpoint = {"host": self._server.host, "realtime_priority": 0}
 
     def waited(self) -> Sequence[Any]:
         """See `FarEnd.waited`."""
@@ -184,15 +187,9 @@ class Network:
         self._fail(trial_s)
         silent = self._faults.active(trial_s, "silent")
         self._server.deaf = silent
-        self._server.streams = not (
-            silent or self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
-        )
+        self._server.streams = not (silent or self._lossy(trial_s))
         self._server.turn(now_s=t_s)
         return self._server.served
-
-    def unread(self) -> bool:
-        """See `FarEnd.unread`: the arm's process reports itself which row it has seen."""
-        return False
 
     def unplug(self) -> None:
         """See `FarEnd.unplug`: the host sees its connections end, and no more answers."""
@@ -235,18 +232,16 @@ class NetworkDevice(EmulatedDevice, Protocol):
         """The host is gone."""
 
 
-class TcpLine:
+class TcpLine(FarEnd):
     """A `FarEnd`: a device on a loopback port of its own, for one host at a time; a second one is disconnected.
-
-    TCP delivers bytes whole or not at all: data that are lost or corrupt are data that do not come.
 
     Args:
         scheme: What the port's address begins with, as the driver's setting has it.
     """
 
     def __init__(self, device: NetworkDevice, scheme: str = "tcp") -> None:
+        super().__init__()
         self._device = device
-        self._faults = FaultSchedule()
         self._t_s = 0.0
         self._clients = TcpClients(1, UNREAD_BYTES, lambda host, reason: device.hang_up(self._t_s))
         self._listener = self._clients.listen()
@@ -254,17 +249,9 @@ class TcpLine:
         self.endpoint: Mapping[str, str] = {"port": f"{scheme}:{host}:{port}"}
         self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_DGRAM, SOCK_DIAG)
 
-    def open(self, faults: FaultSchedule, clock: Clock) -> None:
-        """See `FarEnd.open`; it listens from the start."""
-        self._faults = faults
-
     def waited(self) -> Sequence[socket.socket]:
         """See `FarEnd.waited`."""
         return self._clients.sockets
-
-    def due_s(self) -> float:
-        """See `FarEnd.due_s`: it does with being stepped as often as all are."""
-        return math.inf
 
     def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         """See `FarEnd.exchange`."""
@@ -279,8 +266,9 @@ class TcpLine:
         if self._listener in ready:
             self._clients.accept(self._listener)
         silent = self._faults.active(trial_s, "silent")
-        lost = self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
-        self._device.lossy = lost or any(len(rest) > WAITING_BYTES for rest in self._clients.unsent.values())
+        self._device.lossy = self._lossy(trial_s) or any(
+            len(rest) > WAITING_BYTES for rest in self._clients.unsent.values()
+        )
         out += self._device.step(t_s)
         for host in [] if silent else list(self._clients.unsent):
             self._clients.send(host, out)
