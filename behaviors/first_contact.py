@@ -39,6 +39,9 @@ class FirstContactSettings(Settings):
     speed_m_s: float = Field(default=0.001, gt=0.0, le=0.001)
     """Of every motion but the way home, which has the device's own."""
 
+    nudge_m: float = Field(default=0.0005, gt=0.0, le=0.001)
+    """First way towards the object, after which the person says whether it led there: a reversed axis shows in it."""
+
     baseline_timeout_s: float = Field(default=10.0, gt=0.0, le=600.0)
     """Longest wait for the detector's baseline."""
 
@@ -57,7 +60,7 @@ class FirstContactFactors(Settings):
 
 
 class FirstContact(Approaching):
-    """Ask, go home; ask, go to the start; ask, approach until contact; ask, go back."""
+    """Ask, go home; ask, go to the start; ask, go a little nearer; ask, approach until contact; ask, go back."""
 
     def __init__(
         self, settings: FirstContactSettings, factors: FirstContactFactors, detectors: frozenset[str]
@@ -71,7 +74,7 @@ class FirstContact(Approaching):
         super().__init__(
             {
                 **dict.fromkeys(self.ASKING, asking),
-                **dict.fromkeys(("HOMING", "STARTING", "STOPPING", "RETRACTING"), motion),
+                **dict.fromkeys(("HOMING", "STARTING", "NUDGING", "STOPPING", "RETRACTING"), motion),
                 "BASELINE": StatePlan(settings.baseline_timeout_s, acting, measured, prompt=False),
                 "APPROACH": self.approach(
                     settings.detector,
@@ -94,7 +97,13 @@ class FirstContact(Approaching):
         reason = f"{self.settings.operator} did not answer within {self.settings.answer_timeout_s:g} s"
         self.outcome, self.reason = "aborted", reason
 
+    def conclude_declined(self) -> None:
+        """The person does not want what was asked for."""
+        self.outcome = "aborted"
+        self.reason = f"{self.settings.operator} declined: {self._request}"
+
     def _ask(self, request: str) -> None:
+        self._request = request
         self.command(Ask(self.settings.operator, f"{request}; emergency stop in reach?"))
 
     def enter_READY_FOR_HOME(self) -> None:
@@ -117,11 +126,22 @@ class FirstContact(Approaching):
 
     enter_RETRACTING = enter_STARTING
 
-    def enter_READY_FOR_TOUCH(self) -> None:
-        """Ask for the approach."""
-        limit_m = self.settings.approach_limit_m
+    def enter_READY_FOR_NUDGE(self) -> None:
+        """Ask for the first way towards the object."""
         self._ask(
-            f"{self._mover} approaches until contact, at most to {1e3 * limit_m:g} mm; nothing touches yet"
+            f"{self._mover} goes {1e3 * self.settings.nudge_m:g} mm towards the object; nothing touches yet"
+        )
+
+    def enter_NUDGING(self) -> None:
+        """Go nearer by a little."""
+        way_m = math.copysign(self.settings.nudge_m, self.settings.approach_limit_m - self.settings.start_m)
+        self.command(MoveTo(self._mover, self.settings.start_m + way_m, self.settings.speed_m_s))
+
+    def enter_READY_FOR_TOUCH(self) -> None:
+        """Ask whether that led nearer, and for the approach."""
+        self._ask(
+            f"has {self._mover} come nearer? (if not, decline: its forward or approach_axis is reversed) It approaches"
+            f" until contact, at most to {1e3 * self.settings.approach_limit_m:g} mm"
         )
 
     enter_APPROACH = Approaching.go_until_contact
@@ -130,19 +150,31 @@ class FirstContact(Approaching):
         """Ask for the way back."""
         self._ask(f"{self._mover} goes back")
 
-    ASKING = ("READY_FOR_HOME", "READY_FOR_START", "READY_FOR_TOUCH", "READY_TO_LEAVE")
+    ASKING = ("READY_FOR_HOME", "READY_FOR_START", "READY_FOR_NUDGE", "READY_FOR_TOUCH", "READY_TO_LEAVE")
+    BEFORE_CONTACT = (
+        "READY_FOR_START",
+        "STARTING",
+        "READY_FOR_NUDGE",
+        "NUDGING",
+        "READY_FOR_TOUCH",
+        "BASELINE",
+        "APPROACH",
+    )
     table = (
         on("answered", "READY_FOR_HOME", "HOMING", answered),
         on("reached", "HOMING", "READY_FOR_START", from_mover),
         on("answered", "READY_FOR_START", "STARTING", answered),
-        on("reached", "STARTING", "READY_FOR_TOUCH", from_mover),
+        on("reached", "STARTING", "READY_FOR_NUDGE", from_mover),
+        on("answered", "READY_FOR_NUDGE", "NUDGING", answered),
+        on("reached", "NUDGING", "READY_FOR_TOUCH", from_mover),
         on("answered", "READY_FOR_TOUCH", "BASELINE", answered),
         on("baseline_ready", "BASELINE", "APPROACH", Approaching.decisive),
         *approaching("APPROACH", stopped="READY_TO_LEAVE", missed="READY_TO_LEAVE"),
         on("answered", "READY_TO_LEAVE", "RETRACTING", answered),
         on("reached", "RETRACTING", "DONE", from_mover),
+        on("refused", ASKING, "FAILED", answered, do=conclude_declined),
         on("deadline", ASKING, "FAILED", do=conclude_unanswered),
         on("resumed", ["READY_FOR_HOME", "HOMING"], "READY_FOR_HOME"),
-        on("resumed", ["READY_FOR_START", "STARTING", "READY_FOR_TOUCH", "BASELINE", "APPROACH"], "READY_FOR_START"),
+        on("resumed", BEFORE_CONTACT, "READY_FOR_START"),
         on("resumed", ["STOPPING", "READY_TO_LEAVE", "RETRACTING"], "READY_TO_LEAVE"),
     )  # fmt: skip

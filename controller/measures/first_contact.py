@@ -25,13 +25,17 @@ COLUMNS = {
 def measure(
     evidence: TrialEvidence, settings: FirstContactSettings, outcome: str
 ) -> tuple[str, dict[str, Any]]:
-    """Measure one touch; None for what did not occur."""
+    """Measure one touch; None for what did not occur. Pressing reads positive: if not, the sensor's sign is wrong."""
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     begun_s = evidence.entered_s.get("APPROACH")
     if begun_s is None:
         return outcome, row
     _, force_n = tared(evidence, settings.load_cell_stream, begun_s)
-    row["force_peak_n"] = float(abs(force_n).max()) if len(force_n) else None
+    if len(force_n):
+        peak_n = float(force_n[abs(force_n).argmax()])
+        row["force_peak_n"] = abs(peak_n)
+        if outcome == "contact" and peak_n < 0.0:
+            outcome = "wrong_sign"
     contact = evidence.last(Contact, detector=settings.detector)
     if contact is not None:
         at_m = positions_at(evidence, settings.position_stream, (contact.t_s,))

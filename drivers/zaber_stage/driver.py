@@ -302,7 +302,7 @@ class ZaberStage(WireDriver[SerialLink]):
         if link.fault is not None:
             raise PortError(self.name, "opening", f"{port}: {link.fault}", "see: ls /dev/serial/by-id")
         if dialogue.garbage:
-            advice = f"is another device there, or is its speed not {self._settings.baud} baud?"
+            advice = f"is another device there, its cable noisy, or its speed not {self._settings.baud} baud?"
             raise ProtocolError(
                 self.name, "opening", f"{dialogue.fault} from {port}, which is no Zaber ASCII", advice
             )

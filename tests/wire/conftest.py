@@ -14,12 +14,15 @@ from typing import Any
 import pytest
 
 from controller.campaign import Campaign, Outcome
+from run import cli
 from simulator.devices.faults import FaultSchedule
 from simulator.wiring.bench_clock import BenchClock, Pace
 from simulator.wiring.emulator import STEP_S
 from simulator.wiring.far_ends import EmulatedDevice, FarEnd, Line
 from tests.wire.emulated_ur import EmulatedUr
 from tests.wire.ur_hand import Hand
+
+Verb = Callable[..., tuple[int, str, str]]
 
 LIFE_S = 60.0
 """A bench stops by itself after this long, whatever its test does."""
@@ -168,3 +171,17 @@ def last_events(outcome: Outcome) -> list[str]:
     file = outcome.folder / "events.jsonl"
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     return [line for line in lines if json.loads(line).get("event") != "Lost"][-EVENTS:]
+
+
+@pytest.fixture
+def verb(capsys: pytest.CaptureFixture[str]) -> Verb:
+    """Calls the program as `run.py …` does; gives exit code, output and errors."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            cli.main([str(argument) for argument in arguments], prog_name="run.py")
+        printed = capsys.readouterr()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, printed.out, printed.err
+
+    return call

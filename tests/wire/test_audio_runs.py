@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from run import cli
+from tests.wire.conftest import Verb
 
 PROFILE = """
 title = "A sweep"
@@ -33,22 +32,6 @@ list = [{{}}]
 """
 
 AURA = 'kind = "aura"\nlevel = "carrier"\nobject = "none"'
-
-Verb = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def verb(capsys: pytest.CaptureFixture[str]) -> Verb:
-    """Calls the program as `run.py …` does; gives exit code, output and errors."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(argument) for argument in arguments], prog_name="run.py")
-        printed = capsys.readouterr()
-        assert isinstance(ended.value.code, int)
-        return ended.value.code, printed.out, printed.err
-
-    return call
 
 
 def profile(folder: Path, port: str, plant: str = AURA, more: str = "") -> Path:
