@@ -2,7 +2,7 @@
 
 import tomllib
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from config.profile import load_profile
@@ -23,6 +23,7 @@ values = st.recursive(
 )
 
 
+@settings(max_examples=40)
 @given(table=st.dictionaries(st.text(st.characters(codec="utf-8")), values))
 def test_any_table_reads_back_as_it_was(table):
     assert tomllib.loads(to_toml(table, lambda path: "somewhere")) == table

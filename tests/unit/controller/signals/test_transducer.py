@@ -18,7 +18,7 @@ def noisy(response, seed, share=0.01):
     return response * (1.0 + share * np.random.default_rng(seed).standard_normal(len(response)))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(st.floats(39e3, 42e3), st.floats(15.0, 80.0), st.integers(0, 1000))
 def test_one_resonance_is_found_with_its_sharpness(f0_hz, q, seed):
     f_hz = np.linspace(36e3, 45e3, 91)
