@@ -236,6 +236,7 @@ def plan_campaign(
     done: Collection[int] = (),
     asked: Mapping[str, Any] | None = None,
     devices: Collection[str] | None = None,
+    excused: Collection[str] = (),
 ) -> CampaignPlan:
     """What is to be run, trial by trial.
 
@@ -245,6 +246,7 @@ def plan_campaign(
         done: Numbers of trials that were run before.
         asked: The arguments of the command line, for the manifest.
         devices: What the campaign opens of which these are a part; None is what these use.
+        excused: Dotted keys that need no value, where nothing is run.
 
     Raises:
         ProfileError: a trial that its behavior cannot run, a detector that it arms and the profile has not, a value
@@ -253,7 +255,7 @@ def plan_campaign(
     from config.sections import referred
     from controller.campaign import CampaignPlan
 
-    devices = _used_devices(profile, trials) if devices is None else devices
+    devices = _used_devices(profile, trials, excused) if devices is None else devices
     experiment = experiment_of(profile.experiment)
     measures = import_module(experiment.measures)
     names: dict[str, None] = {}
@@ -387,13 +389,13 @@ def used_by(profile: Profile, trials: Sequence[Trial]) -> Sequence[tuple[Profile
     return [(varied, trial, needs_of(varied, _behavior(varied, trial))) for varied, trial in own]
 
 
-def _used_devices(profile: Profile, trials: Sequence[Trial]) -> frozenset[str]:
+def _used_devices(profile: Profile, trials: Sequence[Trial], excused: Collection[str] = ()) -> frozenset[str]:
     """What some trials open, if all is there that they use."""
     from config.needs import refuse_missing
     from config.source import ProfileError
 
     used = used_by(profile, trials)
-    refuse_missing(used)
+    refuse_missing(used, excused)
     devices = frozenset[str]().union(*(needs.devices for _, _, needs in used)) & profile.devices.keys()
     for number, fault in enumerate(profile.faults, start=1):
         if fault.device not in devices:

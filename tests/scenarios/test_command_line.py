@@ -152,6 +152,16 @@ def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):
     assert "does not exist" in out
 
 
+def test_check_connect_needs_ports_alone_and_names_what_a_run_would_miss(verb):
+    ports = [f"--set={key}={port}" for key, port in lab_values("hardware/transient").items() if "port" in key]
+    code, out, err = verb("check", "hardware/transient", "--connect", *ports)
+    assert code == 2
+    assert "does not exist" in out
+    assert [line.partition("] ")[2].split()[0] for line in err.splitlines()] == [
+        *("microstep_m", "travel_m", "force_n", "travel_m", "threshold")
+    ]
+
+
 def test_all_values_that_a_lab_has_to_give_are_told_at_once_and_shown_as_not_set(verb):
     code, _, err = verb("run", "hardware/slip")
     assert code == 2
