@@ -109,7 +109,7 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
             f"its time may pause, and {next(iter(profile.real_ports))}, at a real port, would not",
             f"start it in real time: {PROGRAM} emulate {profile.name} --realtime",
         )
-    emulator = start_emulator(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
+    emulator = _served(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
     clock = BenchClock(ClockPage(emulator.endpoints["clock"]))
 
     def begin_trial(scene: TrialScene) -> None:
@@ -137,10 +137,13 @@ def start_emulator(
             any case, for that device's samples would be dated by a clock that pauses.
         devices: As `build_rig`.
     """
+    return _served(_with_devices(profile, devices), realtime)
+
+
+def _served(profile: Profile, realtime: bool) -> EmulatorProcess:
     from simulator.wiring.emulator_process import EmulatorProcess
 
-    scene = emulator_scene(_with_devices(profile, devices))
-    return EmulatorProcess({**scene, "realtime": realtime or bool(profile.real_ports)})
+    return EmulatorProcess({**emulator_scene(profile), "realtime": realtime or bool(profile.real_ports)})
 
 
 def emulator_scene(profile: Profile) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from behaviors.events import Event, Tick
 from behaviors.machine import Behavior, StatePlan, on
 from controller.guard import Guard, GuardRefusal, GuardSettings
+from controller.holding import Holding
 from controller.loop import Aborted, Loop, LoopSettings
 from controller.rig import Rig, TrialScene
 from controller.signals.protocol import Signal, Signals
@@ -151,6 +152,7 @@ class HandSession:
         make_signals: Makes the profile's signals, fresh.
         scene: For a simulated bench.
         paced: Whether virtual time passes as the wall clock does, for a person who looks on.
+        holding: The note by which `stop` finds this program.
         absent: Takes why devices did not open, for what goes on with the others; None goes on without none.
 
     Attributes:
@@ -167,6 +169,7 @@ class HandSession:
     scene: TrialScene = field(default_factory=lambda: TrialScene(0, 0, {}))
     paced: bool = False
     absent: dict[str, DeviceError] | None = None
+    holding: Holding | None = None
     infos: dict[str, DeviceInfo] = field(default_factory=dict)
     latest: Latest = field(default_factory=Latest)
     lost: Mapping[str, int] = field(default_factory=dict)
@@ -177,6 +180,8 @@ class HandSession:
         Raises:
             DeviceError: one does not open; those that did are closed.
         """
+        if self.holding is not None:
+            self.holding.__enter__()
         try:
             for name, device in self.rig.devices.items():
                 try:
@@ -198,6 +203,8 @@ class HandSession:
             with suppress(Exception):
                 device.close()
         self.rig.close()
+        if self.holding is not None:
+            self.holding.__exit__()
 
     @property
     def signals(self) -> Sequence[Signal]:
@@ -254,6 +261,8 @@ class HandSession:
             outcome, reason = "fault", str(error)
         outcome = outcome or loop.account.outcome or behavior.outcome
         reason = reason or loop.account.reason or behavior.reason
+        if self.holding is not None:
+            self.holding.tell(not_at_rest=loop.account.not_at_rest)
         if loop.account.not_at_rest:
             still = f"NOT seen standing still: {', '.join(loop.account.not_at_rest)}: look at the bench"
             outcome, reason = "fault", "; ".join(filter(None, (reason, still)))

@@ -153,12 +153,14 @@ class Outcome:
         exit_code: As in the reference of the command line.
         line: One line for the person at the bench.
         error: A fault of the program itself, which ended the run; to be raised after the report.
+        not_at_rest: Movers that were not seen standing still at its end.
     """
 
     exit_code: int
     folder: Path
     line: str
     error: Exception | None = None
+    not_at_rest: Sequence[str] = ()
 
 
 class Campaign:
@@ -261,7 +263,7 @@ class Campaign:
         except RecordingError as error:
             code, line = code or EXIT_FAILED, f"{line}; {error}"
         self._console.campaign_ended(line)
-        return Outcome(code, folder.path, line, fault)
+        return Outcome(code, folder.path, line, fault, self._not_at_rest)
 
     def _on_bench(self, folder: RunFolder, started: datetime) -> tuple[int, str, str]:
         from controller.recording.recorder import (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,9 @@ if TYPE_CHECKING:
 
 HOME_S = 120.0
 """Longest way home. Assumption: twice a stage of 0.5 m at a slow 10 mm/s, and an arm that is unlocked before."""
+
+POSE_S = 2.0
+"""How long an arm is given to tell its pose."""
 
 CODES = {
     "done": verbs.DONE,
@@ -56,18 +58,41 @@ def session_on(
     devices: Collection[str],
     operator: HandOperator,
     endpoints: Path | None = None,
+    *,
+    moves: bool = False,
+    excused: Collection[str] = (),
     paced: bool = False,
     absent: dict[str, DeviceError] | None = None,
+    doing: str = "",
 ) -> HandSession:
-    """Some devices of a profile's bench, for what a person asks for; still closed."""
+    """Some devices of a profile's bench, for what a person asks for; still closed.
+
+    Args:
+        loaded: The profile.
+        devices: Their names.
+        operator: Who may interrupt.
+        endpoints: Of an emulator that runs.
+        moves: Whether one of them is to move: then the limits need all their values as well.
+        excused: Dotted keys of settings that need no value.
+        paced: As `HandSession`.
+        absent: Likewise.
+        doing: The verb, for the note by which `stop` finds this program; "" leaves none.
+
+    Raises:
+        ProfileError: a value is missing that the lab has to give.
+    """
     from config.assemble import build_rig, limits_of, make_signals
+    from config.needs import Needs, refuse_missing
     from controller.by_hand import HandSession
+    from controller.holding import Holding, addresses
     from controller.rig import TrialScene
 
-    own = {name: entry for name, entry in loaded.devices.items() if name in devices}
+    parts = frozenset(("devices", name) for name in devices)
+    refuse_missing([(loaded, None, Needs(parts, moves))], excused)
     plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
+    rig = build_rig(loaded, verbs.joined(endpoints), devices=devices, excused=excused)
     return HandSession(
-        build_rig(replace(loaded, devices=own), verbs.joined(endpoints)),
+        rig,
         limits_of(loaded),
         operator,
         loaded.loop,  # type: ignore[arg-type]
@@ -75,7 +100,46 @@ def session_on(
         TrialScene(0, 0, {}, plant),
         paced,
         absent,
+        Holding(loaded.name, doing, addresses(rig)) if doing else None,
     )
+
+
+def ready(loaded: Profile, excuses: Collection[str] = ()) -> Sequence[str]:
+    """The devices whose values are all given; of the others the line that says what is missing is printed."""
+    from config.needs import Needs, refuse_missing
+    from config.source import ProfileError
+
+    found = []
+    for name in loaded.devices:
+        try:
+            alone = Needs(frozenset({("devices", name)}), moves=False)
+            refuse_missing([(loaded, None, alone)], [f"devices.{name}.{key}" for key in excuses])
+        except ProfileError as error:
+            verbs.complain(f"{name} is left out: {error.problems[0]}")
+        else:
+            found.append(name)
+    return found
+
+
+def started_here(loaded: Profile, arm: str, overrides: Mapping[str, str], endpoints: Path | None) -> Profile:
+    """The profile, with the pose in which an arm stands now for the start pose that the lab does not know yet."""
+    from controller.console import KeyOperator
+
+    key = f"devices.{arm}.start_pose"
+    if tuple(key.split(".")) not in loaded.deferred:
+        return loaded
+    excused = [key]
+    with (
+        KeyOperator() as operator,
+        session_on(loaded, [arm], operator, endpoints, moves=True, excused=excused) as session,
+    ):
+        for t_s, _ in session.listen([f"{arm}.pose"]):
+            if len(poses := session.latest.values(f"{arm}.pose")) or t_s > POSE_S:
+                break
+    if not len(poses):
+        raise click.UsageError(f"{arm} tells no pose; give it start_pose")
+    verbs.say(f"{arm}: start_pose is not set; limits count from where it stands now")
+    return loaded_bench(loaded.name, {**overrides, key: str(poses[-1].tolist())})
 
 
 def known_device(loaded: Profile, name: str) -> str:
@@ -127,7 +191,10 @@ def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
     loaded, found = loaded_bench(profile, overrides), False
     for mover in [known_device(loaded, device)] if device else may_move(loaded):
         devices = by_hand.needed(limits_of(loaded), make_signals(loaded), mover)
-        with ConsoleOperator() as operator, session_on(loaded, devices, operator, endpoints) as session:
+        with (
+            ConsoleOperator() as operator,
+            session_on(loaded, devices, operator, endpoints, moves=True, doing="home") as session,
+        ):
             if mover not in session.movers:
                 if device:
                     raise click.UsageError(f"{mover} has no home: it does not move by itself")
@@ -161,7 +228,10 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
     loaded = loaded_bench(profile, overrides)
     asked = [known_device(loaded, device)] if device else list(loaded.devices)
     codes = []
-    with ConsoleOperator() as operator, session_on(loaded, asked, operator, endpoints) as session:
+    with (
+        ConsoleOperator() as operator,
+        session_on(loaded, asked, operator, endpoints, doing="tare") as session,
+    ):
         forces = [
             stream
             for info in session.infos.values()
@@ -215,9 +285,14 @@ def monitor(
 
     loaded = loaded_bench(profile, overrides)
     made = {signal.info.name: signal for signal in make_signals(loaded)}
-    devices = [known_device(loaded, name) for name in sources(streams, made)] or list(loaded.devices)
+    devices = [known_device(loaded, name) for name in sources(streams, made)] or ready(loaded)
     absent: dict[str, DeviceError] | None = None if streams else {}
-    with KeyOperator() as operator, session_on(loaded, devices, operator, endpoints, True, absent) as session:
+    with (
+        KeyOperator() as operator,
+        session_on(
+            loaded, devices, operator, endpoints, paced=True, absent=absent, doing="monitor"
+        ) as session,
+    ):
         for error in (absent or {}).values():
             verbs.complain(str(error))
         if not session.infos:
@@ -279,9 +354,13 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
     loaded = loaded_bench(profile, overrides)
     if not (sys.stdin and sys.stdin.isatty()):
         raise click.UsageError("it moves by keys: call it on a terminal")
-    limits = by_hand.limits_of(limits_of(loaded), known_device(loaded, device))
+    loaded = started_here(loaded, known_device(loaded, device), overrides, endpoints)
+    limits = by_hand.limits_of(limits_of(loaded), device)
     devices = by_hand.needed(limits, make_signals(loaded), device)
-    with KeyOperator() as operator, session_on(loaded, devices, operator, endpoints, paced=True) as session:
+    with (
+        KeyOperator() as operator,
+        session_on(loaded, devices, operator, endpoints, moves=True, paced=True, doing="jog") as session,
+    ):
         settings = loaded.devices[device].settings
         axis = settings if isinstance(settings, AxisLimits) else None
         keys, refused = motions(session, device, limits, axis)
@@ -310,6 +389,60 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
     return code
 
 
+@click.command(cls=verbs.Verb, short_help="Stop every mover of a profile, beside whatever runs.")
+@bench_options
+def stop(profile: str, overrides: Mapping[str, str], endpoints: Path | None) -> int:
+    """Stop every mover of a PROFILE's bench, and say of each whether it stands still.
+
+    A program that has the bench is asked to stop, as by `kill`: it stops every mover and ends. Then each mover is
+    opened and stopped from here as well. A UR arm whose program hangs is stopped over its controller's dashboard.
+    This is not the emergency stop.
+
+    \b
+    Example:
+      run.py stop hardware/transient
+
+    Exit codes: 0 every mover stands still, 3 one does not, or it is not known.
+    """
+    from controller.holding import address
+    from controller.stopping import Stopping
+
+    loaded = loaded_bench(profile, overrides)
+    movers = [name for name in ready(loaded, STOP_EXCUSES) if name in may_move(loaded)]
+    missing = [name for name in may_move(loaded) if name not in movers]
+    if not may_move(loaded):
+        verbs.say(f"{loaded.name} has nothing that moves")
+
+    def open_one(name: str) -> HandSession:
+        excused = [f"devices.{name}.{key}" for key in STOP_EXCUSES]
+        return session_on(loaded, [name], Unstopped(), endpoints, excused=excused)
+
+    joined = verbs.joined(endpoints)
+    where = {name: dict(each) for name, each in (joined or {}).get("devices", {}).items()}
+    for name in movers:
+        entry = loaded.devices[name]
+        if entry.port not in ("mock", "emulated"):
+            where[name] = dict(address(entry.settings))
+    settings = {name: loaded.devices[name] for name in movers}
+    gone = loaded.bench == "mock" or (loaded.bench == "emulated" and joined is None)
+    stopping = Stopping("" if joined else loaded.name, where, settings, verbs.say, None if gone else open_one)
+    return verbs.DONE if stopping.run() and not missing else verbs.DEVICE
+
+
+class Unstopped:
+    """Nobody interrupts a stop."""
+
+    def poll(self) -> None:
+        """No request."""
+
+    def suspend(self) -> None:
+        """Nothing."""
+
+
+STOP_EXCUSES = ("start_pose", "approach_axis", "tcp_offset", "payload_kg", "payload_cog_m")
+"""Settings of an arm that a stop needs no value of."""
+
+
 def _terminal() -> Any:
     """Where to draw; None where the output is no terminal that can be drawn on."""
     if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
@@ -319,4 +452,4 @@ def _terminal() -> Any:
     return Console()
 
 
-VERBS = (monitor, jog, home, tare)
+VERBS = (monitor, jog, home, tare, stop)

@@ -169,6 +169,7 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
     from config.parts import parts_of
     from controller.campaign import described, program
     from controller.certify import Certifier
+    from controller.holding import Holding, addresses
     from controller.recording.run_folder import RunFolder
     from drivers.core.clock import utc_now
     from drivers.core.errors import DeviceError
@@ -189,7 +190,7 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
 
     folder = RunFolder.create(out, f"certify-{loaded.name}", started)
     proofs, ended, failure = [], "", None
-    with closing(build_rig(loaded, devices=devices)) as rig:
+    with closing(build_rig(loaded, devices=devices)) as rig, Holding(loaded.name, "certify", addresses(rig)):
         certifier = Certifier(bench_to_prove(loaded, rig, consent))
         try:
             for proof in certifier.proofs():

@@ -182,10 +182,11 @@ def _carried_out(
     from config.jobs import in_batches
     from controller.campaign import Campaign
     from controller.console import ConsoleOperator
+    from controller.holding import Holding, addresses
     from controller.recording.run_folder import RunFolder
 
-    if note := verbs.real_time(loaded):
-        verbs.say(note)
+    if realtime_note := verbs.real_time(loaded):
+        verbs.say(realtime_note)
     with ExitStack() as stack:
         mirror = stack.enter_context(closing(_foxglove())) if foxglove else None
         crew = stack.enter_context(_crew(loaded, plan, 1 if foxglove else jobs, scheduler))
@@ -202,7 +203,9 @@ def _carried_out(
             assert crew is not None
             outcome = in_batches(crew, loaded, plan, console, out, resumed).run()
         else:
-            outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
+            with Holding(loaded.name, "run", addresses(rig)) as note:
+                outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
+                note.tell(not_at_rest=outcome.not_at_rest)
     if outcome.error is None:
         (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
     try:

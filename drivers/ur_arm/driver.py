@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from drivers.arm.driver import ArmDriver
+from drivers.ur_arm.aside import stop_beside
 from drivers.ur_arm.link import UrLink
 from drivers.ur_arm.settings import UrArmSettings
 
@@ -16,4 +17,5 @@ class UrArm(ArmDriver):
     """
 
     link = UrLink
+    stop_beside = staticmethod(stop_beside)
     _settings: UrArmSettings

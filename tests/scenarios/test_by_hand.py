@@ -290,6 +290,24 @@ def test_jog_wants_a_terminal(verb):
     check_refusal(err.strip(), "jog", "terminal")
 
 
+def test_where_the_start_pose_is_not_known_it_is_where_the_arm_stands():
+    unset = {"devices.arm.start_pose": "? jog there"}
+    profile = verbs.started_here(load_profile("mock/slip", unset), "arm", unset, None)
+    assert profile.deferred == {}
+    pose = profile.resolved["devices"]["arm"]["start_pose"]
+    assert pose == pytest.approx(load_profile("mock/slip").resolved["devices"]["arm"]["start_pose"])
+
+
+def test_a_monitor_leaves_out_what_has_no_port_yet(verb):
+    code, out, err = verb(
+        "monitor", "mock/transient", "--seconds", "0.2", "--set", "devices.stage.microstep_m=? m"
+    )
+    assert code == 0
+    check_refusal(err.strip(), "stage is left out", "microstep_m")
+    assert "stage." not in out
+    assert "board.load_cell" in out
+
+
 def test_a_monitor_shows_each_stream_with_its_rate_its_noise_and_its_margin(verb):
     code, out, err = verb(
         "monitor", "mock/transient", "board.load_cell", "stage.position", "--seconds", "1.05"
@@ -360,6 +378,12 @@ def test_the_verbs_say_what_they_did(verb):
         (["home", "mock/transient", "board"], 2, ("board", "move")),
         (["monitor", "mock/transient", "boar.load_cell"], 2, ("boar", "board")),
         (["monitor", "mock/transient", "board.load"], 2, ("board.load", "board.load_cell")),
+        (
+            ["home", "mock/slip", "--set", "devices.arm.start_pose=? jog there"],
+            2,
+            ("start_pose", "jog there"),
+        ),
+        (["home", "mock/transient", "--set", "limits.force_n=? newtons"], 2, ("force_n", "newtons")),
         (["home", "mock/weights"], 2, ("mock/weights", "nothing that moves")),
         (["home", "papers/slip"], 2, ("papers/slip", "parts", "mock/weights")),
         (["tare", "mock/transient", "stage"], 2, ("stage", "N")),

@@ -1,0 +1,120 @@
+"""`stop` from a fresh process, beside a run of an emulated bench that moves, hangs or has gone."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from controller import holding
+from tests.refusals import check_refusal
+from tests.wire.terminal import ROOT
+
+
+def program(*arguments, **how):
+    command = [sys.executable, "run.py", *map(str, arguments)]
+    return subprocess.Popen(
+        command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **how
+    )
+
+
+@pytest.fixture
+def notes(tmp_path, monkeypatch):
+    """A folder of notes of this test's own."""
+    runtime = tmp_path / "runtime"
+    runtime.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    return runtime
+
+
+@pytest.fixture
+def running(notes, tmp_path):
+    """Runs a profile until a state of its first trial; whatever it is, it has ended when the test has."""
+    runs = []
+
+    def until(state, *arguments):
+        out = tmp_path / f"runs{len(runs)}"
+        run = program("run", *arguments, "--no-report", "--out", out)
+        runs.append(run)
+        end_s = time.monotonic() + 120.0
+        while not any(f'"{state}"' in path.read_text() for path in out.glob("*/events.jsonl")):
+            assert run.poll() is None, run.stdout.read()
+            assert time.monotonic() < end_s, f"never in {state}"
+            time.sleep(0.05)
+        return run, out
+
+    yield until
+    for run in runs:
+        run.send_signal(signal.SIGCONT)
+        run.kill()
+        run.communicate(timeout=30.0)
+
+
+def stop(*arguments):
+    stopped = program("stop", *arguments)
+    said, _ = stopped.communicate(timeout=100.0)
+    return stopped.returncode, said
+
+
+def test_a_run_that_moves_is_stopped_and_says_that_it_stands(running, notes):
+    run, out = running("APPROACH", "emulated/transient")
+    code, said = stop("emulated/transient")
+    assert code == 0, said
+    assert f"(process {run.pid}) is asked to stop" in said
+    assert "stage: stopped by run of emulated/transient" in said
+    assert run.wait(60.0) == 130
+    (manifest,) = out.glob("*/manifest.json")
+    assert json.loads(manifest.read_text())["exit"]["reason"] == "interrupted: the bench is still"
+    assert not list(notes.glob("*/*.json")), "a note goes with its program"
+
+
+def test_a_bench_that_outlives_its_run_is_opened_and_seen_to_stand(running, tmp_path):
+    path = tmp_path / "bench.json"
+    with path.open("w") as out:
+        emulator = subprocess.Popen(
+            [sys.executable, "run.py", "emulate", "emulated/transient"], cwd=ROOT, stdout=out
+        )
+    try:
+        while not path.read_text().endswith("\n"):
+            time.sleep(0.05)
+        run, _ = running("APPROACH", "emulated/transient", "--endpoints", path)
+        code, said = stop("emulated/transient", "--endpoints", path)
+        assert code == 0, said
+        assert "stage: stopped, and stands still" in said
+        assert "board: does not move by itself" in said
+        assert run.wait(60.0) == 130
+        assert stop("emulated/transient", "--endpoints", path)[0] == 0, "nothing runs, and it stands"
+    finally:
+        emulator.send_signal(signal.SIGINT)
+        emulator.wait(30.0)
+
+
+def test_a_stage_whose_program_hangs_cannot_be_reached_and_says_what_to_press(running):
+    run, _ = running("APPROACH", "emulated/transient")
+    run.send_signal(signal.SIGSTOP)
+    code, said = stop("emulated/transient")
+    assert code == 3, said
+    (line,) = [line for line in said.splitlines() if line.startswith("stage:")]
+    check_refusal(line, "NOT seen standing still", str(run.pid), "emergency stop", f"kill -9 {run.pid}")
+
+
+def test_an_arm_whose_program_hangs_is_stopped_over_its_dashboard(running):
+    run, _ = running("APPROACH", "emulated/transient_arm", "--realtime")
+    run.send_signal(signal.SIGSTOP)
+    _, said = stop("emulated/transient_arm")
+    (line,) = [line for line in said.splitlines() if line.startswith("arm:")]
+    check_refusal(line, "its controller was told to stop", "it stands still", f"kill -9 {run.pid}")
+
+
+def test_a_note_of_a_program_that_was_killed_says_nothing(running, notes):
+    run, _ = running("APPROACH", "emulated/transient")
+    assert [holder.pid for holder in holding.holders("emulated/transient", {})] == [run.pid]
+    os.kill(run.pid, signal.SIGKILL)
+    run.wait(30.0)
+    assert list(holding.holders("emulated/transient", {})) == []
+    code, said = stop("emulated/transient")
+    assert code == 0
+    assert "no program has this bench" in said
