@@ -108,10 +108,12 @@ def inject_begun(faults: FaultSchedule, device: Any, trial_s: float, t_s: float)
                 device.inject(kind, t_s)
 
 
-def corrupted(faults: FaultSchedule, out: bytes, t_s: float) -> bytes:
-    """What arrives of the bytes that a device has sent at `t_s`."""
+def corrupted(faults: FaultSchedule, out: bytes, t_s: float, whole: bool = False) -> bytes:
+    """What arrives of the bytes that a device has sent at `t_s`; datagrams come `whole` or not at all."""
     if faults.active(t_s, "silent") or faults.active(t_s, "lose"):
         return b""
     if faults.active(t_s, "corrupt"):
+        if whole:
+            return b""
         return bytes(byte ^ 0x10 if place % 7 == 3 else byte for place, byte in enumerate(out))
     return out

@@ -80,7 +80,7 @@ class MemoryLine:
             self._take(self._device.step(due_s), due_s)
 
     def _take(self, data: bytes, t_s: float) -> None:
-        data = corrupted(self.faults, data, t_s)
+        data = corrupted(self.faults, data, t_s, hasattr(self._device, "datagram"))
         if data:
             self._arrived.append((self._clock.monotonic_s() - (self._clock.now() - t_s), data))
 

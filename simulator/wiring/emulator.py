@@ -29,7 +29,7 @@ from simulator.devices.faults import Fault, FaultSchedule
 from simulator.devices.tcp_clients import TcpClients
 from simulator.devices.ur_controller.server import UrServer
 from simulator.wiring.bench_clock import BenchClock, Pace
-from simulator.wiring.far_ends import FarEnd, Line, Network, TcpLine
+from simulator.wiring.far_ends import FarEnd, Line, Network, TcpLine, UdpLine
 
 STEP_S = 0.002
 """How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""
@@ -252,6 +252,8 @@ def _far_end(device: Any) -> FarEnd:
     if hasattr(device, "exchange"):
         own: FarEnd = device
         return own
+    if hasattr(device, "datagram"):
+        return UdpLine(device)
     return TcpLine(device) if hasattr(device, "hang_up") else Line(device)
 
 

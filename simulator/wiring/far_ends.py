@@ -232,6 +232,57 @@ class NetworkDevice(EmulatedDevice, Protocol):
         """The host is gone."""
 
 
+class UdpLine(FarEnd):
+    """A device on a loopback port of its own, that answers whoever asked last, in datagrams.
+
+    A datagram comes whole or not at all: data that are corrupt are data that do not come.
+
+    Args:
+        device: Its attribute `datagram` is how many bytes one has, its `endpoint` what else the driver is told.
+    """
+
+    def __init__(self, device: Any) -> None:
+        super().__init__()
+        self._device = device
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self._host: Any = None
+        self.endpoint: Mapping[str, Any] = {
+            "host": f"127.0.0.1:{self._socket.getsockname()[1]}",
+            **device.endpoint,
+        }
+
+    def waited(self) -> Sequence[socket.socket]:
+        """See `FarEnd.waited`."""
+        return [] if self._socket.fileno() < 0 else [self._socket]
+
+    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
+        """See `FarEnd.exchange`."""
+        if self._faults.begun(trial_s, "unplug"):
+            self.unplug()
+        if not self.waited():
+            return False
+        inject_begun(self._faults, self._device, trial_s, t_s)
+        out = b""
+        if self._socket in ready:
+            with contextlib.suppress(OSError):
+                data, self._host = self._socket.recvfrom(READ_BYTES)
+                out = self._device.receive(data, t_s)
+        out += self._device.step(t_s)
+        if self._faults.active(trial_s, "silent") or self._lossy(trial_s):
+            out = b""
+        size = self._device.datagram
+        for start in range(0, len(out), size):
+            with contextlib.suppress(OSError):  # nothing listens there any more, or its buffer is full
+                self._socket.sendto(out[start : start + size], self._host)
+        return bool(out) or self._socket in ready
+
+    def unplug(self) -> None:
+        """See `FarEnd.unplug`: what the host sends is refused."""
+        self._socket.close()
+
+
 class TcpLine(FarEnd):
     """A `FarEnd`: a device on a loopback port of its own, for one host at a time; a second one is disconnected.
 

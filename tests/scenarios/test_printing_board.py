@@ -60,6 +60,17 @@ def test_the_page_shows_the_profile_that_is_tested(profile: Path) -> None:
     assert f"```toml\n{profile.read_text()}```" in PAGE.read_text()
 
 
+def test_a_force_sensors_box_is_the_load_cell_as_the_page_says(rows: Any) -> None:
+    profile = Path("tests/data/udp_force.toml")
+    assert f"```toml\n{profile.read_text()}```" in PAGE.read_text()
+    trials = '[{ location = "f", speed_m_s = 0.0045 }]'
+    sets = ("behavior.settle_s=2.0", "trials.repeats=1", f"trials.list={trials}", "behavior.detector=ours")
+    (row,) = rows(profile, *sets)
+    assert row["outcome"] == "contact"
+    assert 0.0 < float(row["force_peak_n"]) < 1.0
+    assert float(row["onset_s"]) == pytest.approx(float(row["truth_contact_s"]), abs=0.05)
+
+
 def test_the_sketch_prints_the_columns_of_the_profile_at_its_rate() -> None:
     (sketch,) = re.findall(r"```cpp\n(.*?)```", PAGE.read_text(), re.DOTALL)
     settings: Any = load_profile(PROFILE, {}).devices["uno"].settings

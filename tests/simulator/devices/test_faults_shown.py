@@ -20,6 +20,7 @@ BENCH = {
     "zaber_stage": "mock/transient",
     "sensor_board": "mock/transient",
     "serial_lines": "tests/data/serial_lines.toml",
+    "udp_force": "tests/data/udp_force.toml",
     "ur_arm": "mock/slip",
     "barrett_hand": "mock/slip",
     "dsa_matrix": "mock/slip",
