@@ -261,9 +261,9 @@ class Pace:
         self.page.write(t_s, wall_s, self._limit_s)
         return t_s
 
-    def wait_s(self, due_s: float) -> float:
-        """How long of the wall's time to wait until bench time may be `due_s`."""
+    def wait_s(self, due_s: float, least_s: float = 0.0) -> float:
+        """How long of the wall's time to wait until bench time may be `due_s`, and `least_s` at least."""
         left_s = due_s - self.page.time_s(monotonic_s())
-        wait_s = max(left_s, LOOK_S if due_s > self._limit_s else 0.0)
+        wait_s = max(left_s, LOOK_S if due_s > self._limit_s else 0.0, least_s)
         self._meant_s += wait_s
         return wait_s

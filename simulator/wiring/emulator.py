@@ -35,8 +35,12 @@ STEP_S = 0.002
 """How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""
 
 IDLE_S = 10.0
-"""How long after the last bytes, with nobody on the bench's clock, it does with steps of `PASS_S`, and time passes at a
-third of the wall's (assumption: no host waits for a device in silence for longer). The first byte ends that at once."""
+"""How long after the last bytes, with nobody on the bench's clock, it rests (assumption: no host waits for a device in
+silence for longer). The first byte ends that at once."""
+
+REST_S = 0.05
+"""How long it rests between two steps then, s of the wall; bench time passes at less than a tenth of it. With
+`realtime`, where it must not fall behind, steps are of `PASS_S`."""
 
 PASS_S = 0.02
 """How much time may pass at once: a delayed emulator makes up for what it missed in small steps, all of its
@@ -202,9 +206,8 @@ class Emulator:
                 idle = self._t_s - busy_s > IDLE_S and not self._pace.attended
                 step_s = PASS_S if idle else STEP_S
                 due_s = min([self._t_s + step_s, *(end.due_s() for end in ends.values())])
-                ready, _, _ = select.select(
-                    [*waited, *self._control.sockets], [], [], self._pace.wait_s(due_s)
-                )
+                wait_s = self._pace.wait_s(due_s, REST_S if idle and not self._realtime else 0.0)
+                ready, _, _ = select.select([*waited, *self._control.sockets], [], [], wait_s)
                 now_s = self._pace.turn(frozenset(name for name, end in ends.items() if end.unread()))
                 if not ready and now_s < due_s:
                     continue  # time waits for a client
