@@ -537,9 +537,12 @@ class Certifier:
         bounds, where = (limits, "limits") if own is None else (own, f"limits.movers.{name}")
         settings = self.bench.settings[name]
         fast_m_s = CREEP_M_S if self.bench.rig.kind == "hardware" else bounds.speed_m_s
-        if isinstance(open_m := self.infos[name].details.get("open_width_m"), float):
-            jaws_m_s = min(JAWS_M_S, bounds.speed_m_s)
-            drive = Grip(name, open_m - ROOM_M, jaws_m_s, min(GENTLE_N, limits.grip_n))
+        details: Mapping[str, Any] = self.infos[name].details
+        if isinstance(open_m := details.get("open_width_m"), float):
+            jaws_m_s = max(min(JAWS_M_S, bounds.speed_m_s), details.get("least_speed_m_s", 0.0))
+            gentle_n = max(GENTLE_N, details.get("least_force_n", 0.0))
+            room_m = max(ROOM_M, 3.0 * RUN_S * jaws_m_s)
+            drive = Grip(name, open_m - room_m, jaws_m_s, min(gentle_n, limits.grip_n))
             start = Release(name, max(fast_m_s, jaws_m_s))
             return Mover(
                 name,

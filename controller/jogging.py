@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from behaviors.events import Event, Resumed, Tick
 from controller.by_hand import HandSession
@@ -63,14 +64,16 @@ def motions(
         axis: What it takes itself; None of a kind of its own.
     """
     own: MoverLimits = limits.movers.get(mover, limits)
-    streams, details = session.infos[mover].streams, session.infos[mover].details
-    slow_m_s = min(SLOW_M_S, own.speed_m_s)
-    fast_m_s = min(FAST_M_S, own.speed_m_s)
+    streams = session.infos[mover].streams
+    details: Mapping[str, Any] = session.infos[mover].details
+    least_m_s = details.get("least_speed_m_s", 0.0)
+    slow_m_s = max(min(SLOW_M_S, own.speed_m_s), least_m_s)
+    fast_m_s = max(min(FAST_M_S, own.speed_m_s), least_m_s)
     pairs: list[tuple[str, str, Callable[[float], Command]]] = []
     if f"{mover}.width" in streams:
         pairs.append(("o", "open", lambda speed: Release(mover, speed)))
         if isinstance(closed_m := details.get("closed_width_m"), float):
-            press_n = min(PRESS_N, limits.grip_n)
+            press_n = min(max(PRESS_N, details.get("least_force_n", 0.0)), limits.grip_n)
             pairs.append(("c", "close", lambda speed: Grip(mover, closed_m, speed, press_n)))
     if f"{mover}.position" in streams:
         least_m, most_m = own.travel_min_m, own.travel_m

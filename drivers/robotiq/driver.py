@@ -100,6 +100,8 @@ class Robotiq(WireDriver[SerialLink]):
                 "open_width_m": self._units.open_width_m,
                 "calibrated": values["STA"] == codec.ACTIVE,
                 "faults": [trouble] if trouble else [],
+                "least_speed_m_s": MODELS[self._settings.model].speed_m_s[0],
+                "least_force_n": self._units.force_min_n,
                 "watchdog": "none",
             },
         )

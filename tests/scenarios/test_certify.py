@@ -103,6 +103,12 @@ DEFECTS = [
 ]  # fmt: skip
 
 
+def test_a_gripper_that_goes_no_slower_is_driven_past_its_limits_at_its_least_speed():
+    proofs = proved("tests/data/robotiq.toml")
+    assert certified(proofs)
+    assert "gripper at 20 mm/s" in " ".join(proof.done for proof in proofs)
+
+
 @pytest.mark.parametrize(("name", "kind", "method", "broken", "limits"), DEFECTS)
 def test_a_limit_that_does_not_act_fails_the_certificate(monkeypatch, name, kind, method, broken, limits):
     monkeypatch.setattr(kind, method, broken)
