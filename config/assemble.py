@@ -122,6 +122,7 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
         begin_trial=begin_trial,
         account=emulator.account,
         place=lambda: _metres(emulator.scene()),
+        endpoints=emulator.endpoints,
         close=emulator.close,
         time="wall" if emulator.endpoints.get("realtime") else "held",
     )

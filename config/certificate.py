@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ def bench_to_prove(profile: Profile, rig: Rig, consent: Callable[[str], None]) -
     Raises:
         ProfileError: a trial that its behavior cannot run.
     """
+    from config.abandoned import abandoned
     from config.assemble import plan_campaign
     from config.trials import distinct
     from controller.certify import BenchToProve
@@ -42,6 +44,7 @@ def bench_to_prove(profile: Profile, rig: Rig, consent: Callable[[str], None]) -
         profile.loop,  # type: ignore[arg-type]
         frozenset().union(*watched),
         consent,
+        None if rig.kind == "mock" else partial(abandoned, profile, rig.endpoints),
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -462,6 +463,8 @@ class BenchToProve:
         loop: Rates.
         range_streams: That its trials have watched beside the guard's own.
         consent: Called before each motion with what will move, and how; raises to end the certificate.
+        abandoned: Has another program creep with a mover, whose device is closed here, and kills it, or freezes it
+            while the context lasts; gives where the mover was last. None where devices live in this process.
     """
 
     rig: Rig
@@ -471,6 +474,7 @@ class BenchToProve:
     loop: LoopSettings
     range_streams: frozenset[str] = frozenset()
     consent: Callable[[str], None] = lambda text: None
+    abandoned: Callable[[Mover, bool], AbstractContextManager[float]] | None = None
 
 
 class Ran(NamedTuple):
@@ -591,6 +595,8 @@ class Certifier:
         for mover in movers:
             yield from self._alone(mover)
         yield from self._watchdogs(movers)
+        for mover in movers:
+            yield from self._ended(mover)
 
     def _stops(self, mover: Mover) -> Iterator[Case]:
         """A person's stop and pause, after the way home."""
@@ -752,6 +758,22 @@ class Certifier:
                     partial(self._left, mover, Wrong(away_s=away_s, away_from=mover.name), most_m),
                 )
 
+    def _ended(self, mover: Mover) -> Iterator[Case]:
+        """A program that is killed in the middle of a motion, or frozen with all that it has started."""
+        if self.bench.abandoned is None or not isinstance(mover.drive, MoveAt):
+            return
+        name, blind_m = mover.name, mover.limits.blind_travel_m
+        killed = partial(self._abandoned, mover, False, blind_m)
+        done = f"{name} at {1e3 * mover.speed_m_s:g} mm/s: its program is killed"
+        if blind_m < abs(mover.drive.limit_m) - 2.0 * RUN_S * mover.speed_m_s:
+            yield Case(f"{mover.where}.blind_travel_m", f"{blind_m:g} m", done, killed)
+        watchdog_hz = getattr(mover.settings, "watchdog_hz", None)
+        if watchdog_hz is not None:
+            done = f"{name} at {1e3 * mover.speed_m_s:g} mm/s: its program and its process are frozen"
+            most_m = mover.speed_m_s * (1.0 / watchdog_hz + SLACK_S)
+            frozen = partial(self._abandoned, mover, True, most_m)
+            yield Case(f"devices.{name}.watchdog_hz", f"{watchdog_hz:g} Hz", done, frozen)
+
     def _watchdogs(self, movers: Sequence[Mover]) -> Iterator[Case]:
         """A program that is away for so long that a device's own watchdog must act."""
         infos = self._infos()
@@ -901,6 +923,29 @@ class Certifier:
         if way_m > most_m + SLACK_M:
             return Tried("failed", f"it went on, left alone, for {1e3 * way_m:.2f} mm{rest}", None, way_m)
         return Tried("acted" if still else "failed", f"device: it stopped by itself{rest}", None, way_m)
+
+    def _abandoned(self, mover: Mover, frozen: bool, most_m: float) -> Tried:
+        """Have the program of a mover end: the device must end the motion by itself within a distance."""
+        assert self.bench.abandoned is not None
+        self.bench.consent(f"{mover.name} moves, and its program is {'frozen' if frozen else 'killed'}")
+        devices, clock = self.bench.rig.devices, self.bench.rig.clock
+        for device in devices.values():
+            device.close()
+        try:
+            with self.bench.abandoned(mover, frozen) as place_m:
+                clock.rest(most_m / mover.speed_m_s + 1.0)
+        except (EOFError, TimeoutError) as error:
+            reason = str(error) or "the program that was to be ended ended by itself"
+            return Tried("not shown", reason)
+        finally:
+            for device in devices.values():
+                device.open()
+        still = self._stands(mover)
+        way_m = abs(self._end_m - place_m)
+        rest = "" if still else f"; {NOT_AT_REST}"
+        if way_m > most_m + SLACK_M or not still:
+            return Tried("failed", f"it went on, left alone, for {1e3 * way_m:.2f} mm{rest}", None, way_m)
+        return Tried("acted", "device: it stopped by itself", None, way_m)
 
     def _guarded_by(self, name: str, movers: Sequence[Mover], wrong: Wrong, watchdog_s: float) -> Tried:
         """Leave a device alone: it must say that its watchdog tripped, or have stopped to send in time."""

@@ -44,6 +44,7 @@ class Rig:
         lifts: Likewise: how far an object was really lifted, where the bench knows weight.
         account: What the plant did: tiers, what was skipped; for the manifest.
         place: Where things really stand, on a simulated bench, in metres by name; for judging that they stand still.
+        endpoints: Where the devices of an emulated bench are, for another program that joins it.
         close: Closes what is not a device (an emulator's process).
         time: Of the clock: it jumps, waits for a process that is late, or is the host's.
         ahead: Lets turns in which nothing happens pass as one, where time may be tried and taken back: see
@@ -59,6 +60,7 @@ class Rig:
     lifts: Callable[[], Sequence[tuple[float, float, float]]] | None = None
     account: Callable[[], Mapping[str, Any]] = dict
     place: Callable[[], Mapping[str, float]] = dict
+    endpoints: Mapping[str, Any] | None = None
     close: Callable[[], None] = lambda: None
     ahead: Callable[..., int] | None = None
     time: BenchTime = "virtual"

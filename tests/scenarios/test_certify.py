@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from contextlib import closing
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -172,3 +174,21 @@ def test_the_verb_writes_a_certificate_and_its_exit_code_says_it(verb, tmp_path,
     code, out, _ = verb("certify", "mock/weights", "--out", tmp_path)
     assert code == 1
     assert "3 of 4 limits acted; 1 failed" in out
+
+
+@pytest.mark.parametrize(("went_m", "verdict"), [(0.001, "acted"), (0.0025, "failed"), (None, "not shown")])
+def test_a_program_that_is_killed_leaves_a_mover_that_stops_or_fails_the_certificate(went_m, verdict):
+    @contextmanager
+    def abandoned(mover, frozen):
+        if went_m is None:
+            raise EOFError
+        stage: Any = rig.devices["stage"]
+        yield stage.axis.position(rig.clock.now()) - went_m
+
+    profile = load_profile("mock/transient")
+    with closing(build_rig(profile)) as rig:
+        bench = replace(bench_to_prove(profile, rig, lambda text: None), abandoned=abandoned)
+        proofs = list(Certifier(bench).proofs())
+    (killed,) = [proof for proof in proofs if "killed" in proof.done]
+    assert (killed.limit, killed.verdict) == ("limits.blind_travel_m", verdict)
+    assert certified(proofs) == (verdict == "acted")

@@ -18,7 +18,12 @@ BENCHES = {
         "devices.stage.max_speed_m_s",
     },
     "emulated/first_contact": {"limits.force_n", "devices.board.watchdog_s"},
-    "emulated/pretouch": {"devices.arm.loop_timeout_s", "devices.gripper.watchdog_s", "limits.grip_n"},
+    "emulated/pretouch": {
+        "devices.arm.loop_timeout_s",
+        "devices.arm.watchdog_hz",
+        "devices.gripper.watchdog_s",
+        "limits.grip_n",
+    },
     "emulated/slip": {"devices.arm.leash_m", "devices.board.watchdog_s", "limits.reach_rad"},
     "emulated/weights": {"limits.stuck_s", "devices.board.watchdog_s"},
 }
@@ -32,3 +37,6 @@ def test_every_limit_of_an_emulated_bench_acts(name):
         proofs = list(Certifier(bench_to_prove(profile, rig, lambda text: None)).proofs())
     assert [proof for proof in proofs if proof.verdict not in ("acted", "nothing to bound")] == []
     assert {proof.limit for proof in proofs} >= BENCHES[name]
+    killed = [proof for proof in proofs if "its program is killed" in proof.done]
+    assert len(killed) == (name != "emulated/weights")
+    assert all(proof.way_m is not None and proof.way_m < 2.2e-3 for proof in killed)
