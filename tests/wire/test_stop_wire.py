@@ -6,12 +6,18 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Any, NamedTuple
 
 import pytest
 
-from controller import holding
+from controller import holding, stopping
+from drivers.core.messages import MoveAt, Stalled
+from drivers.ur_arm.aside import stop_beside
+from drivers.ur_arm.settings import UrArmSettings
 from tests.refusals import check_refusal
+from tests.wire.emulated_ur import resting
 from tests.wire.terminal import ROOT
+from tests.wire.ur_hand import settings
 
 
 def program(*arguments, **how):
@@ -101,12 +107,71 @@ def test_a_stage_whose_program_hangs_cannot_be_reached_and_says_what_to_press(ru
     check_refusal(line, "NOT seen standing still", str(run.pid), "emergency stop", f"kill -9 {run.pid}")
 
 
-def test_an_arm_whose_program_hangs_is_stopped_over_its_dashboard(running):
-    run, _ = running("APPROACH", "emulated/transient_arm", "--realtime")
-    run.send_signal(signal.SIGSTOP)
-    _, said = stop("emulated/transient_arm")
-    (line,) = [line for line in said.splitlines() if line.startswith("arm:")]
-    check_refusal(line, "its controller was told to stop", "it stands still", f"kill -9 {run.pid}")
+ASIDE = """
+import sys
+from drivers.ur_arm.aside import stop_beside
+from drivers.ur_arm.settings import UrArmSettings
+print(stop_beside(UrArmSettings.model_validate_json(sys.argv[1])) or "it stands still")
+"""
+
+
+def test_an_arm_is_stopped_beside_the_program_that_holds_it(hand):
+    one = hand()
+    one.set_out(MoveAt("arm", 0.02, 0.04))
+    command = [sys.executable, "-c", ASIDE, settings(one.emulated).model_dump_json()]
+    beside = subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE)
+    while beside.poll() is None:
+        one.turn()
+    said, _ = beside.communicate()
+    assert said == "it stands still\n"
+    assert any(isinstance(status, Stalled) for status in one.statuses), "its own program is told, too"
+    assert resting(one.emulated.order())
+
+
+def test_an_arm_that_is_not_there_is_not_said_to_stand():
+    nowhere = UrArmSettings(host="127.9.9.9", start_pose=(0.4, 0.0, 0.3, 0.0, 3.14, 0.0))
+    check_refusal(stop_beside(nowhere), "127.9.9.9", "is the controller on")
+
+
+class Hanging:
+    """A program that has an arm and a stage open, and does not end."""
+
+    pid, devices = 4711, {"arm": {"host": "127.0.0.9"}, "stage": {"port": "/dev/ttyUSB0"}}
+
+    def ask(self):
+        """It does not hear."""
+
+    def ended(self, patience_s):
+        return False
+
+    def __str__(self):
+        return "run of hardware/mine (process 4711)"
+
+
+@pytest.mark.parametrize("reason", ["", "it still moves"])
+def test_what_hangs_leaves_the_arm_alone_to_be_stopped_beside_it(monkeypatch, reason):
+    told = []
+
+    class Arm:
+        @staticmethod
+        def stop_beside(settings):
+            told.append(settings.host)
+            return reason
+
+    class Entry(NamedTuple):
+        made: type
+        settings: Any = UrArmSettings(host="127.0.0.1", start_pose=(0.4, 0.0, 0.3, 0.0, 3.14, 0.0))
+
+    monkeypatch.setattr(stopping, "holders", lambda profile, where: [Hanging()])
+    lines = []
+    entries = {"stage": Entry(type(None)), "arm": Entry(Arm)}
+    assert not stopping.Stopping("hardware/mine", {}, entries, lines.append, None).run()
+    assert told == ["127.0.0.9"], "where the program has it"
+    _, stage, arm = lines
+    check_refusal(stage, "stage", "NOT seen standing still", "/dev/ttyUSB0", "emergency stop", "kill -9 4711")
+    check_refusal(
+        arm, *(("NOT seen", reason, "emergency stop") if reason else ("stands still", "kill -9 4711"))
+    )
 
 
 def test_a_note_of_a_program_that_was_killed_says_nothing(running, notes):
