@@ -62,6 +62,7 @@ REJECTIONS = {
     "BADCOMMAND": "it does not know this command",
     "BADDATA": "a number is out of range",
     "DRIVERDISABLED": "its motor driver is off, see its lamps, then switch it off and on",
+    "PARKED": "it was parked, release it: tools parking unpark",
     "STATUSBUSY": "it is moving",
 }
 """Reasons of a rejection, and what they mean (Zaber ASCII protocol)."""

@@ -107,11 +107,14 @@ class EmulatedZaberStage:
             "driver.enabled": lambda t_s: int("FD" not in self._flags),
             "motion.accelonly": lambda t_s: self._values["accel"],
             "motion.decelonly": lambda t_s: self._values["accel"],
+            "parking.state": lambda t_s: int(self._parked),
             "motion.busy": lambda t_s: int(self._moving),
             "limit.home.state": lambda t_s: int(self._position(t_s) <= 0),
             "system.uptime": int,
             "version": lambda t_s: settings.firmware,
         }
+        self._made = dict(self._values)
+        self._parked = False
         rail = (0, self._values["limit.max"])
         self._writable = {
             "accel": (1, DATA),
@@ -127,7 +130,9 @@ class EmulatedZaberStage:
             "home": self._home,
             "stop": self._stop,
             "estop": self._halt,
+            "renumber": self._renumber,
             "storage": self._store,
+            "system": self._system,
             "tools": self._tools,
             "move": self._move,
             "get": self._get,
@@ -182,14 +187,14 @@ class EmulatedZaberStage:
             request = codec.decode_request(line)
         except CodecError:
             return b""
-        if request.device not in (0, self._settings.address):
+        if request.device not in (0, self._values["comm.address"]):
             return b""
         try:
             accepted, data = True, self._obey(request, t_s)
         except _RejectedError as rejection:
             accepted, data = False, str(rejection)
         flag = next((name for name in codec.FLAGS if name in self._flags), codec.NO_FLAG)
-        address = self._settings.address
+        address = self._values["comm.address"]
         reply = codec.StageReply(address, request.axis, request.id, accepted, self._moving, flag, data)
         checksum = self._values["comm.checksum"] == 1
         return b"" if self._silent else self._spoil(codec.encode_message(reply, checksum=checksum), t_s)
@@ -200,7 +205,7 @@ class EmulatedZaberStage:
         verb, *arguments = request.text.split() or [""]
         if verb not in self._verbs:
             raise _RejectedError("BADCOMMAND")
-        of_the_device = verb == "storage" or (
+        of_the_device = verb in ("renumber", "storage", "system") or (
             verb in ("get", "set") and " ".join(arguments).startswith(OF_THE_DEVICE)
         )
         if request.axis and of_the_device:
@@ -224,7 +229,36 @@ class EmulatedZaberStage:
                 return text if verb == "get" else "0"
         raise _RejectedError("BADCOMMAND")
 
+    def _renumber(self, arguments: list[str], t_s: float) -> str:
+        if len(arguments) != 1:
+            raise _RejectedError("BADCOMMAND")
+        address = _integer(arguments[0])
+        if not 1 <= address <= 99:
+            raise _RejectedError("BADDATA")
+        self._values["comm.address"] = address
+        return "0"
+
+    def _system(self, arguments: list[str], t_s: float) -> str:
+        """Begin as after power-up; `restore` puts the maker's settings back and empties the storage besides."""
+        if arguments not in (["reset"], ["restore"]):
+            raise _RejectedError("BADCOMMAND")
+        if arguments == ["restore"]:
+            self._values = {**self._made, "comm.address": self._values["comm.address"]}
+            self._usual_m_s2 = codec.acceleration_m_s2(self._values["accel"], self._settings.microstep_m)
+            self._storage.clear()
+        if self._moving:
+            self._axis.stall(t_s)
+            self._on_plan(t_s)
+        self._moving = self._homing = False
+        self._flags = set() if self._parked else {"WR"}
+        return "0"
+
     def _tools(self, arguments: list[str], t_s: float) -> str:
+        if arguments in (["parking", "park"], ["parking", "unpark"]):
+            if self._moving:
+                raise _RejectedError("STATUSBUSY")
+            self._parked = arguments[1] == "park"
+            return "0"
         if arguments[:1] != ["echo"]:
             raise _RejectedError("BADCOMMAND")
         return " ".join(arguments[1:]) or "0"
@@ -301,6 +335,8 @@ class EmulatedZaberStage:
     ) -> None:
         if "FD" in self._flags:
             raise _RejectedError("DRIVERDISABLED")
+        if self._parked:
+            raise _RejectedError("PARKED")
         if self._refuses_next:
             self._refuses_next = False
             raise _RejectedError("STATUSBUSY")
@@ -366,7 +402,7 @@ class EmulatedZaberStage:
             self._flags -= codec.UNHOMED
         if self._values["comm.alert"]:
             flag = next((name for name in codec.FLAGS if name in self._flags), codec.NO_FLAG)
-            alert = codec.StageReply(self._settings.address, 1, None, True, False, flag, "", lead="!")
+            alert = codec.StageReply(self._values["comm.address"], 1, None, True, False, flag, "", lead="!")
             checksum = self._values["comm.checksum"] == 1
             self._outbox.append((self._axis.arrival_s, codec.encode_message(alert, checksum=checksum)))
 

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import pytest
 from zaber_motion import (
     BadDataException,
+    CommandFailedException,
     DriverDisabledException,
     MovementFailedException,
     MovementInterruptedException,
@@ -161,6 +162,33 @@ def test_a_text_is_kept_in_the_stage_itself(court: Court) -> None:
     storage.erase_key("touchbench.limit.max")
     with pytest.raises(NoValueForKeyException):
         storage.get_string("touchbench.limit.max")
+
+
+def test_a_parked_stage_stays_where_it_is(court: Court) -> None:
+    court.axis.move_absolute(1000)
+    court.axis.park()
+    assert court.axis.is_parked()
+    with pytest.raises(CommandFailedException, match="PARKED"):
+        court.axis.move_absolute(0)
+    court.axis.unpark()
+    court.axis.move_absolute(0)
+
+
+def test_a_restored_stage_has_the_maker_s_settings_and_knows_no_place(court: Court) -> None:
+    made = court.axis.settings.get("limit.max")
+    court.axis.settings.set("limit.max", 5000)
+    court.axis.device.storage.set_string("touchbench.limit.max", "51200,5000")
+    court.connection.generic_command("system restore", 1)
+    assert court.axis.settings.get("limit.max") == made
+    assert court.axis.warnings.get_flags() == {"WR"}
+    with pytest.raises(NoValueForKeyException):
+        court.axis.device.storage.get_string("touchbench.limit.max")
+
+
+def test_a_stage_is_renumbered(court: Court) -> None:
+    court.connection.default_request_timeout = 1000  # it waits as long for devices beyond the first
+    court.connection.renumber_devices(7)
+    assert court.connection.get_device(7).get_axis(1).get_position() == 0.0
 
 
 def test_a_disabled_driver_is_reported(court: Court) -> None:
