@@ -18,6 +18,7 @@ import numpy as np
 
 from behaviors.events import GuardStopped
 from behaviors.machine import Behavior, Row, StatePlan, from_mover, on
+from controller.arrivals import REST
 from controller.guard import Guard, GuardRefusal
 from controller.limits import MoverLimits
 from controller.loop import Aborted, Loop, LoopSettings
@@ -126,7 +127,12 @@ class Tried(NamedTuple):
     way_m: float | None = None
 
 
-NOT_CLAMPED = Tried("failed", "the driver took it")
+def judged(
+    sound: bool, still: bool, text: str, after_s: float | None = None, way_m: float | None = None
+) -> Tried:
+    """A limit acted where what was seen is sound, and the mover then stands still."""
+    rest = "" if still else f"; {NOT_AT_REST}"
+    return Tried("acted" if sound and still else "failed", text + rest, after_s, way_m)
 
 
 class Case(NamedTuple):
@@ -614,11 +620,8 @@ class Certifier:
         regular = sorted(name for name, info in infos.items() if info.longest_s is not None)
         for stream in self._guarded or regular[:1]:
             wrong = Wrong(stream, withheld)
-            own_s = (
-                limits.stale_s
-                if movers
-                else max(4.0 * limits.stale_s, 2.0 * (infos[stream].longest_s or 0.0))
-            )
+            resting_s = max(REST * limits.stale_s, 2.0 * (infos[stream].longest_s or 0.0))
+            own_s = limits.stale_s if movers else resting_s
             yield self._case(movers, "stale_s", f"{limits.stale_s:g} s", f"{stream} withheld", wrong, own_s)
         noisy = [name for name in [*self._guarded, *regular] if name in infos and infos[name].noisy]
         if limits.stuck_s is not None and noisy:
@@ -694,15 +697,10 @@ class Certifier:
         limits, name, where = mover.limits, mover.name, mover.where
         fast_m_s = BEYOND * limits.speed_m_s
         if isinstance(mover.drive, Grip):
-            yield self._refused(
-                mover,
-                "limits.grip_n",
-                f"{self._limits.grip_n:g} N",
-                replace(mover.drive, force_n=BEYOND * self._limits.grip_n),
-            )
-            yield self._refused(
-                mover, f"{where}.speed_m_s", f"{limits.speed_m_s:g} m/s", Release(name, fast_m_s)
-            )
+            grip_n, speed = self._limits.grip_n, f"{limits.speed_m_s:g} m/s"
+            hard = replace(mover.drive, force_n=BEYOND * grip_n)
+            yield self._refused(mover, "limits.grip_n", f"{grip_n:g} N", hard)
+            yield self._refused(mover, f"{where}.speed_m_s", speed, Release(name, fast_m_s))
             return
         assert isinstance(mover.drive, MoveAt)
         near = replace(mover.drive, limit_m=mover.drive.limit_m / 5.0)
@@ -751,12 +749,8 @@ class Certifier:
                 yield Case(limit, shown, "nothing", partial(Tried, "not shown", reason))
             else:
                 done = f"{mover.name} at {1e3 * speed_m_s:g} mm/s: the program is away for {away_s:.1f} s"
-                yield Case(
-                    limit,
-                    shown,
-                    done,
-                    partial(self._left, mover, Wrong(away_s=away_s, away_from=mover.name), most_m),
-                )
+                wrong = Wrong(away_s=away_s, away_from=mover.name)
+                yield Case(limit, shown, done, partial(self._left, mover, wrong, most_m))
 
     def _ended(self, mover: Mover) -> Iterator[Case]:
         """A program that is killed in the middle of a motion, or frozen with all that it has started."""
@@ -812,11 +806,8 @@ class Certifier:
             self.bench.consent(f"{mover.name} must refuse {_short(command)}: nothing should move")
             ran = self._run(Once(command, PATIENCE_S), Wrong(), "")
             still = self._at_rest(ran, mover)
-            if (said or limit) in ran.refusal:
-                return Tried(
-                    "acted" if still else "failed", f"guard refused{'' if still else f'; {NOT_AT_REST}'}"
-                )
-            return Tried("failed", f"the guard let it through{'' if still else f'; {NOT_AT_REST}'}")
+            sound = (said or limit) in ran.refusal
+            return judged(sound, still, "guard refused" if sound else "the guard let it through")
 
         return Case(limit, value, f"{_short(command)} asked for", tried)
 
@@ -858,10 +849,8 @@ class Certifier:
         self.bench.consent(f"{mover.name} goes home, at its own speed")
         ran = self._run(behavior := Once(Home(mover.name)), Wrong(), "")
         still = self._at_rest(ran, mover)
-        if behavior.state != "OVER" or not still:
-            reason = ran.refusal or ran.loop.account.reason or behavior.reason or "it is not at home"
-            return Tried("failed", f"{reason}{'' if still else f'; {NOT_AT_REST}'}")
-        return Tried("acted", "it is home, and stands still")
+        sound = behavior.state == "OVER"
+        return judged(sound, still, "it is home, and stands still" if sound else _why(ran, behavior))
 
     def _moving(
         self,
@@ -874,8 +863,8 @@ class Certifier:
     ) -> Tried:
         """Let something go wrong while a mover creeps: what must act `said` this; "" is the mover's own standstill."""
         behavior, ran, still, way_m = self._crept(mover, wrong, own_s + PATIENCE_S, command, pauses)
-        if math.isnan(behavior.past_s):
-            return Tried("failed", f"it did not come that far: {_why(ran, behavior)}")
+        if not behavior.past_s >= 0.0:
+            return judged(False, still, f"it did not come that far: {_why(ran, behavior)}")
         past_s = behavior.past_s
         after = [event for event in ran.loop.events if event.t_s >= past_s]
         rests = [each.t_s for each in after if isinstance(each, Standstill) and each.device == mover.name]
@@ -883,46 +872,46 @@ class Certifier:
         acting = [each for each in ends if said in each.reason] if said else []
         first_s = min([each.t_s for each in acting] if said else rests, default=math.inf)
         after_s = max(rests) - past_s if rests else None
-        rest = "" if still else f"; {NOT_AT_REST}"
         if first_s == math.inf:
             reason = "; ".join(dict.fromkeys(each.reason for each in ends)) or "nothing acted"
-            return Tried("failed", f"{reason} within {own_s + PATIENCE_S:g} s{rest}", after_s, way_m)
+            return judged(False, still, f"{reason} within {own_s + PATIENCE_S:g} s", after_s, way_m)
         within_s = own_s + SLACK_S
-        slow = first_s - past_s > within_s or way_m > mover.speed_m_s * within_s + SLACK_M
-        who = "guard" if said else "device"
-        told = acting[0].reason if said else "it stands still"
-        text = f"{who}: {told}{'; too late, or too far' if slow else ''}{rest}"
-        return Tried("acted" if still and not slow else "failed", text, after_s, way_m)
+        quick = first_s - past_s <= within_s and way_m <= mover.speed_m_s * within_s + SLACK_M
+        told = f"guard: {acting[0].reason}" if said else "device: it stands still"
+        return judged(quick, still, told if quick else f"{told}; too late, or too far", after_s, way_m)
 
     def _pressed(self, mover: Mover) -> Tried:
         """Press on until the force limit acts."""
         assert isinstance(mover.drive, MoveAt)
         patience_s = mover.drive.limit_m / mover.speed_m_s + PATIENCE_S
         _, ran, still, _ = self._crept(mover, Wrong(), patience_s, None, False, Press)
-        rest = "" if still else f"; {NOT_AT_REST}"
         stops = [each for each in ran.loop.events if isinstance(each, GuardStopped)]
+        if not stops and still:
+            return Tried("not shown", "nothing presses so hard within the travel: put something there")
         if not stops or "limits.force_n" not in stops[0].reason:
-            reason = (
-                stops[0].reason if stops else "nothing presses so hard within the travel: put something there"
-            )
-            return Tried("failed" if stops or rest else "not shown", f"{reason}{rest}")
+            return judged(False, still, stops[0].reason if stops else "nothing stopped it")
         rests = [each.t_s for each in ran.loop.events if isinstance(each, Standstill)]
         after_s = min((t_s for t_s in rests if t_s >= stops[0].t_s), default=math.inf) - stops[0].t_s
         seen = ran.seams[mover.name].seen
         at_m = next(x_m for t_s, x_m in reversed(seen) if t_s <= stops[0].t_s)
         way_m = max([x_m - at_m for t_s, x_m in seen if t_s >= stops[0].t_s], default=0.0)
-        sound = still and after_s <= SLACK_S and way_m <= mover.speed_m_s * SLACK_S + SLACK_M
-        return Tried("acted" if sound else "failed", f"guard: {stops[0].reason}{rest}", after_s, way_m)
+        quick = after_s <= SLACK_S and way_m <= mover.speed_m_s * SLACK_S + SLACK_M
+        return judged(quick, still, f"guard: {stops[0].reason}", after_s, way_m)
 
     def _left(self, mover: Mover, wrong: Wrong, most_m: float) -> Tried:
         """Leave a mover alone: it must end its motion by itself within a distance."""
         behavior, ran, still, way_m = self._crept(mover, wrong, PATIENCE_S, None, False)
-        if math.isnan(behavior.past_s):
-            return Tried("failed", f"it did not come that far: {_why(ran, behavior)}")
-        rest = "" if still else f"; {NOT_AT_REST}"
-        if way_m > most_m + SLACK_M:
-            return Tried("failed", f"it went on, left alone, for {1e3 * way_m:.2f} mm{rest}", None, way_m)
-        return Tried("acted" if still else "failed", f"device: it stopped by itself{rest}", None, way_m)
+        if not behavior.past_s >= 0.0:
+            return judged(False, still, f"it did not come that far: {_why(ran, behavior)}")
+        return self._alone_for(still, way_m, most_m)
+
+    @staticmethod
+    def _alone_for(still: bool, way_m: float, most_m: float) -> Tried:
+        sound = way_m <= most_m + SLACK_M
+        text = (
+            "device: it stopped by itself" if sound else f"it went on, left alone, for {1e3 * way_m:.2f} mm"
+        )
+        return judged(sound, still, text, None, way_m)
 
     def _abandoned(self, mover: Mover, frozen: bool, most_m: float) -> Tried:
         """Have the program of a mover end: the device must end the motion by itself within a distance."""
@@ -941,11 +930,7 @@ class Certifier:
             for device in devices.values():
                 device.open()
         still = self._stands(mover)
-        way_m = abs(self._end_m - place_m)
-        rest = "" if still else f"; {NOT_AT_REST}"
-        if way_m > most_m + SLACK_M or not still:
-            return Tried("failed", f"it went on, left alone, for {1e3 * way_m:.2f} mm{rest}", None, way_m)
-        return Tried("acted", "device: it stopped by itself", None, way_m)
+        return self._alone_for(still, abs(self._end_m - place_m), most_m)
 
     def _guarded_by(self, name: str, movers: Sequence[Mover], wrong: Wrong, watchdog_s: float) -> Tried:
         """Leave a device alone: it must say that its watchdog tripped, or have stopped to send in time."""
@@ -955,9 +940,8 @@ class Certifier:
             behavior, ran, still, _ = self._crept(movers[0], wrong, PATIENCE_S, None, False)
         else:
             ran = self._run(behavior, wrong, "")
-        rest = "" if still else f"; {NOT_AT_REST}"
-        if math.isnan(behavior.past_s):
-            return Tried("failed", f"it did not come that far: {_why(ran, behavior)}")
+        if not behavior.past_s >= 0.0:
+            return judged(False, still, f"it did not come that far: {_why(ran, behavior)}")
         told = [each for each in ran.loop.events if getattr(each, "device", "") == name]
         if movers and movers[0].name == name:
             said = [reason for each in told if "watchdog" in (reason := getattr(each, "reason", ""))]
@@ -965,9 +949,7 @@ class Certifier:
         else:
             sent_s = ran.seams[name].last_s - behavior.past_s
             found = f"device: it sent for {sent_s:.2f} s more" if sent_s <= watchdog_s + SLACK_S else ""
-        if found and still:
-            return Tried("acted", found)
-        return Tried("failed", f"{found or 'it went on, left alone'}{rest}")
+        return judged(bool(found), still, found or "it went on, left alone")
 
     def _crept(
         self,
@@ -1011,15 +993,12 @@ class Certifier:
         assert command is not None
         try:
             sent = self.bench.rig.devices[name].apply(command)
-        except CommandError as error:
-            found = Tried("acted", f"driver refused: {error.reason}")
-        else:
             speed = getattr(sent, "speed_m_s", math.inf)
-            clamped = speed <= value * (1.0 + 1e-9)
-            found = Tried("acted", f"driver made it {speed:.3g}") if clamped else NOT_CLAMPED
-        if mover is not None and not self._stands(mover):
-            return Tried("failed", f"{found.acted}; {NOT_AT_REST}")
-        return found
+            sound = speed <= value * (1.0 + 1e-9)
+            text = f"driver made it {speed:.3g}" if sound else "the driver took it"
+        except CommandError as error:
+            sound, text = True, f"driver refused: {error.reason}"
+        return judged(sound, mover is None or self._stands(mover), text)
 
     # --- standing still ------------------------------------------------------------------------------
 
@@ -1042,7 +1021,7 @@ class Certifier:
         device.apply(Listen(name, frozenset()))
         after = rig.place()
         self._end_m = places_m[-1] if places_m else math.nan
-        moved_m = max(places_m) - min(places_m) if places_m else 0.0
+        moved_m = max(places_m) - min(places_m) if places_m else math.inf
         truly_m = max((abs(after[each] - before[each]) for each in before.keys() & after.keys()), default=0.0)
         return max(moved_m, truly_m) <= mover.still_m
 

@@ -192,3 +192,13 @@ def test_a_program_that_is_killed_leaves_a_mover_that_stops_or_fails_the_certifi
     (killed,) = [proof for proof in proofs if "killed" in proof.done]
     assert (killed.limit, killed.verdict) == ("limits.blind_travel_m", verdict)
     assert certified(proofs) == (verdict == "acted")
+
+
+def test_a_mover_that_shows_nothing_is_not_taken_to_stand_still(monkeypatch):
+    found = Certifier._mover
+    monkeypatch.setattr(
+        Certifier, "_mover", lambda self, name: found(self, name)._replace(shown="stage.elsewhere")
+    )
+    first, *others = proved("mock/transient")
+    assert (first.limit, first.verdict) == ("home of stage", "failed")
+    assert {proof.verdict for proof in others} == {"not tried"}
