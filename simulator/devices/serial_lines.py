@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from drivers.core.errors import RefusedError
+from drivers.ni_daq.settings import DaqStream
 from drivers.serial_lines.codec import LineFormat
-from drivers.serial_lines.settings import SerialLinesSettings
+from drivers.serial_lines.settings import LineStream, SerialLinesSettings
 from simulator.physics.bench import Bench, Floats, part
 
 DRIFT_PPM = -43.0
@@ -126,31 +127,9 @@ class ShownColumn(NamedTuple):
     offset: float
 
 
-class Shows(Protocol):
-    """A stream of a profile whose columns show something of a simulated bench."""
-
-    @property
-    def columns(self) -> tuple[int, ...]:
-        """Which."""
-
-    @property
-    def shows(self) -> tuple[str, ...]:
-        """What each shows."""
-
-    @property
-    def unit(self) -> str:
-        """Of the values."""
-
-    @property
-    def scale(self) -> float:
-        """Units for each step."""
-
-    @property
-    def offset(self) -> float:
-        """Steps at zero."""
-
-
-def shown_columns(streams: Mapping[str, Shows], bench: Bench, device: str = DEVICE) -> Iterator[ShownColumn]:
+def shown_columns(
+    streams: Mapping[str, LineStream | DaqStream], bench: Bench, device: str = DEVICE
+) -> Iterator[ShownColumn]:
     """What the columns of a profile's streams show of the bench.
 
     Raises:
