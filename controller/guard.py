@@ -15,6 +15,7 @@ from drivers.core.messages import (
     Command,
     Grip,
     Home,
+    Lead,
     MoveAt,
     MovePose,
     MoveTo,
@@ -162,7 +163,7 @@ class Guard:
                 raise GuardRefusal(
                     f"{what}: {command.force_n:.6g} N is outside 0 .. limits.grip_n = {limit_n:.6g}"
                 )
-        elif isinstance(command, MOTION) and not isinstance(command, Home):
+        elif isinstance(command, MOTION) and not isinstance(command, Home | Lead):
             raise GuardRefusal(f"{what}: no limit is known for this motion")
         return command
 

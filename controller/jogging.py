@@ -17,6 +17,7 @@ from drivers.core.messages import (
     Command,
     Grip,
     Home,
+    Lead,
     MoveAt,
     Release,
     Status,
@@ -27,6 +28,9 @@ from drivers.core.messages import (
 HOLD_S = 0.2
 """How long a motion goes on after its last key. A held key comes again every 30 to 90 ms (usual terminals); before it
 comes again first, there is a pause of a quarter to half a second, in which the motion stops: a tap is a small step."""
+
+REPEATED_S = 0.6
+"""The longest pause of a key that is held, beyond that: what comes later was pressed anew (assumption)."""
 
 SLOW_M_S, FAST_M_S = 0.002, 0.010
 """Speeds without and with Shift, where the limits allow them. Assumption: at 2 mm/s a person sees the gap close."""
@@ -47,6 +51,9 @@ ARROWS = {
 
 ENDING = ("q", "\x1b", "\x03", "\x04")
 """Keys that end: q, Escape, and Ctrl+C or Ctrl+D where the terminal passes them on."""
+
+LEAD = "g"
+"""Key after which an arm can be led by hand, until the next key."""
 
 Motions = Mapping[str, tuple[str, Callable[[], Command]]]
 """By key: what it does, and what makes the command that does it."""
@@ -86,11 +93,14 @@ def motions(
             for key, sign in zip(keys, (1, -1), strict=True):
                 what = f"tool {'+' if sign > 0 else '−'}{name}"
                 pairs.append((key, what, _along(session, pose, mover, number, sign)))
+    if f"{mover}.pose" in streams:
+        pairs.append((LEAD, "led by hand", lambda speed: Lead(mover)))
     pairs.append(("h", "home", lambda speed: Home(mover)))
     found: dict[str, tuple[str, Callable[[], Command]]] = {}
     refused: dict[str, None] = {}
     for key, what, made in pairs:
-        for name, speed_m_s in ((key, slow_m_s), (key.upper(), fast_m_s)):
+        speeds = {key: slow_m_s} if key == LEAD else {key: slow_m_s, key.upper(): fast_m_s}
+        for name, speed_m_s in speeds.items():
             try:
                 Guard(limits).admit(made(speed_m_s))
             except GuardRefusal as refusal:
@@ -161,16 +171,9 @@ class Jog:
     def _steered(self, pressed: Sequence[str], t_s: float) -> Sequence[Command]:
         if self._stopping:
             return ()
-        if self._key:
-            if any(key != self._key for key in pressed) or (not pressed and t_s > self._until_s):
-                self._stopping = True
-                return [Stop(self.mover)]
-            if not pressed:
-                return ()
-            self._until_s = t_s + HOLD_S
-            command = self.motions[self._key][1]()
-            # A motion along the axis goes on by itself; a step has to be made anew.
-            return [command] if isinstance(command, Twist) else ()
+        return self._goes_on(pressed, t_s) if self._key else self._begins(pressed, t_s)
+
+    def _begins(self, pressed: Sequence[str], t_s: float) -> Sequence[Command]:
         key = pressed[-1] if pressed else ""
         if key and key == self._spent and t_s <= self._until_s:
             self._until_s = t_s + HOLD_S
@@ -178,3 +181,17 @@ class Jog:
             self._key, self._until_s, self._spent = key, t_s + HOLD_S, ""
             return [self.motions[key][1]()]
         return ()
+
+    def _goes_on(self, pressed: Sequence[str], t_s: float) -> Sequence[Command]:
+        led = self._key == LEAD
+        # What is led by hand goes on without its key, until that is pressed anew.
+        over = t_s > self._until_s + (REPEATED_S if led else 0.0) and bool(pressed) == led
+        if over or any(key != self._key for key in pressed):
+            self._stopping = True
+            return [Stop(self.mover)]
+        if not pressed:
+            return ()
+        self._until_s = t_s + HOLD_S
+        # A motion along the axis goes on by itself; a step has to be made anew.
+        command = () if led else (self.motions[self._key][1](),)
+        return [each for each in command if isinstance(each, Twist)]

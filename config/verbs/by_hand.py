@@ -335,6 +335,7 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
       d a, w s, e c       an arm's tool along its own +x −x, +y −y, +z −z
       o c                 open, close a gripper
       h                   home, at its own speed, while it is held
+      g                   a UR arm can be led by hand, until the next key
       q, Esc              end
 
     \b

@@ -9,7 +9,7 @@ from dataclasses import replace
 from drivers.arm.axis import Axis
 from drivers.arm.settings import ArmSettings
 from drivers.core.errors import CommandError
-from drivers.core.messages import Command, Home, Listen, MoveAt, MovePose, MoveTo, Stop, Tare, Twist
+from drivers.core.messages import Command, Home, Lead, Listen, MoveAt, MovePose, MoveTo, Stop, Tare, Twist
 
 ROUNDING_M = 1e-9
 """A place at the very end of the travel is inside it, however its sum is rounded (assumption)."""
@@ -28,7 +28,7 @@ def valid(device: str, settings: ArmSettings, streams: Collection[str], command:
         CommandError: not for an arm, not finite, or out of range.
     """
     match command:
-        case Home() | Stop() | Listen():
+        case Home() | Stop() | Lead() | Listen():
             # What a Listen names of other devices is their business: one command names all streams.
             return command
         case Tare(stream=stream):

@@ -108,6 +108,9 @@ class Client(Protocol):
     def tare(self) -> bool:
         """Take the present force for zero."""
 
+    def lead(self, on: bool) -> bool:
+        """Let a person lead the tool by hand, or end that; the tool then stands."""
+
     def halt(self) -> None:
         """Stop the arm past this client: whatever else feeds the watchdog."""
 

@@ -26,6 +26,7 @@ from drivers.arm.settings import ArmSettings, Pose
 from drivers.core.messages import (
     Command,
     Home,
+    Lead,
     MoveAt,
     MovePose,
     MoveTo,
@@ -68,6 +69,7 @@ class MotionState(Enum):
     SPEEDING = auto()
     BRAKING = auto()
     TRAVELLING = auto()
+    LED = auto()
     STOPPING = auto()
     HALTED = auto()
 
@@ -134,6 +136,8 @@ class MotionControl:
                 self._brake(None)
             elif self.state is MotionState.TRAVELLING:
                 self._stop_travel(None)
+            elif self.state is MotionState.LED:
+                self._stop_leading(None)
 
     def refuse_overtaken(self, command: Command) -> None:
         """Refuse a command that a stop has overtaken."""
@@ -148,6 +152,7 @@ class MotionControl:
         self._check_heartbeat()
         {
             MotionState.STANDING: self._stand,
+            MotionState.LED: self._stand,
             MotionState.SPEEDING: self._keep_speed,
             MotionState.BRAKING: self._keep_braking,
             MotionState.TRAVELLING: self._keep_travelling,
@@ -179,6 +184,12 @@ class MotionControl:
                 target = self._axis.displaced(command.offset)
                 length_m, _ = way(self._seen.row.pose, target)
                 self._travel(command, target, line_speed(self._settings, length_m, command.speed_m_s))
+            case Lead():
+                if self._client.lead(True):
+                    self.state = MotionState.LED
+                    self._report(Sent(self._now(), self._name, command))
+                else:
+                    self._refuse(command, self._seen.row.fault or "a program cannot let it be led by hand")
             case Home():
                 away_m = self._axis.away_m(self._seen.row.pose)
                 if away_m > self._settings.leash_m:
@@ -238,6 +249,8 @@ class MotionControl:
                 self._brake(self._standstill)
             case MotionState.TRAVELLING:
                 self._stop_travel(self._standstill)
+            case MotionState.LED:
+                self._stop_leading(self._standstill)
             case MotionState.STANDING | MotionState.STOPPING:
                 self._settle(self._standstill)
             case MotionState.HALTED:
@@ -256,6 +269,10 @@ class MotionControl:
 
     def _stop_travel(self, ending: Callable[[], Status] | None) -> None:
         self._note(self._client.end_move(self._settings.stop_m_s2))
+        self._settle(ending)
+
+    def _stop_leading(self, ending: Callable[[], Status] | None) -> None:
+        self._note(self._client.lead(False))
         self._settle(ending)
 
     def _settle(self, ending: Callable[[], Status] | None) -> None:
@@ -356,6 +373,8 @@ class MotionControl:
             self._brake(lambda: self._stalled(reason))
         elif self.state is MotionState.TRAVELLING:
             self._stop_travel(lambda: self._stalled(reason))
+        elif self.state is MotionState.LED:
+            self._stop_leading(lambda: self._stalled(reason))
 
     # --- guidance --------------------------------------------------------------------------------------
 

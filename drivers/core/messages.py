@@ -203,6 +203,11 @@ class MovePose(Command):
 
 
 @dataclass(frozen=True, slots=True)
+class Lead(Command):
+    """Let a person lead the tool by hand, until another command comes; a `Stop` is answered by `Standstill`."""
+
+
+@dataclass(frozen=True, slots=True)
 class Stop(Command):
     """Stop moving, as fast as the device's own limits allow; answered by `Standstill`, moving or not."""
 
@@ -313,7 +318,7 @@ class Listen(Command):
     streams: frozenset[str]
 
 
-MOTION = (Home, MoveAt, MoveTo, MovePose, Twist, Grip, Release)
+MOTION = (Home, MoveAt, MoveTo, MovePose, Twist, Lead, Grip, Release)
 """Commands after which a device may be moving."""
 
 ANSWERED = (*MOTION, Stop, Chirp, Ask, LoadWeight)

@@ -162,6 +162,10 @@ class FrankaLink:
         """See `Client.busy`."""
         return bool(self._robot.is_in_control)
 
+    def lead(self, on: bool) -> bool:
+        """See `Client.lead`: a Franka arm is led with the buttons on its hand, by no program."""
+        return False
+
     def feed_watchdog(self) -> bool:
         """See `Client.feed_watchdog`: libfranka's cycles are the watchdog."""
         return not self._fault

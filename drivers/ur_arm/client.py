@@ -152,6 +152,10 @@ class RtdeClient:
         """See `Client.tare`."""
         return bool(self._live.zeroFtSensor())
 
+    def lead(self, on: bool) -> bool:
+        """See `Client.lead`."""
+        return bool(self._live.teachMode() if on else self._live.endTeachMode())
+
     def halt(self) -> None:
         """See `Client.halt`."""
         self._dashboard.ask("stop")

@@ -20,6 +20,7 @@ from drivers.core.messages import (
     Command,
     DeviceInfo,
     Home,
+    Lead,
     Listen,
     MoveAt,
     MovePose,
@@ -141,6 +142,8 @@ class MockUrArm(MockDriver):
     def _refusal(self, command: Command, now_s: float) -> str:
         if isinstance(command, Tare):
             return "the arm is not standing still" if self.axis.moving(now_s) else ""
+        if isinstance(command, Lead):
+            return "nobody leads a simulated arm by hand"
         if isinstance(command, Home):
             away_m = float(np.linalg.norm(self._offset(now_s)[:3]))
             leash_m = self._settings.leash_m

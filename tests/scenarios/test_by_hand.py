@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from behaviors.events import Tick
 from config.assemble import limits_of, make_signals
 from config.profile import load_profile
 from config.verbs import by_hand as verbs
 from controller import by_hand, hand_view, jogging
 from drivers.core.axis import AxisLimits
 from drivers.core.errors import SilentError
-from drivers.core.messages import MOTION, Grip, Home, MoveAt, Reached, Release, Stop
+from drivers.core.messages import MOTION, Grip, Home, Lead, MoveAt, Reached, Release, Standstill, Stop
 from simulator.devices.faults import Fault
 from tests.refusals import check_refusal
 
@@ -270,9 +271,34 @@ def test_an_arm_without_a_reach_has_no_steps_and_says_why(session):
     one = session("mock/transient_arm", "arm")
     own = by_hand.limits_of(one.limits, "arm")
     keys, refused = jogging.motions(one, "arm", own)
-    assert set("fFbBhH") == keys.keys()
+    assert set("fFbBghH") == keys.keys()
     assert all("limits.reach_m" in line for line in refused)
     assert len(refused) == 6
+
+
+def test_after_g_an_arm_may_be_led_until_the_next_key(session):
+    one = session("mock/slip", "arm")
+    motions, _ = jogging.motions(one, "arm", by_hand.limits_of(one.limits, "arm"))
+    keys = []
+    jog = jogging.Jog("arm", motions, lambda: [keys.pop()] if keys else [])
+
+    def tick(t_s, *pressed):
+        keys.extend(pressed)
+        return list(jog(Tick(t_s)))
+
+    assert tick(0.1, "g") == [Lead("arm")]
+    assert tick(0.5, "g") == [], "the key is held"
+    assert tick(20.0) == [], "both hands are at the arm"
+    assert tick(21.0, "g") == [Stop("arm")]
+    jog(Standstill(21.1, "arm", 0.0))
+    assert tick(22.0, "g") == [Lead("arm")]
+    assert tick(22.1, "f") == [Stop("arm")]
+
+
+def test_a_simulated_arm_cannot_be_led_and_says_so(session):
+    result, _, _ = jogged(session("mock/slip", "arm"), "arm", ("g", [1.0]), ("q", [2.0]))
+    assert result.outcome == "fault"
+    check_refusal(result.reason, "arm", "simulated", "by hand")
 
 
 def test_a_gripper_opens_and_closes_gently(session):

@@ -55,6 +55,9 @@ class DirectClient:
     def tare(self) -> bool:
         return self._call("tare", 8, [])
 
+    def lead(self, on: bool) -> bool:
+        return self._call("lead" if on else "end_lead", 18 if on else 19, [])
+
     def halt(self) -> None:
         self.calls.append("halt")
         if self.unhalted:

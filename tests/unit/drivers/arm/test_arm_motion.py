@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from drivers.arm.guidance import CYCLE_S
 from drivers.core.messages import (
     Home,
+    Lead,
     MoveAt,
     MovePose,
     MoveTo,
@@ -242,8 +243,38 @@ def test_a_twist_after_a_recovery_begins_from_rest(rig) -> None:
     assert max(twist[0] for twist in arm.twists) <= 0.0
 
 
+def test_an_arm_is_led_by_hand_until_a_stop(rig) -> None:
+    arm = rig()
+    arm.order(Lead("arm"))
+    arm.run(0.5)
+    assert arm.client.calls.count("lead") == 1
+    assert arm.controller.runtime is arm.controller.runtime.PLAYING, "its watchdog is fed"
+    arm.order(Stop("arm"))
+    arm.run_until(Standstill)
+    assert arm.kinds() == ["Sent", "Sent", "Standstill"]
+    assert arm.client.calls.count("end_lead") == 1
+
+
+def test_a_motion_ends_the_leading_first(rig) -> None:
+    arm = rig()
+    arm.order(Lead("arm"))
+    arm.run(0.1)
+    arm.order(MoveTo("arm", -0.01, 0.05))
+    assert arm.run_until(Reached).position_m == pytest.approx(-0.01, abs=1e-5)
+    assert arm.client.calls.index("end_lead") < arm.client.calls.index("move")
+
+
+def test_an_arm_that_cannot_be_led_refuses(rig) -> None:
+    arm = rig()
+    arm.client.lead = lambda on: False
+    arm.order(Lead("arm"))
+    assert arm.kinds() == ["Refused"]
+    assert arm.controller.arm.resting
+
+
 @pytest.mark.parametrize(
-    "command", [MoveAt("arm", 0.02, 0.04), MoveTo("arm", 0.04, 0.02), Twist("arm", DOWN, 5.0)]
+    "command",
+    [MoveAt("arm", 0.02, 0.04), MoveTo("arm", 0.04, 0.02), Twist("arm", DOWN, 5.0), Lead("arm")],
 )
 def test_an_arm_that_the_program_no_longer_looks_at_stops_and_says_why(rig, command) -> None:
     arm = rig(loop_timeout_s=0.3)
