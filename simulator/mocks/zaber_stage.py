@@ -99,9 +99,10 @@ class MockZaberStage(MockDriver):
         now_s = self._clock.now()
         self._look(now_s)
         if isinstance(command, Listen):
-            if command.streams and not self._listening:
+            wanted = self._info.name in command.streams
+            if wanted and not self._listening:
                 self._next_sample = last_tick(now_s, self._settings.position_hz) + 1
-            self._listening = bool(command.streams)
+            self._listening = wanted
             return command
         if self._faults.active(now_s, "unplug"):
             # The cable is out: the axis goes on to where its own controller lets it, and reports nothing.

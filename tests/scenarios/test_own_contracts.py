@@ -99,8 +99,8 @@ def checked(verb: Any, tmp_path: Path) -> Any:
 def test_sound_classes_keep_their_promises(checked: Any) -> None:
     code, out, err = checked()
     assert (code, err) == (0, "")
-    assert re.search(r"^devices\.scale: keeps the contract \(\d promises\)$", out, re.MULTILINE)
-    assert re.search(r"^detectors\.contact: keeps the contract \(6 promises\)$", out, re.MULTILINE)
+    assert re.search(r"^ok +devices\.scale: keeps the contract \(\d promises\)$", out, re.MULTILINE)
+    assert re.search(r"^ok +detectors\.contact: keeps the contract \(6 promises\)$", out, re.MULTILINE)
 
 
 @pytest.mark.parametrize(

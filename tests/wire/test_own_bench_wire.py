@@ -99,7 +99,9 @@ def test_a_stage_and_a_printing_board_are_a_bench_by_the_page(
 
     other = program("check", "bench.toml", "--connect")
     assert other.returncode == 3
-    (line,) = [line for line in other.stdout.splitlines() if line.startswith("stage: ")]
+    (line,) = [
+        line for line in other.stdout.splitlines() if " stage: " in f" {line}" and "limit.max of" in line
+    ]
     check_refusal(line, "limit.max", "microstep_m = 4.96094e-07", "4.763e-08", "data sheet")
     right = ["--set", "devices.stage.microstep_m=0.047625e-6"]
     agreed = program("check", "bench.toml", "--connect", *right)

@@ -13,7 +13,7 @@ from .driver import COUNTER_MODULUS, ForceSensor, encode, text_of
 
 RATE_HZ = 100.0
 
-NEWTON_PER_COUNT = 0.001
+NEWTON_PER_COUNT = 0.0001
 
 TOWARDS = (-1.0, 0.0, 0.0)
 """Direction in which the tool presses on it, unit vector: compression is positive."""
