@@ -48,7 +48,7 @@ def test_quiet_writes_what_is_not_set_or_stands_in_the_file_and_leaves_all_else(
     )
     # the paper's stays as the paper prints it, unless it is named
     assert "fingertip_paper: stays as it is set elsewhere, 10" in out
-    code, _, _ = verb("quiet", lab, "--seconds", "30", "--detector", "fingertip_paper")
+    code, _, _ = verb("quiet", lab, "--seconds", "12", "--detector", "fingertip_paper")
     assert code == 0
     assert 0.0 < thresholds(lab)["fingertip_paper"] < 1.0
     assert verb("check", lab)[0] == 0
@@ -66,7 +66,7 @@ def test_the_threshold_alarms_as_rarely_as_was_asked(verb, lab, monkeypatch):
 
 
 def test_a_dry_run_shows_and_writes_nothing(verb, lab):
-    code, out, _ = verb("quiet", lab, "--seconds", "20", "--dry-run")
+    code, out, _ = verb("quiet", lab, "--seconds", "12", "--dry-run")
     assert code == 0
     assert "touch_fingertip: threshold = 0.0" in out
     assert "expected" in out

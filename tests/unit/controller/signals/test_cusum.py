@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from controller.signals.cusum import (
     CREDIT,
@@ -58,6 +57,8 @@ def trace(x, ceiling=math.inf):
 
 @pytest.mark.parametrize("z", [0.0, 0.5, 1.0, 3.0, 6.0])
 def test_log_odds_are_those_of_the_two_mixtures(z):
+    from scipy.stats import norm  # a second to load: for this test alone
+
     noise, knock = norm.pdf(z), norm.pdf(z, scale=math.sqrt(ODDS.ratio))
     slipping = (1 - ODDS.knock) * noise + ODDS.knock * knock
     holding = (1 - ODDS.jump) * noise + ODDS.jump * knock

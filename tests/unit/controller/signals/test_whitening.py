@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import norm, truncnorm
 
 from controller.signals import whitening
 from controller.signals.whitening import GAIN, NOISE, first_level, innovate, predictor
@@ -22,6 +21,8 @@ def ring(n, frequency, damping, rate_hz=1000.0):
 
 
 def test_constants_of_the_cut_distributions_are_those_of_their_definitions():
+    from scipy.stats import norm, truncnorm  # a second to load: for this test alone
+
     cut_mean = norm.expect(lambda z: min(z * z, whitening.CUT), lb=-12.0, ub=12.0, points=[-2.0, 2.0])
     assert cut_mean == pytest.approx(whitening.CUT_MEAN, abs=1e-7)
     edge = norm.ppf(0.5 + whitening.KEPT / 2)
