@@ -8,6 +8,7 @@ from config import assemble
 from config.profile import load_profile, load_resolved
 from config.source import ProfileError, profile_names, read_source
 from config.trials import chosen
+from controller.registry import KINDS
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import RefusedError
 from tests.refusals import check_refusal, refused
@@ -298,3 +299,12 @@ def test_a_value_without_one_to_stand_in_for_it_is_the_classes_own_until_it_is_g
     source = read_source("hardware/transient")
     assert "microstep_m" not in source.data["devices"]["stage"]
     assert ("devices", "stage", "microstep_m") in source.unset
+
+
+@pytest.mark.parametrize("name", ["mock/transient", "mock/slip", "mock/pretouch", "mock/weights"])
+def test_no_device_that_moves_is_registered_as_one_that_does_not(name):
+    profile = load_profile(name)
+    for device in assemble.build_rig(profile).devices.values():
+        info = device.open()
+        device.close()
+        assert KINDS["driver"][profile.devices[device.name].kind].moves or not info.mover
