@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from textwrap import wrap
 
 import numpy as np
 from rich.console import Console as Terminal
@@ -22,7 +23,13 @@ PRINT_S = 1.0
 CHANNELS = 3
 """How many channels of a stream are shown; of the others the number."""
 
-HEADING = ("stream", "value", "unit", "rate", "age", "noise", "lost", "margin")
+WIDTH, NARROW = 78, "\u00a0"
+"""Characters in a line of keys, and what keeps a key and its meaning together."""
+
+HEADING = ("stream", "value", "unit", "limit", "rate", "age", "noise", "lost")
+
+VALUE, LEAST = 8, (12, 8, 4, 5, 7, 5, 6, 4)
+"""Characters of a number, and least widths of the columns: what is read at a glance stays where it is."""
 
 AGED_S = 1.0
 """A stream without a sample for so long is shown as silent."""
@@ -68,10 +75,12 @@ def picture(lines: Sequence[str]) -> Text:
 def table(session: HandSession, streams: Sequence[str], now_s: float) -> Sequence[str]:
     """A line for each stream under a heading, in columns."""
     rows = [HEADING, *(_row(session, stream, now_s) for stream in streams)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    widths = [
+        max(least, *map(len, column)) for least, column in zip(LEAST, zip(*rows, strict=True), strict=True)
+    ]
     return [
         "  ".join(
-            cell.ljust(width) if number in (0, 2, 7) else cell.rjust(width)
+            cell.ljust(width) if number in (0, 2, 3) else cell.rjust(width)
             for number, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in rows
@@ -83,19 +92,20 @@ def _row(session: HandSession, stream: str, now_s: float) -> Sequence[str]:
     info = session.streams[stream]
     values, times_s = session.latest.values(stream), session.latest.times(stream)
     lost = str(session.lost.get(stream, 0))
-    margin = "; ".join(margins(session, session.limits, stream))
+    limit = "; ".join(text.partition(" ")[2] for text in margins(session, session.limits, stream))
     if not len(values):
         silent = f"silent for {now_s:.1f} s" if info.rate_hz or now_s > AGED_S else ""
-        return (stream, silent, shown_in(info.unit)[0], "", "", "", lost, margin)
+        return (stream, silent, shown_in(info.unit)[0], limit, "", "", "", lost)
     shown, unit = displayed(stream, values, info.unit)
     more = f" +{shown.shape[1] - CHANNELS}" if shown.shape[1] > CHANNELS else ""
-    value = " ".join(figure(float(each)) for each in shown[-1, :CHANNELS]) + more
-    noise = figure(float(np.nanmax(shown.std(axis=0)))) if len(shown) > 1 else ""
+    value = " ".join(figure(float(each), VALUE).rjust(VALUE) for each in shown[-1, :CHANNELS]) + more
+    spread = float(np.nanmax(shown.std(axis=0))) if len(shown) > 1 else math.nan
+    noise = figure(spread if spread > 1e-9 * np.abs(shown).max() else 0.0)
     span_s = float(times_s[-1] - times_s[0])
     rate = f"{(len(times_s) - 1) / span_s:.0f} Hz" if span_s > 0.0 else ""
     age_s = max(0.0, now_s - float(times_s[-1]))
     age = f"silent {age_s:.1f} s" if age_s > AGED_S else f"{age_s * 1e3:.0f} ms"
-    return (stream, value, unit, rate, age, noise, lost, margin)
+    return (stream, value, unit, limit, rate, age, noise, lost)
 
 
 def margins(session: HandSession, limits: GuardSettings, stream: str = "") -> Iterator[str]:
@@ -106,7 +116,7 @@ def margins(session: HandSession, limits: GuardSettings, stream: str = "") -> It
             shown, factor = shown_in(unit)
             read = values[-1, list(channels)] * factor
             size = float(read[0]) if len(read) == 1 else float(np.linalg.norm(read))
-            yield f"{name} {figure(size)} of {figure(limit * factor)} {shown}"
+            yield f"{name} {size:z.3f} of {limit * factor:.4g} {shown}"
 
 
 def jog_lines(
@@ -118,13 +128,15 @@ def jog_lines(
     doing: str,
 ) -> Sequence[str]:
     """What a person who moves a device by keys looks at: the keys, what goes on, where it stands, the margins."""
-    named = "   ".join(f"{key} {what}" for key, (what, _) in keys.items() if key.islower())
+    named = "   ".join(
+        f"{key} {what}".replace(" ", NARROW) for key, (what, _) in keys.items() if key.islower()
+    )
     places = []
     for stream, info in session.infos[mover].streams.items():
         values = session.latest.values(stream)
         if len(values) and stream != f"{mover}.force":
             shown, unit = displayed(stream, values[-1:], info.unit)
-            numbers = " ".join(f"{value:.3f}" for value in shown[0, :CHANNELS].tolist())
+            numbers = " ".join(f"{value:z.3f}" for value in shown[0, :CHANNELS].tolist())
             places.append(f"{stream}  {numbers} {unit}")
     return [
         f"{mover} by hand: {doing}",
@@ -132,7 +144,7 @@ def jog_lines(
         *places,
         "  ".join(margins(session, limits)),
         "",
-        named,
+        *(line.replace(NARROW, " ") for line in wrap(named, WIDTH)),
         f"Shift is faster; let go, or press any other key, and it stops within {HOLD_S:g} s; q ends",
         *refused,
     ]

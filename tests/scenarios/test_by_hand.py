@@ -340,12 +340,12 @@ def test_a_monitor_shows_each_stream_with_its_rate_its_noise_and_its_margin(verb
     )
     assert (code, err) == (0, "")
     rows = [line.split() for line in out.splitlines()[-2:]]
-    name, value, unit, rate, hertz, _age, ms, noise, lost, *margin = rows[0]
+    name, value, unit, *limit, rate, hertz, _age, ms, noise, lost = rows[0]
     assert (name, unit, rate, hertz, ms, lost) == ("board.load_cell", "N", "1000", "Hz", "ms", "0")
     assert 0.0 < float(noise) < 0.001
-    assert margin == ["force", value, "of", "2", "N"]
+    assert limit == [f"{float(value.replace('−', '-')):z.3f}", "of", "2", "N"]
     assert rows[1][0] == "stage.position"
-    assert rows[1][-5:] == ["travel", "0", "of", "12", "mm"]
+    assert rows[1][2:7] == ["mm", "0.000", "of", "12", "mm"]
 
 
 def test_a_monitor_opens_only_what_it_shows(verb, monkeypatch):
