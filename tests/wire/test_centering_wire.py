@@ -25,34 +25,37 @@ SHORT = {
 }
 
 
-@pytest.fixture
-def centering(tmp_path):
-    """`centering(deeds, **settings)` runs one trial; gives outcome, run, hand and the emulator, which lives on."""
-    emulators = []
-
-    def call(deeds=None, **settings):
-        profile = load_profile("emulated/centering", {**SHORT, **settings})
-        emulator = start_emulator(profile)
-        emulators.append(emulator)
-        hand = Hand({state: lambda deed=deed: deed(emulator) for state, deed in (deeds or {}).items()})
-        rig = build_rig(profile, emulator.endpoints)
-        try:
-            outcome = Campaign(plan_campaign(profile, profile.trials(1), 1), rig, hand, tmp_path).run()
-        finally:
-            rig.close()
-        return outcome, open_run(outcome.folder), hand, emulator
-
-    yield call
-    for emulator in emulators:
-        emulator.close()
+@pytest.fixture(scope="module")
+def bench():
+    """A profile and an emulator of it, as it was switched on for the first test."""
+    profile = load_profile("emulated/centering", SHORT)
+    emulator = start_emulator(profile)
+    yield profile, emulator
+    emulator.close()
 
 
-def events_of(done, *kinds):
-    return [event for event in done.events if event["event"] in kinds]
+def test_the_doctor_reads_arm_gripper_and_sound_and_moves_nothing(bench):
+    profile, emulator = bench
+    rig = build_rig(profile, emulator.endpoints)
+    scene = TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))
+    findings = list(examine(rig, scene))
+    rig.close()
+    there = emulator.scene()
+    lines = "\n".join(finding.line for finding in findings)
+    for text in ("UR5", "SSG-48", "emulated recorder", "arm.position", "gripper.width", "audio.fingers"):
+        assert text in lines
+    assert there["tool_x_m"] == pytest.approx(-0.005, abs=1e-9)
+    assert there["width_m"] == pytest.approx(0.063, abs=1e-9)
 
 
-def test_the_pipe_is_centred_closed_on_confirmed_and_released(centering):
-    outcome, done, hand, emulator = centering()
+def test_the_pipe_is_centred_closed_on_confirmed_and_released(bench, tmp_path):
+    profile, emulator = bench
+    hand = Hand({})
+    rig = build_rig(profile, emulator.endpoints)
+    try:
+        outcome = Campaign(plan_campaign(profile, profile.trials(1), 1), rig, hand, tmp_path).run()
+    finally:
+        rig.close()
     assert outcome.exit_code == EXIT_DONE, outcome.line
     way = ["SEEKING_FORWARD", "TURNING", "SEEKING_BACKWARD", "STOPPING", "CENTERING", "CLOSING", "HOLDING"]
     assert [state for state in hand.seen if state in (*way, "RELEASING", "DONE")] == [
@@ -60,6 +63,7 @@ def test_the_pipe_is_centred_closed_on_confirmed_and_released(centering):
         "RELEASING",
         "DONE",
     ]
+    done = open_run(outcome.folder)
     (row,) = done.trials
     assert (row["outcome"], row["gripped"]) == ("centered", 1)
     assert abs(row["error_m"]) < 0.0025, "what the project aims at (NUMERICS, Centering)"
@@ -74,21 +78,3 @@ def test_the_pipe_is_centred_closed_on_confirmed_and_released(centering):
     link = manifest["devices"]["audio"]["link"]
     assert link["frames"] > 96_000
     assert manifest["loss"].get("audio.fingers", 0) == link["frames_lost"]
-
-
-def test_the_doctor_reads_arm_gripper_and_sound_and_moves_nothing():
-    profile = load_profile("emulated/centering", SHORT)
-    emulator = start_emulator(profile)
-    try:
-        rig = build_rig(profile, emulator.endpoints)
-        scene = TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))
-        findings = list(examine(rig, scene))
-        rig.close()
-        there = emulator.scene()
-    finally:
-        emulator.close()
-    lines = "\n".join(finding.line for finding in findings)
-    for text in ("UR5", "SSG-48", "emulated recorder", "arm.position", "gripper.width", "audio.fingers"):
-        assert text in lines
-    assert there["tool_x_m"] == pytest.approx(-0.005, abs=1e-9)
-    assert there["width_m"] == pytest.approx(0.063, abs=1e-9)
