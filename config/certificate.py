@@ -17,7 +17,9 @@ PAGE = "certificate.md"
 DATA = "certificate.json"
 
 
-def bench_to_prove(profile: Profile, rig: Rig, consent: Callable[[str], None]) -> BenchToProve:
+def bench_to_prove(
+    profile: Profile, rig: Rig, consent: Callable[[str], Callable[[], bool] | None]
+) -> BenchToProve:
     """The bench of a profile, with the limits of its first trial.
 
     Raises:

@@ -73,6 +73,9 @@ SLACK_M = 2e-4
 ROOM_M = 0.005
 """What a mover needs free before it: its farthest motion here."""
 
+ATTEND_S = 0.02
+"""How often devices are looked at while a person is waited for: as an idle loop does."""
+
 REST_S = 0.3
 """How long a mover is watched afterwards: creeping on, it would go farther than `STILL_M` in a third of that."""
 
@@ -468,7 +471,8 @@ class BenchToProve:
         fresh: Makes a trial's guard and signals.
         loop: Rates.
         range_streams: That its trials have watched beside the guard's own.
-        consent: Called before each motion with what will move, and how; raises to end the certificate.
+        consent: Called before each motion with what will move, and how; gives what says whether a person agrees by now,
+            None where none is asked. Both may raise, to end the certificate.
         abandoned: Has another program creep with a mover, whose device is closed here, and kills it, or freezes it
             while the context lasts; gives where the mover was last. None where devices live in this process.
     """
@@ -479,7 +483,7 @@ class BenchToProve:
     fresh: Callable[[], tuple[Guard, Sequence[Signal]]]
     loop: LoopSettings
     range_streams: frozenset[str] = frozenset()
-    consent: Callable[[str], None] = lambda text: None
+    consent: Callable[[str], Callable[[], bool] | None] = lambda text: None
     abandoned: Callable[[Mover, bool], AbstractContextManager[float]] | None = None
 
 
@@ -803,7 +807,7 @@ class Certifier:
 
     def _refused(self, mover: Mover, limit: str, value: str, command: Command, said: str = "") -> Case:
         def tried() -> Tried:
-            self.bench.consent(f"{mover.name} must refuse {_short(command)}: nothing should move")
+            self._agree(f"{mover.name} must refuse {_short(command)}: nothing should move")
             ran = self._run(Once(command, PATIENCE_S), Wrong(), "")
             still = self._at_rest(ran, mover)
             sound = (said or limit) in ran.refusal
@@ -839,6 +843,15 @@ class Certifier:
             pass
         return Ran(loop, seams, refusal)
 
+    def _agree(self, text: str) -> None:
+        """Wait until the person agrees; meanwhile the devices are attended to, for their watchdogs wait for nobody."""
+        answered, rig = self.bench.consent(text), self.bench.rig
+        while answered is not None and not answered():
+            for device in rig.devices.values():
+                device.read()
+                device.poll()
+            rig.clock.rest(ATTEND_S)
+
     def _reopened(self) -> None:
         """Open the devices anew where the last case left them alone: a driver whose device switched off has failed."""
         for device in self.bench.rig.devices.values() if self._left_alone else ():
@@ -846,7 +859,7 @@ class Certifier:
             device.open()
 
     def _homed(self, mover: Mover) -> Tried:
-        self.bench.consent(f"{mover.name} goes home, at its own speed")
+        self._agree(f"{mover.name} goes home, at its own speed")
         ran = self._run(behavior := Once(Home(mover.name)), Wrong(), "")
         still = self._at_rest(ran, mover)
         sound = behavior.state == "OVER"
@@ -916,7 +929,7 @@ class Certifier:
     def _abandoned(self, mover: Mover, frozen: bool, most_m: float) -> Tried:
         """Have the program of a mover end: the device must end the motion by itself within a distance."""
         assert self.bench.abandoned is not None
-        self.bench.consent(f"{mover.name} moves, and its program is {'frozen' if frozen else 'killed'}")
+        self._agree(f"{mover.name} moves, and its program is {'frozen' if frozen else 'killed'}")
         devices, clock = self.bench.rig.devices, self.bench.rig.clock
         for device in devices.values():
             device.close()
@@ -962,7 +975,7 @@ class Certifier:
     ) -> tuple[Creep, Ran, bool, float]:
         """Run a `Creep`; whether the mover stands still then, and how far it went since something was wrong."""
         farthest_m = getattr(mover.drive, "limit_m", ROOM_M)
-        self.bench.consent(
+        self._agree(
             f"{mover.name} moves {1e3 * farthest_m:g} mm at {1e3 * mover.speed_m_s:g} mm/s, and {wrong.said}"
         )
         behavior = how(mover, wrong, command, patience_s, self.bench.range_streams)
@@ -985,7 +998,7 @@ class Certifier:
         """Give a driver what it must refuse or clamp, past the guard, where the mover already is."""
         here_m = 0.0
         if mover is not None:
-            self.bench.consent(f"{name} must refuse more than its {key}, or clamp it: nothing should move")
+            self._agree(f"{name} must refuse more than its {key}, or clamp it: nothing should move")
             self._run(Once(mover.ready), Wrong(), "")
             self._stands(mover)
             here_m = self._end_m

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import select
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -182,11 +183,17 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
     devices = plan_campaign(loaded, loaded.trials(0), 0).devices
     hardware = loaded.bench == "hardware"
 
-    def consent(text: str) -> None:
+    def agreed() -> bool:
+        if not select.select([sys.stdin], [], [], 0.0)[0]:
+            return False
+        if not sys.stdin.readline():
+            raise click.Abort
+        return True
+
+    def consent(text: str) -> Callable[[], bool] | None:
         if hardware:
-            click.prompt(
-                f"{text}: press Enter, or Ctrl+C to end", default="", show_default=False, prompt_suffix=""
-            )
+            click.echo(f"{text}: press Enter, or Ctrl+C to end")
+        return agreed if hardware else None
 
     folder = RunFolder.create(out, f"certify-{loaded.name}", started)
     proofs, ended, failure = [], "", None

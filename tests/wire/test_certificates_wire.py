@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import closing
 
 import pytest
@@ -40,3 +41,25 @@ def test_every_limit_of_an_emulated_bench_acts(name):
     killed = [proof for proof in proofs if "its program is killed" in proof.done]
     assert len(killed) == (name != "emulated/weights")
     assert all(proof.way_m is not None and proof.way_m < 2.2e-3 for proof in killed)
+
+
+class LeftError(Exception):
+    """The person has seen enough."""
+
+
+def test_a_person_may_take_longer_than_a_watchdog_waits():
+    profile, answers_s, proofs = load_profile("emulated/pretouch"), [], []
+
+    def consent(text):
+        if len(answers_s) == 4:
+            raise LeftError
+        answers_s.append(time.monotonic() + 1.5)  # real time: gripper and board wait for a second
+        return lambda: time.monotonic() > answers_s[-1]
+
+    with closing(build_rig(profile)) as rig, pytest.raises(LeftError):
+        for proof in Certifier(bench_to_prove(profile, rig, consent)).proofs():
+            proofs.append(proof)
+    assert [(proof.limit, proof.verdict) for proof in proofs] == [
+        (f"{what} of {mover}", "acted")
+        for what, mover in (("home", "arm"), ("stop", "arm"), ("pause", "arm"), ("home", "gripper"))
+    ]
