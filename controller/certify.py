@@ -974,10 +974,9 @@ class Certifier:
         how: type[Creep] = Creep,
     ) -> tuple[Creep, Ran, bool, float]:
         """Run a `Creep`; whether the mover stands still then, and how far it went since something was wrong."""
-        farthest_m = getattr(mover.drive, "limit_m", ROOM_M)
-        self._agree(
-            f"{mover.name} moves {1e3 * farthest_m:g} mm at {1e3 * mover.speed_m_s:g} mm/s, and {wrong.said}"
-        )
+        way_mm, speed_mm_s = 1e3 * getattr(mover.drive, "limit_m", ROOM_M), 1e3 * mover.speed_m_s
+        then = "presses until the force limit acts" if how is Press else wrong.said
+        self._agree(f"{mover.name} moves {way_mm:g} mm at {speed_mm_s:g} mm/s, and {then}")
         behavior = how(mover, wrong, command, patience_s, self.bench.range_streams)
         ran = self._run(behavior, wrong, mover.shown, pauses)
         seen = ran.seams[mover.name].seen

@@ -166,6 +166,8 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
 
     Exit codes: 0 every limit acted, 1 one did not or was not shown, 2 usage or profile, 3 device, 130 interrupted.
     """
+    import termios
+
     from config.certificate import bench_to_prove, certified, rows, summary, write
     from config.parts import parts_of
     from controller.campaign import described, program
@@ -192,6 +194,8 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
 
     def consent(text: str) -> Callable[[], bool] | None:
         if hardware:
+            if sys.stdin.isatty():
+                termios.tcflush(sys.stdin, termios.TCIFLUSH)  # what was typed before is no answer
             click.echo(f"{text}: press Enter, or Ctrl+C to end")
         return agreed if hardware else None
 
