@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from behaviors.events import Event, Tick
 from behaviors.machine import Behavior, StatePlan, on
+from controller.detectors.protocol import Compiled
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.holding import Holding
 from controller.loop import Aborted, Loop, LoopSettings
@@ -182,6 +184,13 @@ class HandSession:
         """
         if self.holding is not None:
             self.holding.__enter__()
+        if not self.rig.clock.virtual:
+            # While nothing moves yet: a loop that stands still for it would be late.
+            for signal in self._signals(self.rig.devices):
+                if isinstance(signal, Compiled):
+                    signal.warm_up()
+            gc.collect()
+            gc.freeze()
         try:
             for name, device in self.rig.devices.items():
                 try:
@@ -203,14 +212,18 @@ class HandSession:
             with suppress(Exception):
                 device.close()
         self.rig.close()
+        gc.unfreeze()
         if self.holding is not None:
             self.holding.__exit__()
 
     @property
     def signals(self) -> Sequence[Signal]:
         """The signals whose sources are open, fresh."""
+        return self._signals(self.infos)
+
+    def _signals(self, devices: Collection[str]) -> Sequence[Signal]:
         made = {signal.info.name: signal for signal in self.make_signals()}
-        return [signal for signal in made.values() if sources([signal.info.name], made) <= self.infos.keys()]
+        return [signal for signal in made.values() if sources([signal.info.name], made) <= {*devices}]
 
     @property
     def streams(self) -> Mapping[str, StreamInfo]:
