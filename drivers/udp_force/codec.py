@@ -136,13 +136,15 @@ def decode_settings(page: str) -> BoxSettings:
             raise CodecError(f"its page of settings has no {name}")
         return found[1]
 
+    def number(name: str) -> float:
+        given = text(name)
+        if not re.fullmatch(r"\d+(\.\d*)?", given) or not 0.0 < float(given) < 1e12:
+            raise CodecError(f"its {name} is {given[:20]!r}")
+        return float(given)
+
     try:
         newtons, newton_metres = NEWTONS[text("scfgfu")], NEWTON_METRES[text("scfgtu")]
-        return BoxSettings(
-            float(text("cfgcpf")) / newtons,
-            float(text("cfgcpt")) / newton_metres,
-            float(text("comrdtrate")),
-            float(text("runrate")),
-        )
     except KeyError as error:
         raise CodecError(f"its unit {error} is not known") from None
+    counts, torque_counts = number("cfgcpf") / newtons, number("cfgcpt") / newton_metres
+    return BoxSettings(counts, torque_counts, number("comrdtrate"), number("runrate"))

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -47,6 +47,10 @@ from drivers.operator import codec as person
 from drivers.sensor_board import codec as board
 from drivers.sensor_board.framing import BoardFrameDecoder, frame
 from drivers.sensor_board.streams import BoardStreams
+from drivers.serial_lines.driver import SerialLines
+from drivers.serial_lines.settings import SerialLinesSettings
+from drivers.udp_force.codec import ForceRecord, decode_settings, encode_record
+from drivers.udp_force.driver import UdpForce, UdpForceSettings
 from drivers.zaber_stage import codec as zaber
 from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
 from simulator.devices.barrett_hand import (
@@ -337,6 +341,75 @@ def _person_seeds() -> Iterable[bytes]:
     yield b'\0{"ask": 1, "says": "s", "load": {"bridge": "x", "force_n": 2.5}}\n'
 
 
+class _Sends:
+    """A device that sends some bytes once it is looked at, in two parts, and takes what comes."""
+
+    def __init__(self, parts: Iterable[bytes]) -> None:
+        self._parts = iter(parts)
+
+    def step(self, t_s: float) -> bytes:
+        return next(self._parts, b"")
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return b""
+
+    def inject(self, kind: str, t_s: float) -> None:
+        raise ValueError(kind)
+
+
+class _Settled(SerialLines):
+    settled = (0.0, 3)
+
+
+def _printed(data: bytes) -> None:
+    sound = b"".join(b"%d,1.5,%d\n" % (10_000 * tick, tick) for tick in range(3))
+    streams = {"force": {"columns": (1,), "unit": "N"}}
+    given: dict[str, Any]
+    for given in ({}, {"time_column": None}, {"counter_column": 2, "counter_modulus": 256, "rate_hz": 100.0}):
+        clock = VirtualClock()
+        settings = SerialLinesSettings(port="x", streams=streams, reply_timeout_s=0.01, **given)
+        line = MemoryLine(_Sends([sound, *_halves(data)]), clock)
+        board = _Settled("uno", settings, clock, line.connect)
+        board.open()
+        board.apply(Listen("uno", frozenset({"uno.force"})))
+        for _ in range(4):
+            clock.rest(0.01)
+            for block in board.read():
+                assert np.isfinite(block.times).all()
+
+
+def _printed_seeds() -> Iterable[bytes]:
+    yield b"30000,1.5,3\r\n40000,nan,4\r\n4294967295,-1e9,255\r\n0,2,0\r\n"
+    yield b"\xff\x00ets Jul 29\r\n,,\r\n1_0,2,3\n1e400,1,1\n-1,2,3\n0.5,1,2\n99999999999999999999,1,1\n"
+
+
+def _rdt(data: bytes) -> None:
+    clock = VirtualClock()
+    settings = UdpForceSettings(
+        host="x", counts_per_n=1.0, counts_per_nm=1.0, rate_hz=1000.0, sample_hz=7000.0, reply_timeout_s=0.01
+    )
+    first = encode_record(ForceRecord(1, 7, 0, (0,) * 6))
+    line = MemoryLine(_Sends([first, data]), clock)
+    box = UdpForce("ft", settings, clock, line.connect)
+    box.open()
+    box.apply(Listen("ft", frozenset({"ft.force", "ft.normal"})))
+    for _ in range(3):
+        clock.rest(0.01)
+        for block in box.read():
+            assert np.isfinite(block.times).all()
+    with suppress(CodecError):
+        decode_settings(data.decode("utf-8", "replace"))
+
+
+def _rdt_seeds() -> Iterable[bytes]:
+    yield b"".join(
+        encode_record(ForceRecord(rdt, 7 * rdt % 2**32, 0, (rdt % 2**31,) * 6))
+        for rdt in (1, 2, 5, 4, 2**32 - 1, 0)
+    )
+    yield encode_record(ForceRecord(2**32 - 1, 0, 0x80020000, (2**31 - 1,) * 6))
+    yield b"<scfgfu>N</scfgfu><scfgtu>Nm</scfgtu><cfgcpf>1e6</cfgcpf><cfgcpt>x</cfgcpt>"
+
+
 @cache
 def _control_port() -> ControlPort:
     return ControlPort(lambda request: {"account": request.model_dump(mode="json")})
@@ -504,6 +577,8 @@ def _trials_seeds() -> Iterable[bytes]:
 
 TARGETS: Final[Mapping[str, Target]] = {
     "board": Target(_board, _board_seeds),
+    "printed": Target(_printed, _printed_seeds),
+    "rdt": Target(_rdt, _rdt_seeds),
     "zaber": Target(_zaber, _zaber_seeds),
     "slcan": Target(_slcan, _slcan_seeds),
     "dsacon": Target(_dsacon, _dsacon_seeds),

@@ -95,7 +95,16 @@ def test_counts_are_of_newtons_whatever_unit_the_box_has(
     assert found == pytest.approx(BoxSettings(per_n, per_nm, 1000.0, 7000.0), rel=1e-6)
 
 
-@pytest.mark.parametrize("page", ["", "<html>login</html>", PAGE.format(force="stone", torque="Nm")])
+@pytest.mark.parametrize(
+    "page",
+    [
+        "",
+        "<html>login</html>",
+        PAGE.format(force="stone", torque="Nm"),
+        PAGE.format(force="N", torque="Nm").replace(">1000<", ">0<"),
+        PAGE.format(force="N", torque="Nm").replace("7000", "x"),
+    ],
+)
 def test_a_page_without_them_is_an_error(page: str) -> None:
     with pytest.raises(CodecError):
         decode_settings(page)
