@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import select
+import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
@@ -201,6 +202,9 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
 
     folder = RunFolder.create(out, f"certify-{loaded.name}", started)
     proofs, ended, failure = [], "", None
+    before = signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # `stop`, or `kill`, ends it as Ctrl+C does
     with closing(build_rig(loaded, devices=devices)) as rig, Holding(loaded.name, "certify", addresses(rig)):
         certifier = Certifier(bench_to_prove(loaded, rig, consent))
         try:
@@ -212,6 +216,8 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
                 )
         except (DeviceError, click.Abort, KeyboardInterrupt) as error:
             ended, failure = str(error) or "interrupted", error
+        finally:
+            signal.signal(signal.SIGTERM, before)
     about = {
         "profile": loaded.name,
         "profile_hash": loaded.hash,
@@ -241,7 +247,6 @@ def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
       run.py emulate emulated/transient > bench.json
       run.py run emulated/transient --endpoints bench.json     (in another terminal)
     """
-    import signal
     import threading
 
     from config.assemble import plan_campaign, start_emulator
