@@ -72,8 +72,8 @@ class Alarm:
         for t_s, force_n in zip(block.times.tolist(), block.physical[:, 0].tolist(), strict=True):
             if not math.isfinite(force_n):
                 continue
-            if force_n > 20.0 and not self.touched:
-                found.append(Contact(t_s, self.name, force_n, 20.0))
+            if force_n > 2.0 and not self.touched:
+                found.append(Contact(t_s, self.name, force_n, 2.0))
                 self.touched = True
         return found
 """
@@ -185,7 +185,7 @@ def test_a_promise_that_a_detector_breaks_is_one_line(
 
 
 def test_a_detector_that_finds_nothing_in_what_is_shown_is_not_called_broken(checked: Any) -> None:
-    code, out, err = checked("", "force_n > 20.0", "force_n > 20e9")
+    code, out, err = checked("", "force_n > 2.0", "force_n > 20e9")
     assert (code, err) == (0, "")
     assert "detectors.contact: not tried: it finds nothing in" in out
     assert "check_contract" in out
