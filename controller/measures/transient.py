@@ -46,7 +46,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
 
     A detection before contact is false: before the simulated contact where the truth is known, else before the
     load cell's onset. A detection may precede the onset (the touch is lighter than 0.005 N); its delay is
-    then negative.
+    then negative. A real load cell whose noise reaches 0.005 N by itself shows no onset: there is none then.
 
     Returns:
         The outcome, which distinguishes false from true contact, and the row's columns; None for what did not occur.
@@ -74,7 +74,10 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         return outcome, row
     times_s, force_n = tared(evidence, settings.load_cell_stream, begun_s)
     above = np.flatnonzero(force_n >= ONSET_N)
-    onset_s = float(times_s[above[0]]) if len(above) else None
+    too_noisy = (
+        evidence.truth is None and _noise(evidence, settings.load_cell_stream, begun_s) > ONSET_N / 4.0
+    )
+    onset_s = float(times_s[above[0]]) if len(above) and not too_noisy else None
     touched_s = None
     if evidence.truth is not None:
         touched_s = next((t_s for t_s, made in evidence.truth if made and t_s >= begun_s), None)
@@ -84,7 +87,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         return outcome, row
     detect_s = contact.t_s
     row.update(detect_s=detect_s, **stop_certificate(evidence, settings.mover, position, detect_s))
-    if settings.load_cell_stream is None and evidence.truth is None:
+    if evidence.truth is None and (settings.load_cell_stream is None or too_noisy):
         row["false_contacts"] = None  # nothing on this bench tells a true contact from a false one
         return outcome, row
     reference_s = touch_of(row, evidence)
@@ -114,6 +117,12 @@ def tared(
     before = times_s < begun_s
     zero_n = float(force_n[before].mean()) if before.any() else 0.0
     return times_s[~before], force_n[~before] - zero_n
+
+
+def _noise(evidence: TrialEvidence, stream: str | None, begun_s: float) -> float:
+    """The load cell's standard deviation over the baseline, in newtons; 0 where it has none."""
+    _, force_n = evidence.series(stream, evidence.entered_s.get("BASELINE", -math.inf), begun_s)
+    return float(force_n.std()) if len(force_n) else 0.0
 
 
 def _largest(force_n: NDArray[np.float64]) -> float | None:

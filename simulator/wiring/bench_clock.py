@@ -197,7 +197,8 @@ class BenchClock(Clock):
 
 
 AHEAD_S = 0.004
-"""How far time may go beyond the devices' last step: they are this much late at the most (assumption: two steps)."""
+"""How far time may go beyond the emulator's last turn (assumption: two steps). The devices' last step may be one step
+older, for a turn that comes too early for the next one makes none: they are three steps late at the most."""
 
 UNREAD_S = 0.004
 """How long bytes may lie unread at the host before time waits for them (assumption: as long as a thread may sleep)."""

@@ -57,3 +57,18 @@ def test_flexion_counts_a_contact_more_than_a_step_before_the_touch_as_false(t_s
     _, row = flexion.measure(evidence(t_s, TOUCH), FlexionSettings(), "contact")
     assert (row["contact_false"], row["contact_blind"]) == (false, false)
     assert row["contact_event_s"] == (None if false else pytest.approx(max(0.0, t_s - 2.5)))
+
+
+@pytest.mark.parametrize(("noise_n", "told"), [(0.0002, True), (0.003, False)])
+def test_a_real_load_cell_whose_noise_reaches_the_onset_shows_none(noise_n, told):
+    found = evidence(2.7)
+    force_n = np.random.default_rng(1).normal(0.0, noise_n, 4000)
+    force_n[2500:] += 0.2
+    found.recording = TrialRecording(1)
+    for stream, unit in STREAMS:
+        values = force_n if stream == "board.load_cell" else np.linspace(0.030, 0.031, 4000)
+        found.recording.add(SampleBlock(stream, 0, 0.0, values[:, None], rate_hz=1000.0, unit=unit))
+    outcome, row = measure(found, TransientSettings(), "contact")
+    assert outcome == "contact"
+    assert row["delay_s"] == (pytest.approx(0.2, abs=0.002) if told else None)
+    assert row["false_contacts"] == (0 if told else None)

@@ -1,4 +1,4 @@
-"""RDT as the maker's manual tables it; the bytes were written by hand."""
+"""RDT as public clients show it; the bytes were written by hand."""
 
 from __future__ import annotations
 
