@@ -166,10 +166,11 @@ def test_an_overload_stops_the_arm_in_states_in_which_no_detector_listens_too(tm
     assert stopped["t_s"] < entered_s + 0.1
 
 
-def test_a_fingertip_that_is_not_at_the_tip_is_asked_nothing(tmp_path):
-    fault = '[{ device = "board", kind = "silent", at_s = 0.0 }]'
-    outcome, _ = run_slip(tmp_path, "wrist", faults=fault, **SHORT)
+def test_a_fingertip_that_is_not_at_the_tip_is_not_even_opened(short, tmp_path):
+    outcome, run = run_slip(tmp_path, "wrist", **SHORT)
     assert outcome.exit_code == EXIT_DONE, outcome.line
+    assert "board" in short.manifest["devices"]
+    assert "board" not in run.manifest["devices"]
 
 
 def test_a_pause_in_the_descent_lifts_before_the_tip_turns_and_the_trial_is_run_all_the_same(

@@ -47,7 +47,7 @@ class Other:
     ("name", "line", "error", "message"),
     [
         ("board", LINE, ProtocolError, "no hello of a sensor board while asking who is at {port}"),
-        ("board", b"", SilentError, "no answer in 0.4 s while asking who is at {port}"),
+        ("board", b"", SilentError, "no answer in 3 s while asking who is at {port}"),
         ("dsa", LINE, ProtocolError, "BADCOMMAND.* while asking who is at {port}"),
         ("dsa", b"", SilentError, "no answer in 0.3 s while asking who is at {port}"),
         ("gripper", b"t" + LINE, ProtocolError, "malformed"),

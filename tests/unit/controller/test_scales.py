@@ -119,6 +119,7 @@ def run(tmp_path):
         folder=folder,
         table=pd.DataFrame(rows),
         manifest={},
+        resolved={},
         succeeded=bool,
     )
 

@@ -57,6 +57,9 @@ def result():
 def kept(tmp_path, monkeypatch):
     folder = tmp_path / "kept"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
+    # two edits of one length within a second look alike to Python's own cache of bytecode
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     return folder
 
 
