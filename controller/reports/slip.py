@@ -317,7 +317,10 @@ def _too_slow(score: SensorScore, runs: Sequence[Run]) -> Mapping[str, Any]:
 
 def _draw(runs: Sequence[Run], figures: Figures) -> Iterator[Figure]:
     """One figure a sensor, from its first recorded trial without other nuisance."""
-    shaded = " Shaded: from the first slip to the end of the last. Time is counted so that the tip touches at 2.43 s, as in Fig. 8. Circles: our "
+    shaded = (
+        " Shaded: from the first slip to the end of the last. Time is counted so that the tip touches at 2.43 s,"
+        " as in Fig. 8. Circles: our "
+    )
     for sensor, caption in FIGURES.items():
         run, row = next(_drawable(runs, sensor), (None, None))
         if run is None or row is None:
