@@ -1,0 +1,244 @@
+"""Every figure that README and docs state, recomputed and compared: `make claims`.
+
+docs/claims.txt has, under the name of each page, lines of `words := source; source`. The words stand on the
+page as they are, with a `#` for each figure that has a source; a figure spelled out in them is a definition, a
+goal or a printed value. docs/papers.csv has the items of the three papers: the tables of docs/results.md are
+made from it, with sources in braces.
+
+A source is an expression: a stored result (`contact.levels.hard.ours.in_time`), a setting
+(`profile("mock/slip").loop`), or a column of a run of the papers' profiles (`run("mock/static").frequency_hz`).
+Values of runs are kept in benchmarks/results/papers.json. `--stored` takes them from there, seconds instead of
+minutes; `--write` writes them, and the tables, anew.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from config.profile import load_profile
+from simulator.physics.finger_settings import FingerSettings
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
+STORED = RESULTS / "papers.json"
+CLAIMS = ROOT / "docs" / "claims.txt"
+PAPERS = ROOT / "docs" / "papers.csv"
+TABLES = "docs/results.md"
+BEGIN, END = "<!-- from papers.csv -->\n", "<!-- to here -->\n"
+AUTHORS = {
+    "A": "Backus and Dollar: contact",
+    "B": "Fernandez et al.: slip",
+    "C": "Rupavatharam et al.: sonic fingers",
+}
+
+FIGURE = r"[−-]?\d+(?:,\d{3})*(?:\.\d+)?(?:e[−-]?\d+)?"
+ALONE = re.compile(rf"(?<![\w.,^/\[]){FIGURE}(?![\w/]|\.\d)")
+NO_FIGURES = re.compile(
+    r"```.*?```|`[^`\n]*`|\$\$.*?\$\$|\$[^$\n]*\$|\]\([^)\n]*\)|<!--.*?-->|^#.*?$", re.S | re.M
+)
+SOURCE = re.compile(r"\{(.*?):([^:{}]+)\}")
+
+
+class Row(dict[str, Any]):
+    """A table of a JSON or TOML file; its keys are attributes as well."""
+
+    __getattr__ = dict.__getitem__
+
+
+def rows(value: Any) -> Any:
+    """The same with every table as a `Row`."""
+    if isinstance(value, dict):
+        return Row({key: rows(part) for key, part in value.items()})
+    return [rows(part) for part in value] if isinstance(value, list) else value
+
+
+def one(listed: list[Row], **keys: Any) -> Row:
+    """The one row of a list with these values."""
+    (row,) = (row for row in listed if all(row[key] == value for key, value in keys.items()))
+    return row
+
+
+def share(frame: pd.DataFrame, some: str, of: str) -> float:
+    """The sum of one column over that of another, %."""
+    return float(100.0 * frame[some].sum() / frame[of].sum())
+
+
+@cache
+def profile(name: str) -> Row:
+    """A profile's settings, defaults included."""
+    found: Row = rows(load_profile(name).resolved)
+    return found
+
+
+@cache
+def run(name: str) -> pd.DataFrame:
+    """The trials of a profile as a paper's profile runs it, kept in build/claims."""
+    papers = (ROOT / "config" / "profiles" / "papers").glob("*.toml")
+    parts = [part for path in sorted(papers) for part in tomllib.loads(path.read_text("utf-8"))["parts"]]
+    part = next((part for part in parts if part.split()[0] == name), name)
+    out = ROOT / "build" / "claims" / re.sub(r"\W+", "_", part)
+    if not (found := list(out.glob("*/trials.csv"))):
+        command = [sys.executable, "run.py", "run", *part.split(), "--no-report", "--out", str(out)]
+        subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+        found = list(out.glob("*/trials.csv"))
+    return pd.read_csv(found[0])
+
+
+class Sources:
+    """What sources are evaluated with."""
+
+    def __init__(self, fresh: bool) -> None:
+        self._fresh = fresh
+        self.stored: dict[str, float] = json.loads(STORED.read_text("utf-8")) if STORED.exists() else {}
+        self.used: dict[str, float] = {}
+        table_1 = pd.read_csv(ROOT / "controller/reports/papers/backus_table_1.csv")
+        self._names = {path.stem: rows(json.loads(path.read_text("utf-8"))) for path in RESULTS.glob("*.json")} | {
+            "run": run, "profile": profile, "one": one, "share": share, "table_1": table_1, "finger": FingerSettings(),
+            "np": np, "sqrt": math.sqrt, "pi": math.pi,
+        }  # fmt: skip
+
+    def value(self, source: str) -> float:
+        """The value of one source."""
+        if "run(" not in source:
+            return float(eval(source, dict(self._names)))
+        if source not in self.used:
+            self.used[source] = float(eval(source, dict(self._names))) if self._fresh else self.stored[source]
+        return self.used[source]
+
+    def changed(self) -> Iterator[str]:
+        """The stored values that runs no longer give, and those that nothing uses."""
+        for source in sorted(self.used.keys() | self.stored.keys()):
+            then, now = self.stored.get(source, math.nan), self.used.get(source, math.nan)
+            if not math.isclose(then, now, rel_tol=1e-6, abs_tol=1e-12):
+                yield f"{STORED.name}: {source}: {then:.6g} stored, {now:.6g} now: --write"
+
+
+def agrees(printed: str, value: float) -> bool:
+    """Whether a figure is a value, rounded to the digits that are printed."""
+    plain = printed.replace(",", "").replace("−", "-")
+    mantissa, _, power = plain.partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return abs(float(plain) - value) <= 0.5001 * 10.0 ** (int(power or 0) - decimals)
+
+
+def claims() -> dict[str, list[tuple[str, list[str]]]]:
+    """By page: the words of each claim, and its sources."""
+    pages: dict[str, list[tuple[str, list[str]]]] = {}
+    listed: list[tuple[str, list[str]]] = []
+    for line in CLAIMS.read_text("utf-8").splitlines():
+        if line.startswith("["):
+            listed = pages.setdefault(line.strip("[]"), [])
+        elif line and not line.startswith("//"):
+            words, _, sources = line.partition(" := ")
+            listed.append(
+                (words.strip(), [source.strip() for source in sources.split(";") if source.strip()])
+            )
+    return pages
+
+
+def problems(page: str, text: str, listed: list[tuple[str, list[str]]], sources: Sources) -> Iterator[str]:
+    """What does not hold on a page: claims that are gone or false, and figures without a source."""
+    covered = [match.span() for match in NO_FIGURES.finditer(text)]
+    for words, wanted in listed:
+        pattern = r"\s+".join(re.escape(word).replace(r"\#", f"({FIGURE})") for word in words.split())
+        matches = list(re.finditer(pattern, text))
+        if not matches:
+            yield f"{page}: “{words}” no longer stands there"
+        for match in matches:
+            covered.append(match.span())
+            if len(match.groups()) != len(wanted):
+                yield f"{page}: “{words}”: {len(match.groups())} figures, {len(wanted)} sources"
+            for printed, source in zip(match.groups(), wanted, strict=False):
+                if not agrees(printed, found := sources.value(source)):
+                    yield f"{page}: “{match[0]}” states {printed}, {source} is {found:.6g}"
+    for figure in ALONE.finditer(text):
+        if not any(begin <= figure.start() and figure.end() <= end for begin, end in covered):
+            line = text.count("\n", 0, figure.start()) + 1
+            around = text[max(0, figure.start() - 40) : figure.end() + 20]
+            yield f"{page}:{line}: {figure[0]} has no source: {around!r}"
+
+
+def tables(sources: Sources) -> str:
+    """The papers' items as docs/results.md shows them."""
+    with PAPERS.open(encoding="utf-8", newline="") as file:
+        items = list(csv.DictReader(file))
+    lines = []
+    for paper, title in AUTHORS.items():
+        lines += [
+            "",
+            f"### {title}",
+            "",
+            "| | | item | paper | ours | | why different, or how |",
+            "| --- " * 7 + "|",
+        ]
+        for item in (item for item in items if item["paper"] == paper):
+            theirs, ours = (
+                SOURCE.sub(lambda found: f"{sources.value(found[1]):{found[2]}}", item[side])
+                for side in ("theirs", "ours")
+            )
+            place = item["where"] and (f"`{item['where']}`" if "/" in item["where"] else _link(item["where"]))
+            cells = (item["mark"], item["place"], item["item"], theirs, ours, place, item["why"])
+            lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    counted = {
+        kind: [sum(item["mark"] == mark and kind == item["kind"] for item in items) for mark in "●◐○"]
+        for kind in ("result", "setting")
+    }
+    said = [
+        f"{sum(counts)} {names}: {counts[0]} ●, {counts[1]} ◐, {counts[2]} ○"
+        for names, counts in zip(
+            ("results, statements and proposals", "settings and procedures"), counted.values(), strict=True
+        )
+    ]
+    return "\n".join([f"{said[0]}. {said[1]}.", *lines, ""])
+
+
+def _link(page: str) -> str:
+    inside = ROOT / "docs" / "explanation" / f"{page}.md"
+    return (
+        f"[{page}](explanation/{page}.md)"
+        if inside.exists()
+        else f"[{page}](../benchmarks/results/{page}.md)"
+    )
+
+
+def main(arguments: list[str]) -> int:
+    """Check all pages; with --write, first write what is made from runs."""
+    write, stored = "--write" in arguments, "--stored" in arguments
+    sources = Sources(fresh=not stored)
+    found: list[str] = []
+    listed = claims()
+    path = ROOT / TABLES
+    before, _, rest = path.read_text("utf-8").partition(BEGIN)
+    made = before + BEGIN + tables(sources) + END + rest.partition(END)[2]
+    if write:
+        path.write_text(made, "utf-8")
+    elif made != path.read_text("utf-8"):
+        found.append(f"{TABLES}: its tables are not those of {PAPERS.name}: --write")
+    for page, claimed in listed.items():
+        text = (ROOT / page).read_text("utf-8")
+        if page == TABLES:  # the tables are compared as a whole
+            text = text.partition(BEGIN)[0] + text.partition(END)[2]
+        found += problems(page, text, claimed, sources)
+    if write:
+        STORED.write_text(json.dumps(dict(sorted(sources.used.items())), indent=1) + "\n", "utf-8")
+    elif not stored:
+        found += sources.changed()
+    print("\n".join(found) or f"every figure of {len(listed)} pages has its source")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
