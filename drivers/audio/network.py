@@ -21,6 +21,7 @@ from drivers.audio.source import Drive, SourceEvent, SourceFound, Swept
 from drivers.core.clock import Clock
 from drivers.core.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
 from drivers.core.messages import Chirp, Refused, Tone
+from drivers.core.wire import OPENING_S
 
 CHUNK_BYTES: Final = 1 << 16
 
@@ -90,18 +91,19 @@ class NetworkRecorder:
     def open(self) -> SourceFound:
         """See `Source.open`."""
         doing = f"connecting to {self._address}"
+        patience_s = max(self._settings.reply_timeout_s, OPENING_S)
         host, _, port = self._address.rpartition(":")
         if not host or not port.isdecimal():
             raise PortError(
                 self._device, doing, "it is no address", 'write port = "tcp:HOST:PORT", tcp:10.0.0.7:9640'
             )
         try:
-            connection = socket.create_connection((host, int(port)), self._settings.reply_timeout_s)
+            connection = socket.create_connection((host, int(port)), patience_s)
         except (OSError, OverflowError) as error:
             reason = f"it does not answer ({getattr(error, 'strerror', None) or error})"
             raise PortError(self._device, doing, reason, ADVICE) from error
         self._link = _Link(self._device, connection, self._clock)
-        greeting = self._greet(doing)
+        greeting = self._greet(doing, patience_s)
         # An earlier host may have left it driving.
         self._ask({"do": "silence"})
         return SourceFound(
@@ -116,7 +118,7 @@ class NetworkRecorder:
             details={"address": self._address},
         )
 
-    def _greet(self, doing: str) -> Greeting:
+    def _greet(self, doing: str, patience_s: float) -> Greeting:
         """Its greeting.
 
         Raises:
@@ -124,14 +126,14 @@ class NetworkRecorder:
             ProtocolError: it is no recorder.
         """
         self._ask({"do": "hello"})
-        until_s = self._clock.monotonic_s() + self._settings.reply_timeout_s
+        until_s = self._clock.monotonic_s() + patience_s
         while self._clock.monotonic_s() < until_s and self.fault is None and self._greeting is None:
             self._clock.rest(PAUSE_S)
             self.receive()
         if self._greeting is not None:
             return self._greeting
         error: type[DeviceError] = SilentError if self.fault is None else ProtocolError
-        waited = f"it does not answer in {self._settings.reply_timeout_s:g} s"
+        waited = f"it does not answer in {patience_s:g} s"
         raise error(
             self._device,
             doing,

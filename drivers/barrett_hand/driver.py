@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
@@ -20,9 +19,6 @@ from drivers.core.wire import Inquiry, WireDriver
 
 QUIET_S = 0.3
 """How long nothing may be said on the bus while fingers wake (libbarrett)."""
-
-OPEN_ATTEMPTS = 10
-"""How often a finger is queried while opening (assumption: frames may be lost, or missed by a busy machine)."""
 
 
 class BarrettHandSettings(CanPort, FingerStrainSettings):
@@ -71,10 +67,7 @@ class BarrettHand(WireDriver[CanLink]):
 
     def _identify(self, link: CanLink) -> DeviceInfo:
         woken = self._wake(link)
-        readings = {
-            finger: self._asked(link, finger, codec.STRAIN, OPEN_ATTEMPTS)
-            for finger in self._settings.fingers
-        }
+        readings = {finger: self._asked(link, finger, codec.STRAIN) for finger in self._settings.fingers}
         return DeviceInfo(
             self.name,
             model="BarrettHand",
@@ -87,19 +80,14 @@ class BarrettHand(WireDriver[CanLink]):
         """Wake the fingers that sleep, as all do after power-up; raises a `DeviceError`."""
         s = self._settings
         asleep = tuple(
-            finger
-            for finger in s.fingers
-            if self._asked(link, finger, codec.STATUS, OPEN_ATTEMPTS) != codec.READY
+            finger for finger in s.fingers if self._asked(link, finger, codec.STATUS) != codec.READY
         )
         for finger in asleep:
             link.send(codec.encode_wake(finger))
         if asleep:
             self._clock.rest(QUIET_S)
         for finger in asleep:
-            if (
-                self._asked(link, finger, codec.STATUS, math.ceil(s.wake_s / s.answer_timeout_s))
-                != codec.READY
-            ):
+            if self._asked(link, finger, codec.STATUS, s.wake_s) != codec.READY:
                 reason = f"finger {finger} was woken and is not ready"
                 raise RefusedError(self.name, "waking it", reason, "switch the hand off and on")
         return asleep
@@ -191,7 +179,7 @@ class BarrettHand(WireDriver[CanLink]):
             self._missing += lost
             self._lost(self._clock.now(), strain.info.name, lost)
 
-    def _asked(self, link: CanLink, finger: int, subject: int, attempts: int) -> int:
+    def _asked(self, link: CanLink, finger: int, subject: int, patience_s: float = 0.0) -> int:
         """Query one finger for a property until it answers; raises a `DeviceError`."""
         strangers = 0
 
@@ -212,7 +200,7 @@ class BarrettHand(WireDriver[CanLink]):
             silent="is the hand powered?",
         )
         query = codec.encode_query(finger, subject=subject)
-        return inquiry.ask(lambda: link.send(query), parse, attempts)
+        return inquiry.ask(lambda: link.send(query), parse, patience_s)
 
 
 def _reading(received: ReceivedFrame, subject: int = codec.STRAIN) -> tuple[int, int] | None:

@@ -39,9 +39,6 @@ from drivers.core.wire import Inquiry, WireDriver
 from drivers.gripper.outcome import GripperOutcome
 from drivers.gripper.state import GripFinding, GripperState
 
-OPEN_ATTEMPTS = 4
-"""How often a query is sent while opening (assumption: three frames may be lost)."""
-
 IDLE = DriveOrder(0, 0, 0, activate=False, go=False)
 
 
@@ -195,7 +192,7 @@ class CanGripper(WireDriver[CanLink]):
             silent=f"is it powered with 24 V, {where}",
         )
         question = encode_order(self._settings.node, order)
-        return inquiry.ask(lambda: link.send(question), parse, OPEN_ATTEMPTS)
+        return inquiry.ask(lambda: link.send(question), parse)
 
     def _answer(self, received: ReceivedFrame) -> tuple[Answer | None, bool]:
         """An answer of this node, None where the frame is something else, and whether it has a fault."""

@@ -15,9 +15,6 @@ from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo
 from drivers.core.numbering import SampleStream
 from drivers.core.wire import Inquiry, WireDriver
 
-ATTEMPTS = 3
-"""How often a sensor is asked who it is (assumption)."""
-
 LONGEST_LINE = 1024
 """Bytes; what is longer is no line of a sensor (assumption)."""
 
@@ -26,7 +23,7 @@ class LineSensorSettings(SerialPort):
     """A sensor that sends lines."""
 
     reply_timeout_s: float = Field(default=0.2, gt=0.0, le=10.0)
-    """How long an answer may take (assumption)."""
+    """When it is asked again (assumption)."""
     silence_timeout_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """Silence after which it has failed (assumption: tens of samples)."""
     max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
@@ -115,7 +112,7 @@ class LineSensor(WireDriver[SerialLink]):
             silent="is it powered, and is this its port?",
         )
         link.send(self.stop)  # an earlier host may have left it on
-        found = inquiry.ask(lambda: link.send(self.query), self._identity, ATTEMPTS)
+        found = inquiry.ask(lambda: link.send(self.query), self._identity)
         clock = DeviceClock(s.max_drift_ppm, wrap_s=found.wrap_s)
         name = found.stream.name
         self._streams[name] = SampleStream(found.stream, clock, self._clock, np.int32, found.counter_modulus)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
@@ -24,6 +25,10 @@ NOT_OPEN = "it is not open"
 
 TURN_S = 0.001
 """Pause between two looks at a link while opening and closing (assumption: a fraction of any answer)."""
+
+OPENING_S = 2.0
+"""How long a device that is being opened is given for an answer, at least (assumption: a busy machine delays neither
+side by more; nothing moves yet)."""
 
 T = TypeVar("T")
 
@@ -215,7 +220,7 @@ class Inquiry:
     Attributes:
         doing: For errors.
         clock: Times the answers.
-        timeout_s: How long an answer may take.
+        timeout_s: When a query is repeated.
         strange: Describes what arrived that was no answer; "" where nothing did.
         stranger: Advice where something did.
         silent: Advice where nothing did.
@@ -230,14 +235,17 @@ class Inquiry:
     stranger: str
     silent: str
 
-    def ask(self, send: Callable[[], object], parse: Callable[[Any], T | None], attempts: int) -> T:
-        """Send a query, up to `attempts` times, until `parse` finds an answer in what is received.
+    def ask(
+        self, send: Callable[[], object], parse: Callable[[Any], T | None], patience_s: float = OPENING_S
+    ) -> T:
+        """Repeat a query until `parse` finds an answer in what is received, for `patience_s` and `OPENING_S` at least.
 
         Raises:
             PortError: the link is gone.
             SilentError: nothing came.
             ProtocolError: what came is no answer.
         """
+        attempts = math.ceil(max(patience_s, OPENING_S) / self.timeout_s)
         for _ in range(attempts):
             send()
             until_s = self.clock.monotonic_s() + self.timeout_s

@@ -17,9 +17,6 @@ from drivers.core.wire import Inquiry, WireDriver
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
 
-ATTEMPTS = 3
-"""How often a query is sent to a controller that has answered before (assumption)."""
-
 BITS_PER_BYTE = 10
 """On the line: 8 data bits, a start and a stop bit."""
 
@@ -39,7 +36,7 @@ class DsaMatrixSettings(SerialPort):
     power_up_s: float = Field(default=12.0, gt=0.0, le=60.0)
     """How long to wait for the first answer: after power-up the controller is deaf for about 8 s."""
     reply_timeout_s: float = Field(default=0.5, gt=0.0, le=10.0)
-    """How long an answer may take. Assumption: three raw frames of 210 cells are ahead of it on the line."""
+    """When it is asked again. Assumption: three raw frames of 210 cells are ahead of it on the line."""
     silence_timeout_s: float = Field(default=1.0, gt=0.0, le=60.0)
     """Silence after which the matrices have failed (assumption: a hundred frames)."""
     max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
@@ -78,8 +75,7 @@ class DsaMatrix(WireDriver[SerialLink]):
     def _identify(self, link: SerialLink) -> DeviceInfo:
         """Stop frames that an earlier host has left on, query the matrices; wait for a controller that powers up."""
         s = self._settings
-        attempts = max(ATTEMPTS, round(s.power_up_s / s.reply_timeout_s))
-        self._ask(link, self._acquire(False), codec.Done, attempts)
+        self._ask(link, self._acquire(False), codec.Done, s.power_up_s)
         controller = self._ask(link, codec.request(codec.Id.CONTROLLER), codec.ControllerInfo)
         sensor = self._ask(link, codec.request(codec.Id.SENSOR), codec.SensorInfo)
         matrices = [
@@ -123,7 +119,7 @@ class DsaMatrix(WireDriver[SerialLink]):
                 advice = "is its firmware older than release 268?"
                 raise RefusedError(self.name, "setting it up", reason, advice)
 
-    def _ask(self, link: SerialLink, request: MatrixPacket, kind: type[T], attempts: int = ATTEMPTS) -> T:
+    def _ask(self, link: SerialLink, request: MatrixPacket, kind: type[T], patience_s: float = 0.0) -> T:
         """Ask until the answer to this request comes; raises a `DeviceError`."""
         doing = f"asking who is at {self._settings.port}"
 
@@ -157,7 +153,7 @@ class DsaMatrix(WireDriver[SerialLink]):
             stranger="is another device at this port, or the baud rate wrong?",
             silent="is it powered?",
         )
-        return inquiry.ask(send, parse, attempts)
+        return inquiry.ask(send, parse, patience_s)
 
     def _strange(self) -> str:
         noise = self._decoder.noise.replace(codec.POWER_UP_NOISE, b"")

@@ -132,7 +132,7 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
             stranger=advice,
             silent=advice,
         )
-        return inquiry.ask(lambda: link.send(encode({"hello": "touchbench"})), parse, attempts=1)
+        return inquiry.ask(lambda: link.send(encode({"hello": "touchbench"})), parse)
 
     def close(self) -> None:
         """Withdraw the request, close the line. Never raises; may be called twice."""

@@ -23,7 +23,7 @@ from drivers.core.messages import (
     StreamInfo,
 )
 from drivers.core.numbering import Samples
-from drivers.core.wire import Inquiry, WireDriver
+from drivers.core.wire import OPENING_S, Inquiry, WireDriver
 from drivers.gripper.outcome import GripperOutcome
 from drivers.gripper.state import GripFinding, GripperState
 from drivers.gripper.units import ROUNDING_M
@@ -119,12 +119,12 @@ class Robotiq(WireDriver[SerialLink]):
             f"asking for {name} at {self._settings.port}",
             link,
             self._clock,
-            self._settings.reply_timeout_s,
+            max(self._settings.reply_timeout_s, OPENING_S),  # asked once: TCP loses nothing
             strange=lambda: f"it answers {self._buffer[:24]!r}" if self._buffer else "",
             stranger=f"is this the URCap's port, {codec.PORT}?",
             silent="is the gripper's URCap installed, and the gripper switched on at the pendant?",
         )
-        return inquiry.ask(lambda: link.send(codec.encode_get(name)), parse, 1)
+        return inquiry.ask(lambda: link.send(codec.encode_get(name)), parse)
 
     def _leave(self, link: SerialLink, failure: str | None) -> None:
         """Stop what moves: what is held stays held."""

@@ -53,12 +53,14 @@ class BoardDialogue:
 
     Args:
         link: The open port.
+
+    Attributes:
         timeout_s: How long a reply may take.
     """
 
     def __init__(self, link: SerialLink, timeout_s: float) -> None:
         self._link = link
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
         self._tag = 0
         self._orders: dict[int, BoardOrder] = {}
 
@@ -78,7 +80,7 @@ class BoardDialogue:
         self._tag = (self._tag + 1) % TAGS
         frame = encode(CommandFrame(code, self._tag, argument))
         sent_s = self._link.send(frame)
-        order = BoardOrder(code, argument, command, frame, sent_s, attended_s + self._timeout_s)
+        order = BoardOrder(code, argument, command, frame, sent_s, attended_s + self.timeout_s)
         for earlier in self._orders.values():
             earlier.superseded |= earlier.subject == order.subject
         self._orders[self._tag] = order
@@ -99,9 +101,9 @@ class BoardDialogue:
             if order.superseded:
                 del self._orders[tag]
             elif order.repeated:
-                return f"no reply to {order.code.name.lower()}, asked twice in {2 * self._timeout_s:g} s"
+                return f"no reply to {order.code.name.lower()}, asked twice in {2 * self.timeout_s:g} s"
             else:
                 self._link.send(order.frame)
                 order.repeated = True
-                order.due_s = attended_s + self._timeout_s
+                order.due_s = attended_s + self.timeout_s
         return None

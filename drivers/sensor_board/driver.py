@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from drivers.core.errors import CodecError, PortError, ProtocolError
 from drivers.core.links import SerialLink, SerialPort, open_serial
 from drivers.core.messages import Command, DeviceInfo, Excite, Listen, SetTendon, StreamInfo, Tare
-from drivers.core.wire import TURN_S, Inquiry, WireDriver
+from drivers.core.wire import OPENING_S, TURN_S, Inquiry, WireDriver
 from drivers.sensor_board.codec import (
     BoardCode,
     BoardHello,
@@ -26,9 +26,6 @@ from drivers.sensor_board.commands import BoardLimits
 from drivers.sensor_board.dialogue import BoardDialogue, BoardOrder
 from drivers.sensor_board.framing import BoardFrameDecoder
 from drivers.sensor_board.streams import BoardStreams, stream_info
-
-HELLO_ATTEMPTS = 4
-"""Least number of questions for a hello. Assumption: the first answer may be lost in a partial frame."""
 
 CLOSE_S = 0.25
 """Longest wait at close for the board to acknowledge that all is off (assumption: as long as a reply may take)."""
@@ -136,8 +133,9 @@ class SensorBoard(WireDriver[SerialLink]):
         }
         self._numbers = {info.name: number for number, info in self._infos.items()}
         self._streams = BoardStreams(self._infos, self._clock, s.max_drift_ppm)
-        self._dialogue = BoardDialogue(link, s.reply_timeout_s)
+        self._dialogue = BoardDialogue(link, max(s.reply_timeout_s, OPENING_S / 2))
         self._set_up(link)
+        self._dialogue.timeout_s = s.reply_timeout_s
         return DeviceInfo(
             self.name,
             model=hello.board,
@@ -180,8 +178,7 @@ class SensorBoard(WireDriver[SerialLink]):
         )
         # The leading delimiter closes any partial frame that the board has received.
         question = b"\0" + encode(CommandFrame(BoardCode.HELLO, 0))
-        attempts = math.ceil(self._settings.boot_s / self._settings.reply_timeout_s)
-        return inquiry.ask(lambda: link.send(question), parse, max(HELLO_ATTEMPTS, attempts))
+        return inquiry.ask(lambda: link.send(question), parse, self._settings.boot_s)
 
     def _set_up(self, link: SerialLink) -> None:
         """Stop whatever an earlier host has left on, and set the watchdog."""

@@ -20,15 +20,12 @@ from drivers.core.links import JOIN_TIMEOUT_S
 from drivers.core.messages import Command, DeviceInfo, Listen, Saturated, StreamInfo, Tare
 from drivers.core.numbering import SampleStream
 from drivers.core.settings import Address, Settings
-from drivers.core.wire import Inquiry, WireDriver
+from drivers.core.wire import OPENING_S, Inquiry, WireDriver
 from drivers.udp_force import codec
 from drivers.udp_force.codec import BoxSettings, ForceRecord
 
 LOOK_S = 0.1
 """How long one wait for a datagram lasts: closing may take so long (assumption)."""
-
-ATTEMPTS = 3
-"""How often it is asked for a first record (assumption)."""
 
 PAGE = "http://{}/netftapi2.xml"
 """Where the box's settings are."""
@@ -53,7 +50,7 @@ class UdpForceSettings(Settings):
     sample_hz: float | None = Field(default=None, gt=0.0, le=100_000.0)
     """Samples a second by the sensor's own clock, 7000 of a Net F/T; "none": read from there."""
     reply_timeout_s: float = Field(default=0.5, gt=0.0, le=10.0)
-    """How long an answer may take (assumption)."""
+    """When it is asked again (assumption)."""
     silence_timeout_s: float = Field(default=0.2, gt=0.0, le=60.0)
     """Silence after which it has failed (assumption: tens of records)."""
     max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
@@ -164,7 +161,7 @@ class UdpForce(WireDriver[UdpLink]):
             silent="is the box powered, is this its address, and RDT enabled in it?",
         )
         link.send(codec.encode_request("stop"))  # an earlier host may have left it on
-        first = inquiry.ask(lambda: link.send(codec.encode_request("start", 1)), self._first, ATTEMPTS)
+        first = inquiry.ask(lambda: link.send(codec.encode_request("start", 1)), self._first)
         if fault := codec.faults_of(first.status):
             raise RefusedError(
                 self.name, "reading its status", fault, "switch it off and on; see its own pages"
@@ -200,7 +197,7 @@ class UdpForce(WireDriver[UdpLink]):
         url, doing = PAGE.format(s.host.partition(":")[0]), "reading the box's settings"
         opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # it is in this network
         try:
-            with opener.open(url, timeout=s.reply_timeout_s) as page:
+            with opener.open(url, timeout=max(s.reply_timeout_s, OPENING_S)) as page:
                 box = codec.decode_settings(page.read().decode("utf-8", "replace"))
         except CodecError as error:
             raise ProtocolError(

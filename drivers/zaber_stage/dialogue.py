@@ -42,9 +42,9 @@ class StageDialogue:
         address: Device number on the line.
         clock: For what is overdue.
         retry_s: When to ask again, in seconds.
-        timeout_s: When to give up, in seconds.
 
     Attributes:
+        timeout_s: When to give up, in seconds.
         checksums_due: True where a reply without a checksum is dropped.
         fault: Why the device has failed, or None.
         garbage: The latest bytes since the last line that was a message.
@@ -60,7 +60,7 @@ class StageDialogue:
         self._address = address
         self._clock = clock
         self._retry_s = retry_s
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
         self._lines = LineBuffer(codec.MAX_LINE)
         self._open: dict[int, StageQuestion] = {}
         self._next_id = 0
@@ -102,9 +102,9 @@ class StageDialogue:
 
     def _repeat(self, now_s: float) -> None:
         for question in list(self._open.values()):
-            if now_s - question.first_s > self._timeout_s:
+            if now_s - question.first_s > self.timeout_s:
                 received = f"only {self.garbage[:24]!r}" if self.garbage else "no reply"
-                self.fault = self.fault or f"{received} in {self._timeout_s:.2f} s"
+                self.fault = self.fault or f"{received} in {self.timeout_s:.2f} s"
             elif now_s - question.sent_s > self._retry_s:
                 self.withdraw(question)
                 question.attempts += 1

@@ -25,7 +25,7 @@ from drivers.core.messages import (
     StreamInfo,
 )
 from drivers.core.numbering import Samples
-from drivers.core.wire import WireDriver
+from drivers.core.wire import OPENING_S, WireDriver
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.dialogue import StageDialogue, StageQuestion
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
@@ -85,8 +85,10 @@ class ZaberStage(WireDriver[SerialLink]):
     def _identify(self, link: SerialLink) -> DeviceInfo:
         """A stage that is found moving, left so by a host that died, is stopped."""
         s = self._settings
-        dialogue = StageDialogue(link, s.address, self._clock, retry_s=s.retry_s, timeout_s=s.reply_timeout_s)
+        patience_s = max(s.reply_timeout_s, OPENING_S)
+        dialogue = StageDialogue(link, s.address, self._clock, retry_s=s.retry_s, timeout_s=patience_s)
         found = self._converse(link, dialogue)
+        dialogue.timeout_s = s.reply_timeout_s
         self._dialogue = dialogue
         return DeviceInfo(
             self.name,

@@ -161,7 +161,7 @@ class Other:
     ("sends", "patience_s", "error", "message"),
     [
         (b"HTTP/1.1 400\r\n\r\n", 20.0, ProtocolError, "a frame begins with b'TBA1', not with b'HTTP'"),
-        (b"", 0.3, SilentError, "it does not answer in 0.3 s"),
+        (b"", 0.3, SilentError, "it does not answer in 2 s"),
     ],
 )
 def test_what_is_no_recorder_is_not_opened(

@@ -166,7 +166,7 @@ def test_what_it_cannot_do_is_refused(opened: tuple[GripperBench, Spoken]) -> No
 @pytest.mark.parametrize(
     ("says", "error", "named"),
     [
-        (b"", SilentError, ("no answer in 1 s", "URCap")),
+        (b"", SilentError, ("no answer in 2 s", "URCap")),
         (b"Connected: Universal Robots Dashboard Server\n", ProtocolError, ("Connected", "63352")),
     ],
 )

@@ -114,7 +114,7 @@ def test_a_board_whose_first_answer_is_lost_is_asked_again(make_bench: MakeBench
 def test_a_board_that_restarts_when_its_port_is_opened_is_waited_for(make_bench: MakeBench) -> None:
     assert make_bench(board={"boot_s": 2.1}).device.open().serial == "E1"
     bench = make_bench(board={"boot_s": 2.1}, driver={"boot_s": 0.5})
-    with refused(SilentError, "board: ", "no answer in 1 s"):
+    with refused(SilentError, "board: ", "no answer in 2 s"):
         bench.device.open()
 
 

@@ -170,7 +170,7 @@ def test_a_box_that_is_not_there_or_not_well_is_refused_at_open() -> None:
         def record(self, k: int) -> bytes:
             return b"220 ready\r\n"
 
-    with refused(ProtocolError, "ft", "3 datagrams", "another device"):
+    with refused(ProtocolError, "ft", "datagrams that are no records", "another device"):
         driver(Stranger()).open()
 
 

@@ -123,7 +123,7 @@ def test_a_stage_that_a_dead_host_left_moving_is_stopped_at_opening() -> None:
 def test_silence_is_reported_with_what_to_check() -> None:
     wire = Wire()
     wire.device.inject("silent", 0.0)
-    with pytest.raises(SilentError, match=r"^stage: no reply in 0.20 s .*powered.*device 1 on its line\?$"):
+    with pytest.raises(SilentError, match=r"^stage: no reply in 2.00 s .*powered.*device 1 on its line\?$"):
         driver(MemoryLine(wire, VirtualClock()), reply_timeout_s=0.2).open()
 
 
