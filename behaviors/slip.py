@@ -57,11 +57,11 @@ class SensorRunSettings(Settings):
     touch: DetectorName
     """Detector that sees the table: it ends the descent."""
 
-    paper: DetectorName
-    """The paper's slip detector on this sensor."""
+    paper: DetectorName | None
+    """The paper's slip detector on this sensor; a trial does without one that is "none"."""
 
-    ours: DetectorName
-    """Ours."""
+    ours: DetectorName | None
+    """Ours; likewise."""
 
     listen: Literal["rest", "motion"] = "rest"
     """From when the slip detectors are armed: from rest in the air, or from the first step in which the pressed tip
@@ -165,7 +165,14 @@ class RollSlip(TipTrial):
         self.settings = settings
         self.factors = factors
         self.run = settings.sensors[factors.sensor]
-        self._reflex = self.run.ours if settings.reflex == "ours" else self.run.paper
+        self._slips = [name for name in (self.run.ours, self.run.paper) if name in detectors]
+        reflex = self.run.ours if settings.reflex == "ours" else self.run.paper
+        if settings.stop_on_slip and reflex not in detectors:
+            raise ValueError(
+                f"stop_on_slip = true waits for reflex = {settings.reflex}, which {factors.sensor} has not; "
+                "name the other, or write stop_on_slip = false"
+            )
+        self._reflex = "" if reflex is None else reflex
         if self.run.forces_stream is not None:
             self.range_streams = frozenset({self.run.forces_stream})
         self._begin_steps()
@@ -206,7 +213,7 @@ class RollSlip(TipTrial):
             "LOADING": listening,
             "ROLLING": listening,
             "SLIPPING": listening,
-            "HALTING": replace(listening, detectors=frozenset((run.touch, run.paper, run.ours))),
+            "HALTING": replace(listening, detectors=frozenset((run.touch, *self._slips))),
             "STOPPED": replace(quiet, deadline_s=settings.stopped_s),
             "LIFTING": StatePlan(motion),
             "LEVELLING": StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
@@ -217,7 +224,7 @@ class RollSlip(TipTrial):
         """The detectors armed in a step, -1 before the first one: those of slip from the first that is no hold."""
         run = self.run
         begun = run.listen == "rest" or any(each.do != "hold" for each in run.steps[: step + 1])
-        return frozenset((run.touch, run.paper, run.ours) if begun else (run.touch,))
+        return frozenset((run.touch, *self._slips) if begun else (run.touch,))
 
     def _step_plan(self, number: int) -> StatePlan:
         """What the state of a step needs: it ends with it."""
@@ -239,7 +246,9 @@ class RollSlip(TipTrial):
     def deciding(self) -> Sequence[str]:
         """Until contact the touch's; then the one that stops the arm on slip, or would."""
         before = self.state in ("HOMING", "ZEROING", "TILTING", "RESTING", "DESCENDING", "STOPPING")
-        return (self.run.touch,) if before else (self._reflex,)
+        if before or not self._slips:
+            return (self.run.touch,)
+        return (self._reflex if self._reflex in self._slips else self._slips[0],)
 
     def tilted(self) -> bool:
         """Whether the tip touches at an angle."""

@@ -372,11 +372,11 @@ def _behavior(profile: Profile, trial: Trial) -> Behavior:
         raise ProfileError(f"{profile.name}: trial {trial.id}: [behavior] {error}") from None
     armed = {name for plans in behavior.foreseen.values() for plan in plans for name in plan.detectors}
     for name in sorted(armed - profile.detectors.keys()):
+        line = f"{profile.name}: trial {trial.id}: {profile.experiment} listens to a detector '{name}'"
+        if name in profile.source.absent.get("detectors", ()):
+            raise ProfileError(f'{line}, which is "none"; put it back, or leave this trial out')
         hint = near_or_all(name, profile.detectors)
-        raise ProfileError(
-            f"{profile.name}: trial {trial.id}: {profile.experiment} listens to a detector '{name}', which has no"
-            f" [detectors.{name}]; {hint}"
-        )
+        raise ProfileError(f"{line}, which has no [detectors.{name}]; {hint}")
     return behavior
 
 

@@ -242,7 +242,7 @@ class Sections:
             return None
         self._sound[path] = settings
         for place, to, name in references(settings):
-            self._check_reference((*path, *place), to, name, may_be_none(model, place[0]))
+            self._check_reference((*path, *place), to, name, _optional(settings, place))
         return settings
 
     def _check_reference(self, place: KeyPath, to: str, name: str, optional: bool) -> None:
@@ -253,6 +253,8 @@ class Sections:
             to, owner = ("signal", signal) if owner == SIGNALS else ("device", owner)
         known = getattr(self.tables, f"{to}s")
         if owner in self._source.absent.get(f"{to}s", ()):
+            if optional and to == "detector":
+                return  # the trial does without
             remedy = 'name another, or write "none"' if optional else "put it back, or name another"
             self.deferred[place] = (
                 f"{self._where(place)} = {shown(name)}: {to} '{owner}' is \"none\"; {remedy}"
@@ -283,6 +285,13 @@ class Sections:
         *section, key = names
         words = (f"{self._source.origin(place)}:", f"[{'.'.join(section)}]" if section else "", key)
         return " ".join(word for word in words if word)
+
+
+def _optional(settings: Settings, place: KeyPath) -> bool:
+    """Whether "none" may stand at a place in settings."""
+    for key in place[:-1]:
+        settings = settings[key] if isinstance(settings, Mapping) else getattr(settings, key)
+    return may_be_none(type(settings), place[-1])
 
 
 def references(settings: Settings) -> Iterator[tuple[KeyPath, str, str]]:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from config.hints import did_you_mean, unknown_key
-from config.source import KeyPath, ProfileError
+from config.source import KeyPath, ProfileError, Table
 from controller.scales import si_unit
 
 S = TypeVar("S", bound=BaseModel)
@@ -34,9 +34,7 @@ def validated(model: type[S], table: Mapping[str, Any], where: Where) -> S:
     Raises:
         ProfileError: one line for each thing that is wrong.
     """
-    given = {
-        key: None if value == NONE and may_be_none(model, key) else value for key, value in table.items()
-    }
+    given = _with_none(model, table)
     try:
         # As JSON, because only from JSON do strict settings take a list for a tuple and text for an Enum. A date
         # is text then, which no number is made of.
@@ -87,6 +85,19 @@ def _reason(model: type[BaseModel], place: KeyPath, found: Mapping[str, Any]) ->
     unit = si_unit(key) if message.startswith("must be") else ""
     hint = did_you_mean(value, re.findall("'(.*?)'", message)) if isinstance(value, str) else ""
     return f"{has}: {message}" + (f", in {unit}" if unit else "") + (f"; {hint}" if hint else "")
+
+
+def _with_none(model: type[BaseModel] | None, table: Mapping[str, Any]) -> Table:
+    """A table, and the settings in it, with None where "none" is written for it."""
+    given: Table = {}
+    for key, value in table.items():
+        given[key] = value
+        if isinstance(value, Mapping):
+            field = model.model_fields.get(key) if model else None  # a key of a dict of settings has none
+            given[key] = _with_none(_settings_in(field.annotation) if field else model, value)
+        elif value == NONE and model is not None and may_be_none(model, key):
+            given[key] = None
+    return given
 
 
 def _table(model: type[BaseModel], place: KeyPath) -> type[BaseModel] | None:

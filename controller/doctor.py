@@ -239,7 +239,7 @@ def _listen(
 
 def _identity(name: str, info: DeviceInfo) -> Finding:
     known = [info.model, info.serial and f"serial {info.serial}", info.version and f"version {info.version}"]
-    details = [f"{key} {value}" for key, value in info.details.items()]
+    details = [f"{key} {_shown(value)}".rstrip() for key, value in info.details.items()]
     return Finding("ok", f"{name}: {', '.join(part for part in [*known, *details] if part)}")
 
 
@@ -250,18 +250,24 @@ SOUND = {
     "speed_slider": ("1", "it is slower than the profile says: move the slider at the pendant to 100 %"),
     "realtime": ("True", "its process runs without real-time priority: see the right to run in real time"),
     "not_stated_by_the_profile": (
-        "()",
+        "",
         "give them: what the controller counts with is compared with nothing",
     ),
 }
 """What a device may say of itself, how that should be, and what to do where it is not."""
 
 
+def _shown(value: object) -> str:
+    """What a device says, for a person."""
+    if isinstance(value, tuple | list):
+        return " ".join(_shown(each) for each in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def _state(name: str, info: DeviceInfo) -> Iterator[Finding]:
     """What a device says of itself and should not."""
     for key, (sound, remedy) in SOUND.items():
-        found = info.details.get(key, sound)
-        shown = f"{found:g}" if isinstance(found, float) else str(found)
+        shown = _shown(info.details.get(key, sound))
         if shown != sound:
             yield Finding("warn", f"    {name}: {key} is {shown}; {remedy}")
 

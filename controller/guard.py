@@ -269,15 +269,17 @@ class Guard:
         if len(joined) <= keep:
             return ()
         windows = np.lib.stride_tricks.sliding_window_view(joined, keep + 1)
-        medians_n = np.abs(np.median(windows, axis=1))
+        signed_n = np.median(windows, axis=1)
+        medians_n = np.abs(signed_n)
         # Each window is held against the least before it: a rise is seen however the samples are cut.
         least_n = np.minimum.accumulate(np.append(self._start_contact_n, medians_n))
         allowed_n = np.where(least_n > limit_n, least_n + RELIEF * limit_n, limit_n)
         if (medians_n <= allowed_n[:-1]).all():
             self._start_contact_n = float(least_n[-1]) if least_n[-1] > limit_n else 0.0
             return ()
+        worst_n = signed_n[medians_n.argmax()]
         return (
-            f"{block.stream} is at {medians_n.max():.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
+            f"{block.stream} is at {worst_n:.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
             f" beyond limits.force_n = {limit_n:g}",
         )
 

@@ -6,13 +6,19 @@ import json
 import select
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from config import verbs
+
+if TYPE_CHECKING:
+    from config.profile import Profile
+    from controller.campaign import TrialPlan
+    from controller.rig import Rig
 
 
 @click.command("list", cls=verbs.Verb, short_help="Show profiles, detectors, signals or drivers.")
@@ -35,13 +41,19 @@ def list_(shown: str | None) -> None:
 @click.command(cls=verbs.Verb, short_help="Validate a profile, print its settings, try its bench.")
 @verbs.trials_options
 @click.option("--connect", is_flag=True, help="Open every device and read each sensor; nothing moves.")
+@click.option("--verbose", is_flag=True, help="With --connect, print every setting as well.")
 def check(
-    profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: Sequence[int], connect: bool
+    profile: str,
+    overrides: Mapping[str, str],
+    csv: Path | None,
+    numbers: Sequence[int],
+    connect: bool,
+    verbose: bool,
 ) -> int:
     """Validate a PROFILE and print every setting with the file that gave it.
 
     PROFILE is a name that `run.py list` shows, or the path of a TOML file. What is printed is a profile too. With
-    --connect the bench is tried as well, which is the thing to do before a first run: only its ports need to be set.
+    --connect the bench is tried instead, which is the thing to do before a first run: only its ports need to be set.
 
     \b
     Example:
@@ -51,10 +63,11 @@ def check(
     from config.parts import parts_of
 
     if parts := parts_of(profile):
-        return verbs.for_each_part(check, parts, [*verbs.sets(overrides), *["--connect"] * connect])
-    from config.assemble import plan_campaign
+        flags = [*["--connect"] * connect, *["--verbose"] * verbose]
+        return verbs.for_each_part(check, parts, [*verbs.sets(overrides), *flags])
+    from config.assemble import build_rig, plan_campaign
     from config.costs import counted
-    from config.source import to_toml
+    from config.source import ProfileError, to_toml
     from config.trials import chosen, distinct
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
@@ -63,12 +76,12 @@ def check(
     if note := verbs.real_time(loaded):
         click.echo(f"# {note}")
     click.echo(f"# sha256 {loaded.hash}\n")
-    click.echo(to_toml(loaded.shown, lambda path: origins.get(path, "default")), nl=False)
+    if verbose or not connect:
+        click.echo(to_toml(loaded.shown, lambda path: origins.get(path, "default")), nl=connect)
     planned = distinct(asked)
     # to try the bench its ports are enough: nothing moves
     excused = [".".join(path) for path in loaded.source.unset if path[-1] != "port"] if connect else []
     campaign = plan_campaign(loaded, planned, 0, excused=excused)
-    trials = campaign.trials
     named = [
         (where, stream)
         for where, stream in dict.fromkeys(
@@ -81,44 +94,51 @@ def check(
             names = ", ".join(sorted({name for _, name in named}))
             click.echo(f"# not verified without --connect, as the device tells its streams then: {names}")
         return verbs.DONE
+    with closing(build_rig(loaded, devices=campaign.devices, excused=excused)) as rig:
+        code, said = _tried(loaded, rig, campaign.trials, named, connect)
+    missing: Sequence[str] = ()
+    try:
+        plan_campaign(loaded, planned, 0)
+    except ProfileError as error:  # of the values that a run would miss
+        code, missing = verbs.USAGE, error.problems
+        verbs.complain(verbs.explained(error)[1])
+    if connect:
+        click.echo(said + f", {len(missing)} values to be set before a run" * bool(missing))
+    return code
+
+
+def _tried(
+    loaded: Profile, rig: Rig, trials: Iterable[TrialPlan], named: Sequence[tuple[str, str]], connect: bool
+) -> tuple[int, str]:
+    """Look at a bench and at classes of the user's own, a line for each thing found; exit code and summary."""
     from itertools import chain
 
-    from config.assemble import build_rig, own_kinds
+    from config.assemble import own_kinds
     from controller.contracts import tried
     from controller.doctor import compare, examine, summary
     from controller.rig import TrialScene
 
     plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
-    code = verbs.DONE
-    click.echo("\n" * connect, nl=False)
-    with closing(build_rig(loaded, devices=campaign.devices, excused=excused)) as rig:
-        scene = TrialScene(0, 0, {}, plant)
-        entries = {name: loaded.devices[name] for name in rig.devices}
-        ports = {name: entry.port for name, entry in entries.items()}
-        watchdogs = {
-            name: entry.settings.watchdog_s  # type: ignore[attr-defined]
-            for name, entry in entries.items()
-            if {"watchdog_s", "baud"} <= type(entry.settings).model_fields.keys()
-        }
-        looked = (
-            examine(rig, scene, trials, named, ports, watchdogs) if connect else compare(rig, trials, named)
-        )
-        findings = []
-        for finding in chain(
-            looked, tried(rig, scene, **own) if (own := own_kinds(loaded, rig.devices)) else ()
-        ):
-            findings.append(finding)
-            if finding.of_profile:
-                verbs.complain(finding.line)
-                code = code or verbs.USAGE
-            else:
-                click.echo(f"{finding.verdict:4}  {finding.line}")
-                code = code if finding.verdict != "fail" else verbs.DEVICE
-        if connect:
-            click.echo(summary(findings))
-    if excused:
-        plan_campaign(loaded, planned, 0)  # names the values that a run would miss
-    return code
+    scene = TrialScene(0, 0, {}, plant)
+    entries = {name: loaded.devices[name] for name in rig.devices}
+    ports = {name: entry.port for name, entry in entries.items()}
+    watchdogs = {
+        name: entry.settings.watchdog_s  # type: ignore[attr-defined]
+        for name, entry in entries.items()
+        if {"watchdog_s", "baud"} <= type(entry.settings).model_fields.keys()
+    }
+    looked = examine(rig, scene, trials, named, ports, watchdogs) if connect else compare(rig, trials, named)
+    own = own_kinds(loaded, rig.devices)
+    code, findings = verbs.DONE, []
+    for finding in chain(looked, tried(rig, scene, **own) if own else ()):
+        findings.append(finding)
+        if finding.of_profile:
+            verbs.complain(finding.line)
+            code = code or verbs.USAGE
+        else:
+            click.echo(f"{finding.verdict:4}  {finding.line}")
+            code = code if finding.verdict != "fail" else verbs.DEVICE
+    return code, summary(findings)
 
 
 @click.command(cls=verbs.Verb, short_help="Show what a run would take, move and compute.")

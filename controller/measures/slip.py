@@ -120,9 +120,10 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     arming_s, row["ours_least_delay_s"] = _ours_at_best(evidence, run)
     cuts_s = _cuts_s(evidence)
     for detector in DETECTORS:
-        if _unlearnt(evidence, getattr(run, detector)):
+        name = getattr(run, detector)
+        if name not in evidence.detectors or _unlearnt(evidence, name):
             continue
-        events = _events_of(evidence.events, getattr(run, detector), listen_s)
+        events = _events_of(evidence.events, name, listen_s)
         if listen_s is not None:
             armed_s = listen_s + (arming_s if detector == "ours" else 0.0)
             row[f"{detector}_quiet_s"] = _quiet_s(armed_s, _silent_s(evidence, run), slipping, descent)
@@ -277,7 +278,7 @@ def _listen_s(evidence: TrialEvidence, run: SensorRunSettings) -> float | None:
 
 def _ours_at_best(evidence: TrialEvidence, run: SensorRunSettings) -> tuple[float, float | None]:
     """Learning time and shortest detection delay of our detector, s."""
-    ours: object = evidence.detectors.get(run.ours)
+    ours: object = evidence.detectors.get(run.ours or "")
     rate_hz = next((block.rate_hz for block in evidence.recording.blocks(run.stream)), None)
     if not isinstance(ours, SlipDetector) or rate_hz is None:
         return 0.0, None

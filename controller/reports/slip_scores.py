@@ -153,6 +153,7 @@ def read_scores(runs: Sequence[Run]) -> list[SensorScore]:
         for (name, condition), rows in sorted(groups.items())
         if name == sensor
         for method in METHODS
+        if any(row.get(f"{method}_false_alarms") is not None for row in rows)
     ]
 
 

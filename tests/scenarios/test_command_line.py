@@ -141,6 +141,8 @@ def test_check_connect_reads_every_sensor_and_refuses_a_stream_that_the_open_dev
     assert code == 2
     assert "    board.load_cell: " in out
     assert "    stage.position: " in out
+    assert "[devices.stage]" not in out, "settings only where they are asked for"
+    assert out.splitlines()[-1].split()[1::2] == ["ok,", "warn,", "fail"]
     check_refusal(err, "did you mean board.load_cell?")
 
 
@@ -166,7 +168,7 @@ def test_all_values_that_a_lab_has_to_give_are_told_at_once_and_shown_as_not_set
     code, _, err = verb("run", "hardware/slip")
     assert code == 2
     assert len(err.splitlines()) == 14
-    code, out, err = verb("check", "hardware/chirp", "--connect")
+    code, out, err = verb("check", "hardware/chirp")
     assert code == 2
     assert 'port = "? sounddevice:' in out
     check_refusal(err, "hardware/bench_aura.toml", "[devices.audio] port", "is not set", "sounddevice")

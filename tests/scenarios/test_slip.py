@@ -6,6 +6,7 @@ import pytest
 from config import assemble
 from config.profile import load_profile
 from config.script import run_trials
+from config.source import ProfileError
 from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD, Campaign
 from controller.recording.reader import open_run
 from tests.scenarios.conftest import SENSORS, SHORTER
@@ -43,6 +44,19 @@ def csv_of(run):
 
 def stream_of(run, sensor, name):
     return run.trial(row_of(run, sensor)["trial"]).stream(name)
+
+
+def test_a_sensor_whose_own_detectors_are_taken_off_slips_without_them(tmp_path):
+    off = {"detectors.wrist_ours": "none", "behavior.sensors.wrist.paper": "none"}
+    outcome, run = run_slip(tmp_path, "wrist", **SHORT, **off)
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    row = row_of(run, "wrist")
+    assert (row["outcome"], row["slips"]) == ("contact", 1)
+    assert {row[f"{whose}_{what}"] for whose in ("ours", "paper") for what in ("missed", "quiet_s")} == {None}
+    with pytest.raises(ProfileError, match="stop_on_slip"):
+        run_slip(tmp_path, "wrist", **SHORT, **off, **{"behavior.stop_on_slip": "true"})
+    with pytest.raises(ProfileError, match="'touch_arm', which is \"none\""):
+        run_slip(tmp_path, "wrist", **{"detectors.touch_arm": "none"})
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

@@ -1,5 +1,9 @@
 """The row of a roll-and-slip trial, from events and a recording made by hand."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -82,6 +86,10 @@ def ours(threshold=20.0):
     return SlipDetector("o", SlipSettings(input="board.fingertip", channel=1, threshold=threshold))
 
 
+ARMED: Any = SimpleNamespace(inputs=())
+"""A detector that was armed, and whose samples count for nothing here."""
+
+
 def evidence(
     events=(), slips=((5.02, True), (6.0, False)), blocks=(), extra=(), visits=VISITS, detectors=None
 ):
@@ -98,7 +106,7 @@ def evidence(
         list(visits),
         truth=[(3.4, True), (8.1, False)],
         slips=slips,
-        detectors=detectors or {},
+        detectors={"o": ARMED, "p": ARMED} | (detectors or {}),
     )
 
 
@@ -268,7 +276,7 @@ def test_the_stop_is_timed_from_the_deciding_sample_to_the_command_on_its_way():
 
 
 def test_a_trial_that_never_touched_has_a_row_without_slips():
-    bare = TrialEvidence({"sensor": "fingertip"}, recorded(), [], {"RESTING": 1.0}, [("RESTING", 1.0)])
+    bare = replace(evidence(slips=None, visits=[("RESTING", 1.0)]), events=[])
     outcome, row = measure(bare, SETTINGS, "no_contact")
     assert outcome == "no_contact"
     assert (row["slips"], row["ours_missed"], row["peak_product"], row["touch_s"]) == (0, 0, None, None)
