@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test lines others browser mutants check docs format bench recordings soak-test fuzz lerobot franka lock diagrams clean
+.PHONY: run test lines others browser mutants check claims docs format bench recordings soak-test fuzz lerobot franka lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
@@ -42,11 +42,16 @@ docs: .venv/dev.stamp           ## the documentation as a searchable site in bui
 	$(BIN)/zensical build --strict >build/docs.log 2>&1 || { cat build/docs.log; exit 1; }
 	@echo "to search it: $(BIN)/python -m http.server -b 127.0.0.1 -d build/site, then open http://127.0.0.1:8000"
 
-check: .venv/dev.stamp docs     ## format, lint, types, import layers, links; about a minute the first time, then seconds
+claims: .venv/dev.stamp         ## every figure of README and results, from stored results and from runs of the papers: minutes
+	rm -rf build/claims
+	$(BIN)/python -m tests.claims
+
+check: .venv/dev.stamp docs     ## format, lint, types, import layers, links, stored figures; about a minute the first time, then seconds
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m tests.claims --stored
 	@! ls */*.py | cut -d/ -f1 | sort -u | grep -vxE 'touchbench|benchmarks|config|simulator|controller|behaviors|drivers|tests|mutants' \
 		|| { echo "a new package: give it a place in the layers in pyproject.toml, and here"; exit 1; }
 

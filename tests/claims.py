@@ -37,6 +37,7 @@ STORED = RESULTS / "papers.json"
 CLAIMS = ROOT / "docs" / "claims.txt"
 PAPERS = ROOT / "docs" / "papers.csv"
 TABLES = "docs/results.md"
+WRITE = "python -m tests.claims --write"
 BEGIN, END = "<!-- from papers.csv -->\n", "<!-- to here -->\n"
 AUTHORS = {
     "A": "Backus and Dollar: contact",
@@ -102,28 +103,39 @@ class Sources:
 
     def __init__(self, fresh: bool) -> None:
         self._fresh = fresh
-        self.stored: dict[str, float] = json.loads(STORED.read_text("utf-8")) if STORED.exists() else {}
-        self.used: dict[str, float] = {}
+        self.stored: dict[str, list[float]] = json.loads(STORED.read_text("utf-8")) if STORED.exists() else {}
+        self.used: dict[str, list[float]] = {}
         table_1 = pd.read_csv(ROOT / "controller/reports/papers/backus_table_1.csv")
         self._names = {path.stem: rows(json.loads(path.read_text("utf-8"))) for path in RESULTS.glob("*.json")} | {
             "run": run, "profile": profile, "one": one, "share": share, "table_1": table_1, "finger": FingerSettings(),
             "np": np, "sqrt": math.sqrt, "pi": math.pi,
         }  # fmt: skip
 
-    def value(self, source: str) -> float:
-        """The value of one source."""
+    def define(self, line: str) -> None:
+        """Take in a name that several sources use: `@name = expression`."""
+        name, _, expression = line[1:].partition(" = ")
+        self._names[name] = eval(expression, self._names)
+
+    def values(self, source: str) -> list[float]:
+        """The values of one source: one, or a list."""
         if "run(" not in source:
-            return float(eval(source, dict(self._names)))
+            return self._evaluated(source)
         if source not in self.used:
-            self.used[source] = float(eval(source, dict(self._names))) if self._fresh else self.stored[source]
+            self.used[source] = (
+                self._evaluated(source) if self._fresh else self.stored.get(source, [math.nan])
+            )
         return self.used[source]
+
+    def _evaluated(self, source: str) -> list[float]:
+        found: list[float] = np.ravel(eval(source, self._names)).astype(float).tolist()
+        return found
 
     def changed(self) -> Iterator[str]:
         """The stored values that runs no longer give, and those that nothing uses."""
         for source in sorted(self.used.keys() | self.stored.keys()):
-            then, now = self.stored.get(source, math.nan), self.used.get(source, math.nan)
-            if not math.isclose(then, now, rel_tol=1e-6, abs_tol=1e-12):
-                yield f"{STORED.name}: {source}: {then:.6g} stored, {now:.6g} now: --write"
+            then, now = self.stored.get(source), self.used.get(source)
+            if then is None or now is None or not np.allclose(then, now, rtol=1e-6, atol=1e-12):
+                yield f"{STORED.name}: {source}: {then} stored, {now} now: {WRITE}"
 
 
 def agrees(printed: str, value: float) -> bool:
@@ -134,18 +146,18 @@ def agrees(printed: str, value: float) -> bool:
     return abs(float(plain) - value) <= 0.5001 * 10.0 ** (int(power or 0) - decimals)
 
 
-def claims() -> dict[str, list[tuple[str, list[str]]]]:
+def claims(sources: Sources) -> dict[str, list[tuple[str, list[str]]]]:
     """By page: the words of each claim, and its sources."""
     pages: dict[str, list[tuple[str, list[str]]]] = {}
     listed: list[tuple[str, list[str]]] = []
     for line in CLAIMS.read_text("utf-8").splitlines():
-        if line.startswith("["):
+        if line.startswith("[") and line.endswith(".md]"):
             listed = pages.setdefault(line.strip("[]"), [])
+        elif line.startswith("@"):
+            sources.define(line)
         elif line and not line.startswith("//"):
-            words, _, sources = line.partition(" := ")
-            listed.append(
-                (words.strip(), [source.strip() for source in sources.split(";") if source.strip()])
-            )
+            words, _, wanted = line.partition(" := ")
+            listed.append((words.strip(), [source.strip() for source in wanted.split(";") if source.strip()]))
     return pages
 
 
@@ -159,11 +171,12 @@ def problems(page: str, text: str, listed: list[tuple[str, list[str]]], sources:
             yield f"{page}: “{words}” no longer stands there"
         for match in matches:
             covered.append(match.span())
-            if len(match.groups()) != len(wanted):
-                yield f"{page}: “{words}”: {len(match.groups())} figures, {len(wanted)} sources"
-            for printed, source in zip(match.groups(), wanted, strict=False):
-                if not agrees(printed, found := sources.value(source)):
-                    yield f"{page}: “{match[0]}” states {printed}, {source} is {found:.6g}"
+            known = [(source, value) for source in wanted for value in sources.values(source)]
+            if len(match.groups()) != len(known):
+                yield f"{page}: “{words}”: {len(match.groups())} figures, {len(known)} from sources"
+            for printed, (source, value) in zip(match.groups(), known, strict=False):
+                if not agrees(printed, value):
+                    yield f"{page}: “{' '.join(match[0].split())}” states {printed}, {source} is {value:.6g}"
     for figure in ALONE.finditer(text):
         if not any(begin <= figure.start() and figure.end() <= end for begin, end in covered):
             line = text.count("\n", 0, figure.start()) + 1
@@ -186,7 +199,7 @@ def tables(sources: Sources) -> str:
         ]
         for item in (item for item in items if item["paper"] == paper):
             theirs, ours = (
-                SOURCE.sub(lambda found: f"{sources.value(found[1]):{found[2]}}", item[side])
+                SOURCE.sub(lambda found: f"{sources.values(found[1])[0]:{found[2]}}", item[side])
                 for side in ("theirs", "ours")
             )
             place = item["where"] and (f"`{item['where']}`" if "/" in item["where"] else _link(item["where"]))
@@ -219,14 +232,14 @@ def main(arguments: list[str]) -> int:
     write, stored = "--write" in arguments, "--stored" in arguments
     sources = Sources(fresh=not stored)
     found: list[str] = []
-    listed = claims()
+    listed = claims(sources)
     path = ROOT / TABLES
     before, _, rest = path.read_text("utf-8").partition(BEGIN)
     made = before + BEGIN + tables(sources) + END + rest.partition(END)[2]
     if write:
         path.write_text(made, "utf-8")
     elif made != path.read_text("utf-8"):
-        found.append(f"{TABLES}: its tables are not those of {PAPERS.name}: --write")
+        found.append(f"{TABLES}: its tables are not those of {PAPERS.name}: {WRITE}")
     for page, claimed in listed.items():
         text = (ROOT / page).read_text("utf-8")
         if page == TABLES:  # the tables are compared as a whole
