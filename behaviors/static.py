@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from behaviors.finger import FingerTrial, FingerTrialSettings
-from behaviors.machine import StatePlan, from_mover, on
+from behaviors.machine import Row, StatePlan, from_mover, on
 from drivers.core.messages import MoveTo
 from drivers.core.settings import Settings, StreamName
 
@@ -52,7 +53,7 @@ class StaticFactors(Settings):
 class Static(FingerTrial):
     """Place the probe, wait for equilibrium, record."""
 
-    table = (
+    table: ClassVar[Sequence[Row]] = (
         on("reached", "HOMING", "STARTING", from_mover),
         on("reached", "STARTING", "SETTLING", from_mover),
         on("deadline", "SETTLING", "PLACING"),
@@ -69,27 +70,28 @@ class Static(FingerTrial):
     settings: StaticSettings
 
     def __init__(self, settings: StaticSettings, factors: StaticFactors, detectors: frozenset[str]) -> None:
-        motion = settings.motion_timeout_s
-        measured = self.measured(
-            settings.accelerometer_stream, settings.load_cell_stream, settings.period_stream
-        )
         self.settings = settings
         self.factors = factors
         self.position_m = {"none": settings.none_m, "light": settings.light_m, "full": settings.full_m}[
             factors.condition
         ]
-        super().__init__(
-            {
-                "HOMING": StatePlan(settings.home_timeout_s),
-                "STARTING": StatePlan(motion),
-                "SETTLING": StatePlan(settings.settle_s),
-                "PLACING": StatePlan(motion),
-                "RESTING": StatePlan(settings.rest_s),
-                "RECORDING": StatePlan(settings.record_s, frozenset(), measured, prompt=False),
-                "RETRACTING": StatePlan(motion),
-            },
-            mover=settings.mover,
+        super().__init__(self._plan(), mover=settings.mover)
+
+    def _plan(self) -> dict[str, StatePlan]:
+        """What each state needs."""
+        settings, motion = self.settings, self.settings.motion_timeout_s
+        measured = self.measured(
+            settings.accelerometer_stream, settings.load_cell_stream, settings.period_stream
         )
+        return {
+            "HOMING": StatePlan(settings.home_timeout_s),
+            "STARTING": StatePlan(motion),
+            "SETTLING": StatePlan(settings.settle_s),
+            "PLACING": StatePlan(motion),
+            "RESTING": StatePlan(settings.rest_s),
+            "RECORDING": StatePlan(settings.record_s, frozenset(), measured, prompt=False),
+            "RETRACTING": StatePlan(motion),
+        }
 
     def enter_STARTING(self) -> None:
         """Go to where nothing touches."""

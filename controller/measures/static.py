@@ -39,8 +39,8 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
     begun_s = evidence.entered_s.get("RECORDING")
     if begun_s is None:
         return outcome, row
-    # The guard subscribes to the load cell while the probe retracts: not part of the sample.
-    ended_s = evidence.entered_s.get("RETRACTING", math.inf)
+    # The drive goes off, or the guard subscribes to the load cell while the probe retracts: not part of the sample.
+    ended_s = min(evidence.entered_s.get(state, math.inf) for state in ("RINGING", "RETRACTING"))
     times_s, acceleration_m_s2 = evidence.series(settings.accelerometer_stream, begun_s, ended_s)
     if len(times_s) > 1:
         rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])

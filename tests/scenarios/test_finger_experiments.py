@@ -1,15 +1,22 @@
 """A3, A4 and A5 on the mock bench, shortened: the paper's claims, from the profiles that ship."""
 
+import cmath
+import math
+
+import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from config.script import run_trials
 from controller.reports.run_account import entered_s
 
 SHORT = {"behavior.settle_s": "3.0", "detectors.ours.baseline_s": "3.0"}
+AT_REST = {"behavior.settle_s": "3.0"}
 
 
 def run_of(profile, folder, trials, settings):
-    _, run = run_trials(profile, trials, settings=SHORT | settings, out=folder, say=lambda line: None)
+    short = AT_REST if profile in ("mock/stiffness", "mock/locating") else SHORT
+    _, run = run_trials(profile, trials, settings=short | settings, out=folder, say=lambda line: None)
     return run
 
 
@@ -49,3 +56,27 @@ def test_every_threshold_is_judged_on_an_approach_that_was_not_stopped(tmp_path)
     assert row["outcome"] == "recorded"
     assert row["all_before"] < 4.6 < row["all_soon"] == pytest.approx(row["all_later"], abs=10.0)
     assert row["average_soon"] < row["average_later"]
+
+
+def two_links_hz(contact_n_m, arm_m=0.05):
+    """The faster resonance of the finger's two links, from the numbers of docs/explanation/finger_physics.md."""
+    joint, base = 2.5, 0.0775
+    stiffness = [[joint + contact_n_m * arm_m**2, -joint], [-joint, joint + base]]
+    return math.sqrt(eigh(stiffness, np.diag([1.2e-4, 2.99e-4]), eigvals_only=True)[1]) / (2.0 * math.pi)
+
+
+def test_the_ringing_is_at_the_resonance_of_the_links_and_at_the_papers_76_hz(tmp_path):
+    contacts = [{}, {"plant.pad_n_m": 100.0}, {"plant.pad_n_m": 1e4}, {"location": "h"}]
+    trials = [{"condition": "full" if contact else "none", **contact} for contact in contacts]
+    rows = row_of("mock/stiffness", tmp_path, trials, {"behavior.record_s": "1.0"})
+    expected_hz = [two_links_hz(0.0), two_links_hz(100.0), two_links_hz(1e4), two_links_hz(4220.0, 0.0373)]
+    assert [row["ring_hz"] for row in rows] == pytest.approx(expected_hz, abs=0.4), "the joint wanders by 1 %"
+    assert rows[2]["ring_hz"] == pytest.approx(76.0, abs=0.5), "II: the finger pad"
+
+
+def test_the_phase_between_the_links_is_that_of_the_proximal_ones_own_equation(tmp_path):
+    trials = [{"condition": "full", "location": location} for location in ("f", "h")]
+    for row in row_of("mock/locating", tmp_path, trials, {"plant.noise_scale": "0.0"}):
+        s = 2j * math.pi * row["frequency_hz"]
+        ratio = (2.99e-4 * s**2 + 2.3e-3 * s + 2.5775) / (1.2e-3 * s + 2.5)
+        assert row["phase_rad"] == pytest.approx(cmath.phase(ratio), abs=2e-3)

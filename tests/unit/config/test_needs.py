@@ -48,6 +48,7 @@ LIMITS = {"limits.force_n", "limits.travel_m"}
 STAGE = {f"devices.stage.{key}" for key in ("port", "microstep_m", "travel_m")}
 GRIPPER = {"devices.gripper.port", "devices.gripper.closed_width_m"}
 BOARD, AUDIO, TIP = "devices.board.port", "devices.audio.port", "signals.tip.gain_v_n"
+WAVEFORM = "detectors.ours.threshold"
 CENTERING = {
     f"detectors.{side}_{what}.threshold" for side in ("left", "right") for what in ("paper", "contact")
 }
@@ -75,8 +76,23 @@ CASES = [
         {"stage", "board"},
         STAGE | LIMITS | {BOARD, "behavior.light_m", "behavior.full_m"},
     ),
-    ("hardware/transient", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, "detectors.ours.threshold"}),
-    ("hardware/transient_arm", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, "detectors.ours.threshold"}),
+    (
+        "hardware/stiffness",
+        {},
+        {"stage", "board"},
+        STAGE | LIMITS | {BOARD, "behavior.light_m", "behavior.full_m"},
+    ),
+    ("hardware/locating", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, "behavior.full_m"}),
+    ("hardware/flexion", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM, "behavior.flexed_m"}),
+    ("hardware/proximal", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM}),
+    (
+        "hardware/tradeoff",
+        {},
+        {"stage", "board"},
+        STAGE | LIMITS | {BOARD, WAVEFORM, "behavior.approach_limit_m"},
+    ),
+    ("hardware/transient", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM}),
+    ("hardware/transient_arm", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, WAVEFORM}),
     ("hardware/pointer", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, TIP}),
     (
         "hardware/slip",
