@@ -1,9 +1,10 @@
-"""A running NI-DAQmx task, and the thread that reads it."""
+"""Running NI-DAQmx tasks, and the thread that reads them."""
 
 from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from typing import Any, NamedTuple
 
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from drivers.core.clock import Clock
 from drivers.core.errors import DeviceError, PortError, RefusedError, lacking
 from drivers.core.links import JOIN_TIMEOUT_S
+from drivers.core.messages import Command
+from drivers.ni_daq.output import DaqOutput
 from drivers.ni_daq.settings import NiDaqSettings
 
 BUFFER_S = 2.0
@@ -24,7 +27,14 @@ READ_S = 0.5
 RATE_ERROR = 1e-5
 """How far the device's rate may be from the profile's: 10 ppm (assumption; it divides its own clock)."""
 
+COUNTER_MODULUS = 1 << 32
+"""Counters have 32 bits."""
+
 TERMINALS = {"default": "DEFAULT", "rse": "RSE", "nrse": "NRSE", "differential": "DIFF"}
+
+
+Read = tuple[Callable[..., int], NDArray[Any]]
+"""What reads samples of a task, and the array that it fills."""
 
 
 class DaqBlock(NamedTuple):
@@ -32,12 +42,12 @@ class DaqBlock(NamedTuple):
 
     Attributes:
         first: Number of the first since the task began.
-        volts: Shape (n, inputs).
+        values: Volts of the analog inputs, then counts of the counters; shape (n, inputs).
         arrival_s: Monotonic time at which they were in hand.
     """
 
     first: int
-    volts: NDArray[np.float64]
+    values: NDArray[np.float64]
     arrival_s: float
 
 
@@ -55,38 +65,26 @@ def open_daq(device: str, settings: NiDaqSettings, clock: Clock) -> DaqLink:
     doing = f"opening {settings.port}"
     try:
         import nidaqmx
-        from nidaqmx.constants import AcquisitionType, TerminalConfiguration
         from nidaqmx.errors import DaqNotFoundError
-        from nidaqmx.stream_readers import AnalogMultiChannelReader
     except ImportError as error:
         raise PortError(device, doing, *lacking("nidaqmx", "daq")) from error
     remote = {} if settings.server is None else _server(device, settings)
-    inputs = [name for stream in settings.streams.values() for name in stream.inputs]
     ending = ExitStack()  # what is to be closed, from the last to the first
     if remote:
         ending.callback(remote["grpc_options"].grpc_channel.close)
     try:
         found = nidaqmx.system.Device(settings.port, **remote)
         model, serial = found.product_type, f"{found.serial_num:X}"
-        task = nidaqmx.Task("", **remote)
-        ending.callback(task.close)
-        for name in inputs:
-            task.ai_channels.add_ai_voltage_chan(
-                f"{settings.port}/{name}",
-                terminal_config=TerminalConfiguration[TERMINALS[settings.terminal]],
-                min_val=-settings.range_v,
-                max_val=settings.range_v,
-            )
-        task.timing.cfg_samp_clk_timing(
-            settings.rate_hz,
-            sample_mode=AcquisitionType.CONTINUOUS,
-            samps_per_chan=max(1, round(BUFFER_S * settings.rate_hz)),
-        )
-        rate_hz = task.timing.samp_clk_rate
-        if abs(rate_hz / settings.rate_hz - 1.0) > RATE_ERROR:
-            reason = f"it samples {rate_hz:.9g} times a second, not {settings.rate_hz:g}"
-            raise RefusedError(device, doing, reason, f"set rate_hz = {rate_hz:.9g}")
-        task.start()
+        output = None
+        if settings.drive is not None:
+            terminal = f"{settings.port}/{settings.drive.output}"
+            output = DaqOutput(device, terminal, settings.drive, remote, clock)
+            ending.callback(output.close)
+        task, reads = _inputs(device, settings, remote, ending)
+        reads += [
+            _counter(name, counts, settings, remote, ending) for name, counts in settings.counters.items()
+        ]
+        task.start()  # its clock is the counters'
     except BaseException as error:
         _end(ending)
         if isinstance(error, DaqNotFoundError):
@@ -96,10 +94,7 @@ def open_daq(device: str, settings: NiDaqSettings, clock: Clock) -> DaqLink:
             raise
         advice = "compare port, inputs, range_v and terminal with what NI MAX shows"
         raise PortError(device, doing, _first(error), advice) from error
-    reader = AnalogMultiChannelReader(task.in_stream)
-    reader.verify_array_shape = False
-    samples = max(1, round(settings.block_s * settings.rate_hz))
-    return DaqLink(device, ending, reader, (len(inputs), samples), settings, clock, (model, serial))
+    return DaqLink(device, ending, reads, settings, clock, (model, serial), output)
 
 
 def _server(device: str, settings: NiDaqSettings) -> dict[str, Any]:
@@ -118,18 +113,77 @@ def _server(device: str, settings: NiDaqSettings) -> dict[str, Any]:
     return {"grpc_options": nidaqmx.GrpcSessionOptions(channel, "")}
 
 
+def _inputs(
+    device: str, settings: NiDaqSettings, remote: dict[str, Any], ending: ExitStack
+) -> tuple[Any, list[Read]]:
+    """The task of all analog inputs, not started, and what reads it."""
+    import nidaqmx
+    from nidaqmx.constants import TerminalConfiguration
+    from nidaqmx.stream_readers import AnalogMultiChannelReader
+
+    task = nidaqmx.Task("", **remote)
+    ending.callback(task.close)
+    for name in settings.analog:
+        task.ai_channels.add_ai_voltage_chan(
+            f"{settings.port}/{name}",
+            terminal_config=TerminalConfiguration[TERMINALS[settings.terminal]],
+            min_val=-settings.range_v,
+            max_val=settings.range_v,
+        )
+    task.timing.cfg_samp_clk_timing(settings.rate_hz, **_sampling(settings))
+    rate_hz = task.timing.samp_clk_rate
+    if abs(rate_hz / settings.rate_hz - 1.0) > RATE_ERROR:
+        reason = f"it samples {rate_hz:.9g} times a second, not {settings.rate_hz:g}"
+        raise RefusedError(device, f"opening {settings.port}", reason, f"set rate_hz = {rate_hz:.9g}")
+    reader = AnalogMultiChannelReader(task.in_stream)
+    reader.verify_array_shape = False
+    return task, [(reader.read_many_sample, np.empty((len(settings.analog), settings.block)))]
+
+
+def _counter(
+    name: str, counts: str, settings: NiDaqSettings, remote: dict[str, Any], ending: ExitStack
+) -> Read:
+    """What reads a counter that waits for the clock of the analog inputs."""
+    import nidaqmx
+    from nidaqmx.constants import AngleUnits, EncoderType
+    from nidaqmx.stream_readers import CounterReader
+
+    task = nidaqmx.Task("", **remote)
+    ending.callback(task.close)
+    where, edges = f"{settings.port}/{name}", counts == "edges"
+    if edges:
+        task.ci_channels.add_ci_count_edges_chan(where)
+    else:
+        decoding = EncoderType[f"X_{counts[1]}"]
+        task.ci_channels.add_ci_ang_encoder_chan(where, decoding_type=decoding, units=AngleUnits.TICKS)
+    source = f"/{settings.port}/ai/SampleClock"
+    task.timing.cfg_samp_clk_timing(settings.rate_hz, source=source, **_sampling(settings))
+    task.start()
+    reader = CounterReader(task.in_stream)
+    reader.verify_array_shape = False
+    if edges:
+        return reader.read_many_sample_uint32, np.empty(settings.block, np.uint32)
+    return reader.read_many_sample_double, np.empty(settings.block)
+
+
+def _sampling(settings: NiDaqSettings) -> dict[str, Any]:
+    from nidaqmx.constants import AcquisitionType
+
+    samples = max(1, round(BUFFER_S * settings.rate_hz))
+    return {"sample_mode": AcquisitionType.CONTINUOUS, "samps_per_chan": samples}
+
+
 class DaqLink:
-    """A task with its reader thread, which fills a queue and raises nothing.
+    """Tasks with their reader thread, which fills a queue and raises nothing.
 
     Args:
         device: Name in the profile.
-        ending: Closes task and server.
-        reader: Of the task.
-        shape: Inputs, and samples of a block.
+        ending: Closes tasks and server.
+        reads: Reads samples into the array beside it, of each task.
         found: The device's model and serial number.
+        output: Its analog output, where it has one.
 
     Attributes:
-        fault: Why the task has ended, or None while it runs.
         found: As given.
     """
 
@@ -137,20 +191,40 @@ class DaqLink:
         self,
         device: str,
         ending: ExitStack,
-        reader: Any,
-        shape: tuple[int, int],
+        reads: list[Read],
         settings: NiDaqSettings,
         clock: Clock,
         found: tuple[str, str],
+        output: DaqOutput | None,
     ) -> None:
-        self.fault: str | None = None
         self.found = found
-        self._ending, self._reader, self._shape, self._clock = ending, reader, shape, clock
-        self._wait_s = READ_S + shape[1] / settings.rate_hz
+        self._fault: str | None = None
+        self._ending, self._reads, self._clock, self._output = ending, reads, clock, output
+        self._samples = settings.block
+        self._wait_s = READ_S + settings.block / settings.rate_hz
         self._arrived: deque[DaqBlock] = deque()
         self._closing = False
         self._thread = threading.Thread(target=self._run, name=f"{device}-daq", daemon=True)
         self._thread.start()
+
+    @property
+    def fault(self) -> str | None:
+        """Why a task has ended, or None while all run."""
+        return self._fault or (self._output.fault if self._output else None)
+
+    def drive(self, command: Command) -> None:
+        """Order something from the output, which the profile has."""
+        assert self._output is not None
+        self._output.order(command)
+
+    def driven(self) -> list[tuple[Command, float]]:
+        """See `DaqOutput.done`."""
+        return self._output.done() if self._output else []
+
+    def off(self) -> None:
+        """0 V, soon."""
+        if self._output is not None:
+            self._output.order("off")
 
     def receive(self) -> list[DaqBlock]:
         """What has been read since the last call, in order."""
@@ -161,23 +235,29 @@ class DaqLink:
         return taken
 
     def close(self) -> None:
-        """End the task and wait for the thread. Never raises; may be called twice."""
+        """End the tasks and wait for the thread. Never raises; may be called twice."""
         self._closing = True
+        self.off()
         self._thread.join(self._wait_s + JOIN_TIMEOUT_S)
         _end(self._ending)
 
     def _run(self) -> None:
-        number, samples = 0, self._shape[1]
-        volts = np.empty(self._shape)
+        number, counted = 0, np.zeros((1, len(self._reads) - 1))
         while not self._closing:
             try:
-                self._reader.read_many_sample(volts, samples, timeout=self._wait_s)
+                for read, values in self._reads:
+                    read(values, self._samples, timeout=self._wait_s)
             except Exception as error:
                 if not self._closing:
-                    self.fault = self.fault or f"its task has ended ({_first(error)})"
+                    self._fault = self._fault or f"its task has ended ({_first(error)})"
+                    self.off()
                 return
-            self._arrived.append(DaqBlock(number, volts.T.copy(), self._clock.monotonic_s()))
-            number += samples
+            volts, counts = self._reads[0][1].T, np.array([values for _, values in self._reads[1:]])
+            if counts.size:  # 32 bits, which wrap
+                counted = np.unwrap(np.vstack([counted[-1:], counts.T]), period=COUNTER_MODULUS, axis=0)[1:]
+                volts = np.hstack([volts, counted])
+            self._arrived.append(DaqBlock(number, volts.copy(), self._clock.monotonic_s()))
+            number += self._samples
 
 
 def _end(ending: ExitStack) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -16,19 +15,15 @@ from drivers.core.errors import (
     PortError,
     ProtocolError,
     SilentError,
-    check_streams,
-    wrong,
 )
 from drivers.core.line_sensor import LineSample, LineSensor
 from drivers.core.links import SerialLink
-from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo, Tare
+from drivers.core.messages import Command, DeviceInfo, Tare
 from drivers.core.numbering import ENDLESS, SampleStream
+from drivers.core.scaled import ScaledStreams
 from drivers.core.wire import TURN_S
 from drivers.serial_lines.codec import SHOWN, LineFormat
-from drivers.serial_lines.settings import LineStream, SerialLinesSettings
-
-TARE_SAMPLES = 50
-"""A new zero is the mean of as many samples (assumption)."""
+from drivers.serial_lines.settings import SerialLinesSettings
 
 RATE_ERROR = 0.03
 """How far the rate by the board's time may be from the profile's. Assumption: an interval of 30 is one too many."""
@@ -72,12 +67,12 @@ class SerialLines(LineSensor):
 
     def account(self) -> Mapping[str, object]:
         """Lines that made no sense, and what is printed at zero."""
-        return {**super().account(), "offsets": {name: list(zero) for name, zero in self._zeros.items()}}
+        return {**super().account(), "offsets": dict(self._scaled.zeros)}
 
     def _prepare(self) -> None:
         s = self._settings
         self._format = LineFormat(s.separator, s.checksum)
-        self._columns = {f"{self.name}.{name}": stream for name, stream in s.streams.items()}
+        self._scaled = ScaledStreams(self.name, s.streams)
         self._forget()
 
     def _forget(self) -> None:
@@ -87,8 +82,7 @@ class SerialLines(LineSensor):
         self._bytes = 0
         self._latest = b""
         self._shown_s = -math.inf
-        self._zeros = {name: [stream.offset] * len(stream.columns) for name, stream in self._columns.items()}
-        self._recent = {name: deque[list[float]](maxlen=TARE_SAMPLES) for name in self._columns}
+        self._scaled.forget()
 
     def _identify(self, link: SerialLink) -> DeviceInfo:
         s = self._settings
@@ -98,7 +92,8 @@ class SerialLines(LineSensor):
         own = s.time_column is not None or s.rate_hz is not None
         clock = DeviceClock(s.max_drift_ppm, wrap_s=s.wrap_s) if own else HostClock()
         modulus = s.counter_modulus or (None if s.rate_hz else ENDLESS)
-        infos = [_info(name, stream, s) for name, stream in self._columns.items()]
+        longest_s = None if s.rate_hz else s.silence_timeout_s
+        infos = [one.info(name, s.rate_hz, longest_s) for name, one in self._scaled.streams.items()]
         self._streams = {
             info.name: SampleStream(info, clock, self._clock, np.float64, modulus) for info in infos
         }
@@ -199,23 +194,13 @@ class SerialLines(LineSensor):
         return rate_hz
 
     def _valid(self, command: Command) -> Command:
-        match command:
-            case Listen(streams=streams):
-                check_streams(self.name, command, streams, self._columns)
-            case Tare(stream=stream):
-                check_streams(self.name, command, (stream,), self._columns)
-            case _:
-                raise wrong(self.name, command, "it has no such command", "it can Listen and Tare")
+        self._scaled.check(command)
         return command
 
     def _carry_out(self, command: Command) -> None:
         if not isinstance(command, Tare):
             super()._carry_out(command)
-            return
-        recent = self._recent[command.stream]
-        zero = np.mean(recent, axis=0) if recent else np.full(1, math.nan)
-        if np.isfinite(zero).all():
-            self._zeros[command.stream] = zero.tolist()
+        elif self._scaled.tare(command.stream):
             self._sent(command)
         else:
             self._refuse(command, "no samples of it yet; listen to it first")
@@ -225,20 +210,9 @@ class SerialLines(LineSensor):
             self._shown_s = max(arrival_s, self._shown_s + APART_S)
             sample = sample._replace(shown_s=self._shown_s)
         for name in sorted(self._listening):
-            stream = self._columns[name]
-            printed = [sample.counts[column] for column in stream.columns]
-            self._recent[name].append(printed)
-            sign = math.copysign(1.0, stream.scale)
-            counts = [sign * (one - zero) for one, zero in zip(printed, self._zeros[name], strict=True)]
+            printed = [sample.counts[column] for column in self._scaled.streams[name].columns]
+            counts = self._scaled.counts(name, np.array([printed]))[0].tolist()
             self._push(name, sample._replace(counts=counts), arrival_s)
-
-
-def _info(name: str, stream: LineStream, s: SerialLinesSettings) -> StreamInfo:
-    """What a stream is, by the profile."""
-    columns, own = stream.columns, name.partition(".")[2]
-    channels = stream.channels or ((own,) if len(columns) == 1 else tuple(f"{own}_{c}" for c in columns))
-    longest_s = None if s.rate_hz else s.silence_timeout_s
-    return StreamInfo(name, channels, stream.unit, abs(stream.scale), s.rate_hz, longest_s, stream.noisy)
 
 
 def _whole(number: float, modulus: int) -> int:

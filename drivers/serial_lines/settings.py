@@ -2,41 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Self
 
 from pydantic import Field, model_validator
 
 from drivers.core.line_sensor import LineSensorSettings
-from drivers.core.settings import Settings
+from drivers.core.scaled import ScaledStream
 from drivers.serial_lines.codec import Check
 
 
-class LineStream(Settings):
-    """A stream: some of the columns. A value is `scale` times the difference of what is printed and `offset`."""
+class LineStream(ScaledStream):
+    """Some of the columns: a channel each."""
 
     columns: tuple[int, ...] = Field(min_length=1)
-    """Which columns, counted from 0: a channel each."""
-    channels: tuple[str, ...] = ()
-    """Their names; by default the stream's own, of several with the column's number behind it."""
-    unit: str = Field(min_length=1)
-    """SI unit of the values: "N", "m/s2"."""
-    scale: float = 1.0
-    """Units for each step of what is printed; negative where the sensor is mounted the other way round."""
-    offset: float = 0.0
-    """What is printed at zero. `Tare` replaces it until the device is opened again."""
-    noisy: bool = False
-    """Whether its last digit always moves, so that the guard may take a value that stands still for a stuck sensor."""
-    shows: tuple[str, ...] = ()
-    """Simulated benches alone: what of the plant each column shows, `load_cell` or `strain.fx`."""
+    """Which columns, counted from 0."""
 
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        if self.scale == 0.0:
-            raise ValueError("scale is 0; how many units is a step of what is printed?")
-        for key in ("channels", "shows"):
-            if getattr(self, key) and len(getattr(self, key)) != len(self.columns):
-                raise ValueError(f"{key} has {len(getattr(self, key))} names for {len(self.columns)} columns")
-        return self
+    @property
+    def sources(self) -> Sequence[int | str]:
+        """See `ScaledStream.sources`."""
+        return self.columns
 
 
 class SerialLinesSettings(LineSensorSettings):

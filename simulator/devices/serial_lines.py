@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from drivers.core.errors import RefusedError
-from drivers.ni_daq.settings import DaqStream
 from drivers.serial_lines.codec import LineFormat
-from drivers.serial_lines.settings import LineStream, SerialLinesSettings
-from simulator.physics.bench import Bench, Floats, part
+from drivers.serial_lines.settings import SerialLinesSettings
+from simulator.devices.shown import ShownColumns
+from simulator.physics.bench import Bench
 
 DRIFT_PPM = -43.0
 """How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
@@ -49,9 +48,7 @@ class EmulatedSerialLines:
         self._format = LineFormat(settings.separator, settings.checksum)
         self._own_hz = settings.rate_hz or IRREGULAR_HZ  # by its own clock
         self._rate_hz = self._own_hz * (1.0 + DRIFT_PPM * 1e-6)
-        self._shown = list(shown_columns(settings.streams, bench))
-        self._sources = frozenset(column.source for column in self._shown)
-        self._key = f"serial_lines {id(self)}"
+        self._shown = ShownColumns(settings.streams, bench, DEVICE)
         self._fields = ["0"] * settings.fields
         self._first_s: float | None = None
         self._next = 0
@@ -60,7 +57,7 @@ class EmulatedSerialLines:
     def watch(self, on: bool, t_s: float) -> None:
         """Whether anybody looks from `t_s` on: in process, what nobody looks at need not be computed."""
         self._on = on
-        self._bench.read(self._key, self._sources if on else frozenset())
+        self._shown.watch(on)
         if self._first_s is not None:
             self._next = math.floor((t_s - self._first_s) * self._rate_hz + 1e-9) + 1
 
@@ -88,22 +85,15 @@ class EmulatedSerialLines:
         self._bench.advance(t_s)
         ticks = np.arange(first, self._next)
         times_s = np.minimum(self._first_s + ticks / self._rate_hz, t_s)
-        felt = (
-            times_s > self._bench.origin_s
-        )  # of what was before a trial nothing is known: the latest stands
-        values = {source: self._sampled(source, times_s[felt]) for source in self._sources if felt.any()}
-        for tick, row in zip(ticks.tolist(), (np.cumsum(felt) - 1).tolist(), strict=True):
-            for source, channel, column, scale, offset in self._shown if row >= 0 else ():
-                self._fields[column] = f"{values[source][row, channel] / scale + offset:.4f}"
+        for tick, shown in zip(ticks.tolist(), self._shown.at(times_s).tolist(), strict=True):
+            for column, value in zip(self._shown.columns, shown, strict=True):
+                self._fields[int(column)] = f"{value:.4f}"
             sent += self._format.encode(self._stamped(self._fields, tick))
         return sent
 
     def inject(self, kind: str, t_s: float) -> None:
         """It has no faults beside its line's."""
         raise ValueError(f"a board that prints lines has no fault {kind}")
-
-    def _sampled(self, source: str, times_s: Floats) -> Floats:
-        return np.asarray(self._bench.sample(source, times_s)).reshape(len(times_s), -1)
 
     def _stamped(self, fields: list[str], tick: int) -> list[str]:
         """The line of a tick with the board's time and count."""
@@ -115,51 +105,6 @@ class EmulatedSerialLines:
         if s.counter_column is not None and s.counter_modulus is not None:
             fields[s.counter_column] = str(tick % s.counter_modulus)
         return fields
-
-
-class ShownColumn(NamedTuple):
-    """What a column shows: a channel of one of the plant's streams, printed as value / scale + offset."""
-
-    source: str
-    channel: int
-    column: int
-    scale: float
-    offset: float
-
-
-def shown_columns(
-    streams: Mapping[str, LineStream | DaqStream], bench: Bench, device: str = DEVICE
-) -> Iterator[ShownColumn]:
-    """What the columns of a profile's streams show of the bench.
-
-    Raises:
-        RefusedError: a column that is named shows nothing of this bench.
-    """
-    known = {spec.name: spec for spec in part(bench, "streams", device)() if spec.rate_hz is not None}
-    all_known = ", ".join(
-        name if len(spec.channels) == 1 else f"{name}.{channel}"
-        for name, spec in known.items()
-        for channel in spec.channels
-    )
-    for name, stream in streams.items():
-        where = f"streams.{name}.shows"
-        for column, shown in zip(
-            stream.columns, stream.shows or ("nothing",) * len(stream.columns), strict=True
-        ):
-            source, _, channel = shown.partition(".")
-            spec = known.get(source)
-            if spec is None or channel not in (spec.channels if channel or len(spec.channels) > 1 else ("",)):
-                raise RefusedError(
-                    device,
-                    "being wired to the bench",
-                    f"column {column} shows {shown}",
-                    f"{where} is one of: {all_known}",
-                )
-            if spec.unit != stream.unit:
-                reason = f"column {column} is in {stream.unit}, and {shown} in {spec.unit}"
-                raise RefusedError(device, "being wired to the bench", reason, f'write unit = "{spec.unit}"')
-            place = spec.channels.index(channel) if channel else 0
-            yield ShownColumn(source, place, column, stream.scale, stream.offset)
 
 
 def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedSerialLines:

@@ -1,74 +1,77 @@
-"""A device with analog inputs on the mock bench: what its inputs show, sampled in the process."""
+"""A device with analog inputs on the mock bench: the real driver on its emulated twin, without the maker's library."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from drivers.core.messages import Command, Listen
-from drivers.ni_daq.driver import DaqInputs
-from drivers.ni_daq.settings import DaqLimits
-from simulator.devices.serial_lines import shown_columns
-from simulator.mocks.base import MockSensor
+from drivers.core.messages import Command, Excite, Listen, Tone
+from drivers.ni_daq.driver import NiDaq
+from drivers.ni_daq.link import DaqBlock
+from simulator.devices.ni_daq import EmulatedNiDaq
+from simulator.mocks.base import MemoryLine, OverMemory
 
 
-class MockNiDaqSettings(DaqLimits):
-    """The simulated device."""
+class DaqMemory(MemoryLine):
+    """What `drivers.ni_daq.link.DaqLink` is, to an emulated device in the process."""
+
+    found = ("simulated analog inputs", "")
+
+    def __init__(self, device: EmulatedNiDaq, settings: Any, clock: Any, faults: Any) -> None:
+        super().__init__(device, clock, faults)
+        self._settings = settings
+        self._done: list[tuple[Command, float]] = []
+
+    def drive(self, command: Command) -> None:
+        """See `DaqLink.drive`."""
+        self._volts(command)
+        self._done.append((command, self._clock.monotonic_s()))
+
+    def driven(self) -> list[tuple[Command, float]]:
+        """See `DaqLink.driven`."""
+        done, self._done = self._done, []
+        return done
+
+    def off(self) -> None:
+        """See `DaqLink.off`."""
+        self._device.drive(0.0, self._clock.now())
+
+    def close(self) -> None:
+        """See `DaqLink.close`."""
+        self.off()
+
+    def receive(self) -> Any:
+        """See `DaqLink.receive`."""
+        t_s, blocks, n = self._fail(), [], self._settings.block
+        while self.fault is None and (due_s := self._device.due_s(n)) <= t_s:
+            first, values = self._device.next, self._device.take(due_s)
+            if self.faults.active(t_s, "full_scale"):
+                values[:] = self._settings.range_v
+            values = self.faults.held(t_s, "", values)
+            if not any(self.faults.active(t_s, kind) for kind in ("silent", "lose", "corrupt")):
+                blocks.append(DaqBlock(first, values, self._clock.monotonic_s() - (t_s - due_s)))
+        return blocks
+
+    def _volts(self, command: Command) -> None:
+        drive = self._settings.drive
+        match command:
+            case Excite(on=on):
+                self._device.drive(drive.on_v if on else 0.0, self._clock.now())
+            case Tone(level=level):
+                self._device.drive(drive.limit_v * level, self._clock.now())
 
 
-class MockNiDaq(MockSensor):
-    """Samples what its inputs show, without noise of its own, within its range."""
+class MockNiDaq(OverMemory, NiDaq):
+    """The real driver in virtual time; its device samples only while it is listened to."""
 
-    model = "simulated analog inputs"
-    _settings: MockNiDaqSettings
+    _far_end = EmulatedNiDaq
 
-    def _wire(self) -> None:
-        self._inputs = DaqInputs(self.name, self._settings)
-        self._infos = self._inputs.infos
-        self._shown = {
-            f"{self.name}.{own}": list(shown_columns({own: stream}, self._bench, self.name))
-            for own, stream in self._settings.streams.items()
-        }
+    def _switch_on(self, *_: object) -> Any:
+        self._twin = EmulatedNiDaq(self._settings, self._bench)
+        self._twin.take(self._clock.now())
+        self._twin.watch(False, self._clock.now())
+        return DaqMemory(self._twin, self._settings, self._clock, self._faults)
 
-    def restart(self) -> None:
-        """Begin a trial: bench time is zero again."""
-        self._inputs.forget()
-        super().restart()
-
-    def apply(self, command: Command) -> Command:
-        """Listen to streams, or tare one.
-
-        Raises:
-            CommandError: not for such a device.
-        """
-        wanted = self._inputs.valid(command)
-        if isinstance(wanted, Listen):
-            self._subscribe(wanted.streams, self._clock.now())
-        elif self._inputs.tare(wanted.stream):
-            self._sent(wanted)
-        else:
-            self._refuse(wanted, "no samples of it yet; listen to it first")
-        return command
-
-    def account(self) -> Mapping[str, object]:
-        """The volts at zero."""
-        return {"zero_v": self._inputs.zeros()}
-
-    def _subscribe(self, streams: Iterable[str], now_s: float) -> None:
-        named = frozenset(streams)
-        sources = frozenset(column.source for stream in named for column in self._shown[stream])
-        self._bench.read(self.name, sources)
-        super()._subscribe(named, now_s)
-
-    def _counts(self, stream: str, times_s: NDArray[np.float64]) -> Any:
-        now_s, range_v = self._clock.now(), self._settings.range_v
-        volts = np.empty((len(times_s), len(self._shown[stream])))
-        for source, channel, column, scale, offset in self._shown[stream]:
-            felt = np.asarray(self._bench.sample(source, times_s)).reshape(len(times_s), -1)[:, channel]
-            volts[:, column] = np.clip(felt / scale + offset, -range_v, range_v)
-        if self._faults.active(now_s, "full_scale"):
-            volts[:] = range_v
-        return self._inputs.counts(stream, self._faults.held(now_s, stream, volts))
+    def _carry_out(self, command: Command) -> None:
+        super()._carry_out(command)
+        if isinstance(command, Listen):
+            self._twin.watch(bool(self._listening), self._clock.now())

@@ -245,12 +245,15 @@ PARTS = {
     "carrier": ("fingers that sound", "aura"),
     "streams": ("the sensors of a board", "finger"),
     "load": ("a fingertip for weights", "slip"),
+    "excite": ("anything that is excited", "finger"),
 }
 """What a device may look for on a bench, and a kind of plant that has it."""
 
 
 def part(
-    bench: object, name: Literal["jaws", "forces_n", "texels_v", "carrier", "streams", "load"], device: str
+    bench: object,
+    name: Literal["jaws", "forces_n", "texels_v", "carrier", "streams", "load", "excite"],
+    device: str,
 ) -> Any:
     """What a device is wired to.
 

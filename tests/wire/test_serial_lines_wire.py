@@ -77,10 +77,13 @@ def test_faults_of_the_line_are_loss_or_silence(serve: Serve) -> None:
     assert "no sample in 0.5 s" in failed.reason
 
 
-def test_the_finger_is_touched_with_one_such_board_alone(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("profile", "device"), [(PROFILE, "uno"), (Path("tests/data/ni_daq.toml"), "daq")])
+def test_the_finger_is_touched_with_one_such_board_or_analog_inputs_alone(
+    tmp_path: Path, profile: Path, device: str
+) -> None:
     sets = [
         "devices.stage.port=emulated",
-        "devices.uno.port=emulated",
+        f"devices.{device}.port=emulated",
         "behavior.settle_s=2.0",
         "detectors.contact.baseline_s=4.0",
         "trials.repeats=1",
@@ -88,7 +91,7 @@ def test_the_finger_is_touched_with_one_such_board_alone(tmp_path: Path) -> None
     ]
     options = [part for each in sets for part in ("--set", each)]
     with pytest.raises(SystemExit) as ended:
-        cli.main(["run", str(PROFILE), *options, "--out", str(tmp_path)], prog_name="run.py")
+        cli.main(["run", str(profile), *options, "--out", str(tmp_path)], prog_name="run.py")
     assert not ended.value.code
     (run,) = tmp_path.iterdir()
     (row,) = csv.DictReader((run / "trials.csv").read_text().splitlines())
@@ -96,4 +99,4 @@ def test_the_finger_is_touched_with_one_such_board_alone(tmp_path: Path) -> None
     assert 0.0 < float(row["delay_s"]) < 0.1
     assert float(row["baseline_hz"]) == pytest.approx(28.0, abs=0.5)
     page = (run / "report.html").read_text()
-    assert "uno.force" in page
+    assert f"{device}.force" in page

@@ -1,0 +1,136 @@
+"""An analog output of a NI-DAQmx device, and the thread that writes to it."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from fractions import Fraction
+from queue import SimpleQueue
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.clock import Clock
+from drivers.core.links import JOIN_TIMEOUT_S
+from drivers.core.messages import Command, Excite, Tone
+from drivers.ni_daq.settings import DaqDrive
+
+LONGEST = 50_000
+"""Samples of a sine that are repeated, at the most (assumption: a tenth of a second, 0.4 MB to send)."""
+
+
+def sine(tone: Tone, drive: DaqDrive) -> NDArray[np.float64]:
+    """Whole periods of a tone in volts, to be repeated: its frequency is met within rate / (LONGEST n) Hz,
+    shape (n,)."""
+    assert drive.rate_hz is not None
+    share = Fraction(tone.frequency_hz / drive.rate_hz).limit_denominator(LONGEST)
+    turns = np.arange(share.denominator) * (share.numerator / share.denominator)
+    return np.asarray(drive.limit_v * tone.level * np.sin(2.0 * np.pi * turns))
+
+
+class DaqOutput:
+    """Volts at an output: 0 from the beginning to the end, but for what is ordered between.
+
+    Args:
+        device: Name in the profile.
+        terminal: The output, as `Dev1/ao0`.
+        drive: Its bounds.
+        remote: Where the device is, as `nidaqmx.Task` takes it.
+        clock: Time-stamps what was written.
+
+    Attributes:
+        fault: Why it can no longer be written to, or None.
+
+    Raises:
+        Exception: what the library raises where the output is not there or not free.
+    """
+
+    def __init__(
+        self, device: str, terminal: str, drive: DaqDrive, remote: Mapping[str, Any], clock: Clock
+    ) -> None:
+        self.fault: str | None = None
+        self._terminal, self._drive, self._remote, self._clock = terminal, drive, remote, clock
+        self._task: Any = None
+        self._orders: SimpleQueue[Command | Literal["off", "end"]] = SimpleQueue()
+        self._done: deque[tuple[Command, float]] = deque()
+        try:
+            self._constant(0.0)
+        except BaseException:
+            self._end()
+            raise
+        self._thread = threading.Thread(target=self._run, name=f"{device}-output", daemon=True)
+        self._thread.start()
+
+    def order(self, command: Command | Literal["off"]) -> None:
+        """Obey an `Excite` or a `Tone`, soon; "off" is 0 V."""
+        self._orders.put(command)
+
+    def done(self) -> list[tuple[Command, float]]:
+        """Orders that the device has taken since the last call, and the monotonic time at which it had."""
+        taken = []
+        with suppress(IndexError):
+            while True:
+                taken.append(self._done.popleft())
+        return taken
+
+    def close(self) -> None:
+        """0 V, and the end. Never raises; may be called twice."""
+        self._orders.put("end")
+        self._thread.join(JOIN_TIMEOUT_S)
+
+    def _run(self) -> None:
+        while (order := self._orders.get()) != "end" and self.fault is None:
+            try:
+                if isinstance(order, Tone):
+                    self._repeat(sine(order, self._drive))
+                else:
+                    self._constant(
+                        (self._drive.on_v or 0.0) if isinstance(order, Excite) and order.on else 0.0
+                    )
+                if isinstance(order, Command):
+                    self._done.append((order, self._clock.monotonic_s()))
+            except Exception as error:
+                self.fault = (
+                    f"its output cannot be written to ({next(iter(str(error).splitlines()), 'no reason')})"
+                )
+        with suppress(Exception):  # the device may be gone
+            self._constant(0.0)
+        self._end()
+
+    def _constant(self, volts: float) -> None:
+        from nidaqmx.stream_writers import AnalogSingleChannelWriter
+
+        AnalogSingleChannelWriter(self._fresh().out_stream).write_one_sample(volts)
+
+    def _repeat(self, volts: NDArray[np.float64]) -> None:
+        from nidaqmx.constants import AcquisitionType
+        from nidaqmx.stream_writers import AnalogSingleChannelWriter
+
+        self._constant(0.0)  # where it ends is where a sine was broken off
+        task = self._fresh()
+        task.timing.cfg_samp_clk_timing(
+            self._drive.rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=len(volts)
+        )
+        writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
+        writer.verify_array_shape = False
+        writer.write_many_sample(volts)
+        task.start()
+
+    def _fresh(self) -> Any:
+        """A task in place of the former; the device itself refuses what is beyond the limit."""
+        import nidaqmx
+
+        self._end()
+        self._task = nidaqmx.Task("", **self._remote)
+        limit_v = self._drive.limit_v
+        self._task.ao_channels.add_ao_voltage_chan(self._terminal, min_val=-limit_v, max_val=limit_v)
+        return self._task
+
+    def _end(self) -> None:
+        task, self._task = self._task, None
+        if task is not None:
+            with suppress(Exception):
+                task.close()

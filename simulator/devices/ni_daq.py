@@ -1,0 +1,100 @@
+"""An emulated National Instruments device: what its inputs and counters show of the bench, on a clock of its own."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from drivers.ni_daq.settings import NiDaqSettings
+from simulator.devices.shown import ShownColumns
+from simulator.physics.bench import Bench, Floats, part
+
+DRIFT_PPM = 31.0
+"""How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
+
+DEVICE = "analog inputs"
+
+
+class EmulatedNiDaq:
+    """Samples its inputs from its first moment on, without noise of its own, within its range; its output switches what
+    excites the bench.
+
+    Args:
+        settings: Of its driver.
+        bench: What its sensors are on.
+
+    Attributes:
+        next: Number of its next sample.
+
+    Raises:
+        RefusedError: an input that is named shows nothing of this bench.
+    """
+
+    def __init__(self, settings: NiDaqSettings, bench: Bench) -> None:
+        self._bench, self._range_v = bench, settings.range_v
+        self._hz = settings.rate_hz * (1.0 + DRIFT_PPM * 1e-6)
+        self._shown = ShownColumns(settings.streams, bench, DEVICE)
+        self._order = [self._shown.columns.index(name) for name in (*settings.analog, *settings.counters)]
+        self._analog = len(settings.analog)
+        self._excite = part(bench, "excite", DEVICE) if settings.drive else None
+        self._begun_s: float | None = None
+        self.next = 0
+        self.watch(True, 0.0)
+
+    def watch(self, on: bool, t_s: float) -> None:
+        """Whether anybody looks from `t_s` on: in process, what nobody looks at need not be computed."""
+        self._on = on
+        self._shown.watch(on)
+        if self._begun_s is not None:
+            self.next = self._taken(t_s)
+
+    def due_s(self, samples: int) -> float:
+        """When it will have taken so many samples more."""
+        if not self._on or self._begun_s is None:
+            return math.inf
+        return self._begun_s + (self.next + samples - 1) / self._hz
+
+    def take(self, t_s: float) -> Floats:
+        """Samples that it took since the last call by `t_s`, shape (n, inputs): volts, then counts."""
+        if self._begun_s is None:
+            self._begun_s = t_s
+        first, self.next = self.next, self._taken(t_s)
+        if first >= self.next:
+            return np.empty((0, len(self._order)))
+        self._bench.advance(t_s)
+        times_s = np.minimum(self._begun_s + np.arange(first, self.next) / self._hz, t_s)
+        shown = self._shown.at(times_s)[:, self._order]
+        shown[:, : self._analog] = np.clip(shown[:, : self._analog], -self._range_v, self._range_v)
+        shown[:, self._analog :] = np.rint(shown[:, self._analog :])
+        return shown
+
+    def drive(self, volts: float, t_s: float) -> None:
+        """Its output gives so many volts, or a sine of this amplitude, from `t_s` on."""
+        if self._excite is not None:
+            self._bench.advance(t_s)
+            self._excite(volts != 0.0)
+
+    def _taken(self, t_s: float) -> int:
+        assert self._begun_s is not None
+        return math.floor((t_s - self._begun_s) * self._hz + 1e-9) + 1
+
+    def inject(self, kind: str, t_s: float) -> None:
+        """It has no faults beside its link's."""
+        raise ValueError(f"analog inputs have no fault {kind}")
+
+
+def emulated(settings: Mapping[str, Any], bench: Bench) -> Any:
+    """The device that a profile describes, behind the maker's server.
+
+    Raises:
+        PortError: the library is not installed.
+        RefusedError: see `EmulatedNiDaq`.
+    """
+    from simulator.devices.ni_daq_server import NiDaqServer
+
+    described = NiDaqSettings.model_validate_json(json.dumps(settings))
+    return NiDaqServer(described, EmulatedNiDaq(described, bench))
