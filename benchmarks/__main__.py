@@ -3,7 +3,10 @@
 import sys
 from importlib import import_module
 
-STUDIES = "physics chain slip slip_thresholds pretouch pretouch_rooms centering centering_rooms contact campaigns costs"
+STUDIES = (
+    "physics chain slip slip_thresholds pretouch pretouch_rooms centering centering_rooms contact table_1 "
+    "campaigns costs"
+)
 MODULES = {"stop": "stop_latency", "page": "live_page"}
 BENCHMARKS = ("loop", "stop", "page", "left_alone", *STUDIES.split())
 

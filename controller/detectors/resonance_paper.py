@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +33,14 @@ class ResonancePaperSettings(Settings):
     """Length of the moving average (III.B: 10)."""
 
     baseline_s: BaselineS = Field(default=1.0, gt=0.0, le=600.0)
-    """Time over which mean and standard deviation of the averaged frequency are taken (III.B: 1 s)."""
+    """Time over which mean and standard deviation of the frequency are taken (III.B: 1 s)."""
 
     threshold_sigma: float = Field(default=3.0, gt=0.0, le=100.0)
     """Contact above the mean by so many standard deviations (III.B: 3)."""
+
+    sigma_of: Literal["averages", "samples"] = "averages"
+    """Of what mean and standard deviation are taken: of the moving average, as III.B reads at first, or of the single
+    samples. At ten a second the paper's "one second sample" is one average of ten, which alone has no deviation."""
 
     max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """A silence of the input longer than this empties the moving average. Assumption: 14 periods of 28 Hz."""
@@ -52,9 +57,10 @@ class ResonancePaperDetector:
     """Contact when the averaged frequency exceeds the baseline's mean by some standard deviations.
 
     After a reset the moving average fills, then `baseline_s` seconds of it give mean and standard deviation
-    (`BaselineReady`), then every sample is compared with the threshold: `Contact` when it rises above,
-    `ContactLost` when it falls back. A period that is not finite or not positive is skipped; a baseline
-    without two values or without variance is refused, once, and the detector stays silent.
+    (`BaselineReady`; or `baseline_s` of single samples, from the first: `sigma_of`), then every sample is compared
+    with the threshold: `Contact` when it rises above, `ContactLost` when it falls back. A period that is not finite
+    or not positive is skipped; a baseline without two values or without variance is refused, once, and the detector
+    stays silent.
 
     With a tendon the mean is a curve: the averaged frequency as a parabola of the tendon's averaged position, and in
     proportion to its speed, because the loop lags. `BaselineReady` reports it at the tendon's current position.
@@ -165,17 +171,19 @@ class ResonancePaperDetector:
     def _averaged(self, t_s: float, frequency_hz: float) -> Detected | None:
         settings = self.settings
         self._window.append((frequency_hz, t_s, self._position(t_s)))
-        if len(self._window) < settings.average_samples or self._refused:
+        learning = self._curve is None
+        single = learning and settings.sigma_of == "samples"
+        if self._refused or (len(self._window) < settings.average_samples and not single):
             return None
-        average_hz = math.fsum(each[0] for each in self._window) / settings.average_samples
+        average_hz = math.fsum(each[0] for each in self._window) / len(self._window)
         terms = self._terms()
         if self._curve is not None:
             mean_hz = float(terms @ self._curve)
             self._threshold_hz = mean_hz + settings.threshold_sigma * self._sigma_hz
             self._above_sigma = (average_hz - mean_hz) / self._sigma_hz
         self._read.append((t_s, average_hz, self._threshold_hz))
-        if self._curve is None:
-            return self._learn(t_s, average_hz, terms)
+        if learning:
+            return self._learn(t_s, frequency_hz if single else average_hz, terms)
         if (average_hz > self._threshold_hz) == self._contact:
             return None
         self._contact = not self._contact
@@ -196,20 +204,20 @@ class ResonancePaperDetector:
         terms.setflags(write=False)  # a look-ahead copies no array that cannot change
         return terms
 
-    def _learn(self, t_s: float, average_hz: float, terms: Floats) -> Detected | None:
+    def _learn(self, t_s: float, value_hz: float, terms: Floats) -> Detected | None:
         if not self._baseline:
             self._baseline_start_s = t_s
-        self._baseline.append((average_hz, terms))
+        self._baseline.append((value_hz, terms))
         # Half a nanosecond: the grid's times carry rounding, and the last sample belongs to the baseline.
         if t_s - self._baseline_start_s < self.settings.baseline_s - 5e-10:
             return None
         n = len(self._baseline)
-        averages_hz = np.array([each[0] for each in self._baseline])
+        values_hz = np.array([each[0] for each in self._baseline])
         given = np.array([each[1] for each in self._baseline])
-        plain_hz = np.array([math.fsum(averages_hz) / n])
-        curve = np.linalg.lstsq(given, averages_hz, rcond=None)[0] if self.settings.tendon else plain_hz
+        plain_hz = np.array([math.fsum(values_hz) / n])
+        curve = np.linalg.lstsq(given, values_hz, rcond=None)[0] if self.settings.tendon else plain_hz
         free = n - given.shape[1]
-        variance = math.fsum((averages_hz - given @ curve) ** 2) / free if free > 0 else 0.0
+        variance = math.fsum((values_hz - given @ curve) ** 2) / free if free > 0 else 0.0
         mean_hz = float(terms @ curve)
         if variance <= 0.0:
             self._refused = True

@@ -20,6 +20,10 @@ from controller.reports.settings import varied_of
 TABLE_1 = table("backus_table_1")
 """Table I, in the paper's order."""
 
+TRIALS = 3
+"""Of each row of Table I. Not printed: three times each printed extent is an even multiple of a thousandth of an inch
+(by chance one row in 17 is); twice, four and five times in six rows at most."""
+
 BOUNDS = table("backus_bounds")
 """Columns of Table I (from onset to detection, and force at detection), each with the bound that the paper states."""
 

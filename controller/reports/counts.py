@@ -89,6 +89,17 @@ def over_rows(pairs: Iterable[tuple[float, float]]) -> Comparison | None:
     return Comparison(ours, paper, low <= 0.0 <= high, low, high, same, len(known))
 
 
+def within_scatter(ours: Mean, paper: float, n: int) -> bool | None:
+    """Whether the paper's mean of `n` trials lies where the mean of so many of ours does in 95 of 100 cases (Student's
+    t, of our scatter); None for fewer than three of ours."""
+    if ours.n < 3 or math.isnan(ours.mean):
+        return None
+    from scipy.special import stdtrit
+
+    half = float(stdtrit(ours.n - 1, 0.975)) * ours.sigma * math.sqrt(1.0 / ours.n + 1.0 / n)
+    return abs(ours.mean - paper) <= half
+
+
 def wilson(hits: int, of: int) -> tuple[float, float]:
     """The 95 % interval (Wilson) of `hits` out of `of`, 0 to 1; NaN out of none."""
     if of == 0:

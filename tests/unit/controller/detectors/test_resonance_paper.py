@@ -57,6 +57,27 @@ def test_baseline_is_mean_and_sample_deviation_of_the_averaged_frequency():
     assert ready.threshold == pytest.approx(within.mean() + 3 * within.std(ddof=1), rel=1e-12)
 
 
+def test_sigma_of_single_samples_is_taken_from_the_first_second_and_the_average_is_compared():
+    """Against the definition, worked out by numpy on every period."""
+    frequencies = np.concatenate([wandering(60), np.full(40, 31.0)])
+    block = periods(frequencies)
+    ready, contact = events_of(block, sample_hz=None, threshold_sigma=3.0, sigma_of="samples")
+    second = frequencies[: np.searchsorted(block.times, block.times[0] + 1.0 - 5e-10) + 1]
+    assert ready.value == pytest.approx(second.mean(), rel=1e-12)
+    assert ready.threshold == pytest.approx(second.mean() + 3 * second.std(ddof=1), rel=1e-12)
+    averages = np.convolve(frequencies, np.ones(10) / 10, mode="valid")
+    assert contact.t_s == block.times[9:][averages > ready.threshold][0]
+
+
+def test_nothing_is_compared_before_the_average_is_full():
+    """A baseline shorter than the average: the first periods are beyond the threshold, and no contact."""
+    frequencies = np.concatenate([[27.9, 28.1, 27.9, 28.1, 27.9], np.full(20, 31.0)])
+    settings = {"sample_hz": None, "threshold_sigma": 3.0, "baseline_s": 0.1, "sigma_of": "samples"}
+    block = periods(frequencies)
+    assert [type(event) for event in events_of(block, **settings)] == [BaselineReady, Contact]
+    assert events_of(block, **settings)[1].t_s == block.times[9]
+
+
 def test_return_below_the_threshold_ends_the_contact():
     frequencies = np.concatenate([wandering(100), np.full(40, 31.0), np.full(60, 27.9)])
     assert [type(event) for event in events_of(periods(frequencies))] == [BaselineReady, Contact, ContactLost]
