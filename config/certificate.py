@@ -10,44 +10,52 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from config.profile import Profile
-    from controller.certify import BenchToProve, Proof
-    from controller.rig import Rig
+    from controller.by_hand import HandOperator, HandSession
+    from controller.certify import Certifier, Proof
 
 PAGE = "certificate.md"
 DATA = "certificate.json"
 
 
-def bench_to_prove(
-    profile: Profile, rig: Rig, consent: Callable[[str], Callable[[], bool] | None]
-) -> BenchToProve:
-    """The bench of a profile, with the limits of its first trial.
+def certifier_of(
+    profile: Profile, consent: Callable[[str], Callable[[], bool] | None] = lambda text: None
+) -> Certifier:
+    """What proves the bench of a profile, with the limits of its first trial.
 
     Raises:
-        ProfileError: a trial that its behavior cannot run.
+        ProfileError: a trial that its behavior cannot run, or a value that the lab has to give.
     """
     from config.abandoned import abandoned
     from config.assemble import plan_campaign
     from config.trials import distinct
-    from controller.certify import BenchToProve
+    from config.verbs.by_hand import session_on
+    from controller.certify import Certifier
 
     listed = profile.trials(0)
-    watched = [trial.behavior.range_streams for trial in plan_campaign(profile, distinct(listed), 0).trials]
-    first = next(iter(plan_campaign(profile, listed[:1], 0).trials))
-
-    def fresh() -> Any:
-        trial = next(iter(plan_campaign(profile, listed[:1], 0).trials))
-        return trial.guard, trial.signals
-
-    return BenchToProve(
-        rig,
-        first.scene,
-        {name: profile.devices[name].settings for name in rig.devices},
-        fresh,
-        profile.loop,  # type: ignore[arg-type]
-        frozenset().union(*watched),
-        consent,
-        None if rig.kind == "mock" else partial(abandoned, profile, rig.endpoints),
+    plan = plan_campaign(profile, distinct(listed), 0)
+    trials = list(plan.trials)
+    limits = trials[0].guard.settings
+    watched = {*limits.range_streams}.union(*(trial.behavior.range_streams for trial in trials))
+    own, settings = (
+        profile.for_trial(listed[0]),
+        {name: profile.devices[name].settings for name in plan.devices},
     )
+
+    def session(operator: HandOperator) -> HandSession:
+        return session_on(
+            own,
+            plan.devices,
+            operator,
+            doing="certify",
+            limits=limits.model_copy(update={"range_streams": tuple(sorted(watched))}),
+            scene=trials[0].scene,
+        )
+
+    certifier = Certifier(session, settings, consent)
+    rig = certifier.session.rig
+    if rig.kind != "mock":
+        certifier.abandoned = partial(abandoned, profile, rig.endpoints)
+    return certifier
 
 
 def rows(proofs: Sequence[Proof]) -> Iterator[tuple[str, ...]]:

@@ -37,11 +37,12 @@ def quieted(
     dry_run: bool,
 ) -> int:
     """See `config.verbs.recordings.quiet`."""
-    from config.assemble import build_rig, limits_of, make_detectors, make_signals, used_by
+    from config.assemble import limits_of, make_detectors, used_by
     from config.needs import Needs, refuse_missing
     from config.trials import chosen
+    from config.verbs.by_hand import session_on
     from controller.console import ConsoleOperator
-    from controller.quiet import RestingBench, proposals, unrest
+    from controller.quiet import Whole, listened, proposals, unrest
     from controller.rig import TrialScene
 
     loaded = verbs.loaded_profile(name, overrides, csv)
@@ -65,11 +66,13 @@ def quieted(
     settle_s = getattr(own.behavior, "settle_s", SETTLE_S)
     verbs.say(f"{loaded.name}: {seconds:g} s at rest, after {settle_s:g} s; touch nothing")
     scene = TrialScene(trial.id, 0, trial.factors, plant)
-    rig = build_rig(loaded, verbs.joined(endpoints), devices=devices, excused=excused)
-    with ConsoleOperator() as operator:
-        bench = RestingBench(rig, limits, operator, own.loop, lambda: make_signals(own), scene)  # type: ignore[arg-type]
-        with bench:
-            result, blocks = bench.listened(streams, drive_of(own), settle_s, seconds)
+    with (
+        ConsoleOperator() as operator,
+        session_on(
+            own, devices, operator, endpoints, excused=excused, doing="quiet", scene=scene, keeps=Whole
+        ) as bench,
+    ):
+        result, blocks = listened(bench, streams, drive_of(own), settle_s, seconds)
     if result.outcome != "done":
         unrested = "not at rest: " * (result.outcome == "guard")
         verbs.complain(f"{unrested}{result.reason or result.outcome}; nothing is written")

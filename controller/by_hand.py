@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from behaviors.events import Event, Tick
+from behaviors.events import Event, GuardStopped, Tick
 from behaviors.machine import Behavior, StatePlan, on
 from controller.detectors.protocol import Compiled
 from controller.guard import Guard, GuardRefusal, GuardSettings
@@ -38,6 +38,9 @@ from drivers.core.messages import (
 
 Steer = Callable[[Event], Sequence[Command] | None]
 """What is commanded upon an event, a `Tick` in every turn among them; None ends."""
+
+Script = Generator[Sequence[Command], Event, None]
+"""Steers likewise, step after step: what it yields is commanded, and it is sent the next event."""
 
 WINDOW_S = 1.0
 """How much of each stream is kept: what its noise and rate are told from."""
@@ -81,7 +84,9 @@ class ByHand(Behavior):
         return -math.inf
 
     def handle(self, event: Event) -> Sequence[Command]:
-        """The commands that follow from an event."""
+        """The commands that follow from an event; those after the guard's stop lead the mover out."""
+        if isinstance(event, GuardStopped) and (way_out := self._steer(event)):
+            return way_out
         commands = super().handle(event)
         if self.done:
             return commands
@@ -135,11 +140,13 @@ class HandResult:
         outcome: "done", "guard", "fault" or "interrupted".
         reason: Why, where it is not "done".
         events: What happened.
+        not_at_rest: Movers that were not seen standing still at the end.
     """
 
     outcome: str
     reason: str
     events: Sequence[Event] = ()
+    not_at_rest: Sequence[str] = ()
 
 
 @dataclass
@@ -156,6 +163,7 @@ class HandSession:
         paced: Whether virtual time passes as the wall clock does, for a person who looks on.
         holding: The note by which `stop` finds this program.
         absent: Takes why devices did not open, for what goes on with the others; None goes on without none.
+        keeps: What becomes of what comes.
 
     Attributes:
         infos: What `open` found, by device.
@@ -172,6 +180,7 @@ class HandSession:
     paced: bool = False
     absent: dict[str, DeviceError] | None = None
     holding: Holding | None = None
+    keeps: type[Latest] = Latest
     infos: dict[str, DeviceInfo] = field(default_factory=dict)
     latest: Latest = field(default_factory=Latest)
     lost: Mapping[str, int] = field(default_factory=dict)
@@ -279,7 +288,7 @@ class HandSession:
         if loop.account.not_at_rest:
             still = f"NOT seen standing still: {', '.join(loop.account.not_at_rest)}: look at the bench"
             outcome, reason = "fault", "; ".join(filter(None, (reason, still)))
-        return HandResult(outcome, reason, loop.events)
+        return HandResult(outcome, reason, loop.events, loop.account.not_at_rest)
 
     def listen(self, streams: Collection[str]) -> Iterator[tuple[float, Sequence[Status]]]:
         """Read these streams, turn by turn, into `latest`; nothing is commanded but to send them.
@@ -319,7 +328,7 @@ class HandSession:
         """A new bench time, as before a trial."""
         self.rig.clock.restart()
         self.rig.begin_trial(self.scene)
-        self.latest = Latest()
+        self.latest = self.keeps()
 
 
 class _Operator:
@@ -372,36 +381,51 @@ def _owner(stream: str) -> str:
 # --- what a person asks for ----------------------------------------------------------------------
 
 
-def home(session: HandSession, mover: str, deadline_s: float) -> HandResult:
-    """Send a mover to its reference position; it stands there, or the reason says why not."""
+def scripted(script: Script) -> Steer:
+    """What steers by a script."""
+    begun = False
 
     def steer(event: Event) -> Sequence[Command] | None:
-        if isinstance(event, Reached) and event.device == mover:
+        nonlocal begun
+        sent, begun = event if begun else None, True
+        try:
+            return script.send(sent)  # type: ignore[arg-type]  # a generator's first is None
+        except StopIteration:
             return None
-        return [commands.pop()] if commands else ()
 
-    commands: list[Command] = [Home(mover)]
-    return session.run(steer, mover, limits=limits_of(session.limits, mover), deadline_s=deadline_s)
+    return steer
+
+
+def until(command: Command, *ends: type[Status]) -> Script:
+    """The script that commands something, and waits for one of these of its device."""
+    event = yield [command]
+    while not (isinstance(event, ends) and event.device == command.device):
+        event = yield ()
+
+
+def home(session: HandSession, mover: str, deadline_s: float) -> HandResult:
+    """Send a mover to its reference position; it stands there, or the reason says why not."""
+    limits = limits_of(session.limits, mover)
+    return session.run(scripted(until(Home(mover), Reached)), mover, limits=limits, deadline_s=deadline_s)
 
 
 def tare(session: HandSession, stream: str) -> tuple[HandResult, Sequence[NDArray[np.float64]]]:
     """Take a stream's level for zero, where nothing moves; how it went, and its levels before and after, by channel."""
-    device = _owner(stream)
     levels: list[Any] = []
-    begun_s, asked = 0.0, False
 
-    def steer(event: Event) -> Sequence[Command] | None:
-        nonlocal begun_s, asked
-        if not isinstance(event, Tick) or event.t_s - begun_s < 2.0 * LEVEL_S:
-            return ()
+    def measured(commands: Sequence[Command]) -> Script:
+        event = yield commands
+        until_s = event.t_s + 2.0 * LEVEL_S
+        while not isinstance(event, Tick) or event.t_s < until_s:
+            event = yield ()
         recent = session.latest.times(stream) > event.t_s - LEVEL_S
         levels.append(session.latest.values(stream)[recent].mean(axis=0) if recent.any() else np.array(()))
-        if asked:
-            return None
-        begun_s, asked = event.t_s, True
-        return [Tare(device, stream)]
 
-    return session.run(steer, streams=[stream], limits=unwatched(session.limits)), levels
+    def script() -> Script:
+        yield from measured(())
+        yield from measured([Tare(_owner(stream), stream)])
+
+    return session.run(scripted(script()), streams=[stream], limits=unwatched(session.limits)), levels
 
 
 def unwatched(limits: GuardSettings) -> GuardSettings:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from behaviors.events import BaselineRefused, Event, Tick
-from controller.by_hand import HandResult, HandSession, Latest, unwatched
+from controller.by_hand import HandResult, HandSession, Latest, Script, scripted, unwatched
 from controller.detectors.calibration import Calibration, Statistic, calibrate_pieces, poisson_interval
 from controller.detectors.protocol import Detector
 from controller.guard import RELIEF, GuardSettings
@@ -28,7 +28,7 @@ WINDOW_S = 1.0
 """Length of which levels are compared."""
 
 
-class _Whole(Latest):
+class Whole(Latest):
     """Everything that has come, in order."""
 
     def __init__(self) -> None:
@@ -40,42 +40,29 @@ class _Whole(Latest):
         self.blocks += blocks
 
 
-class RestingBench(HandSession):
-    """A bench on which nothing is moved; all that comes is kept."""
+def listened(
+    session: HandSession, streams: Collection[str], drive: Command | None, settle_s: float, seconds: float
+) -> tuple[HandResult, Sequence[SampleBlock]]:
+    """Listen, after a while in which the bench settles; nothing is moved. How it went, and what came.
 
-    def _begin(self) -> None:
-        super()._begin()
-        self.latest: _Whole = _Whole()
+    Args:
+        session: Keeps the `Whole`.
+        streams: To be read.
+        drive: What makes the sensors hear anything: an excitation, no motion. It is ended at the end.
+        settle_s: How long before.
+        seconds: How long.
+    """
 
-    def listened(
-        self, streams: Collection[str], drive: Command | None, settle_s: float, seconds: float
-    ) -> tuple[HandResult, Sequence[SampleBlock]]:
-        """Listen, after a while in which the bench settles; how it went, and what came.
+    def script() -> Script:
+        event = yield [drive] if drive is not None else ()
+        while not isinstance(event, Tick) or event.t_s < settle_s + seconds:
+            event = yield ()
+        if drive is not None:
+            yield [Excite(drive.device, False)]
 
-        Args:
-            streams: To be read.
-            drive: What makes the sensors hear anything: an excitation, no motion. It is ended at the end.
-            settle_s: How long before.
-            seconds: How long.
-        """
-        begun = ended = False
-
-        def steer(event: Event) -> Sequence[Command] | None:
-            nonlocal begun, ended
-            if not isinstance(event, Tick):
-                return ()
-            if not begun:
-                begun = True
-                return [drive] if drive is not None else ()
-            if event.t_s < settle_s + seconds:
-                return ()
-            if ended or drive is None:
-                return None
-            ended = True
-            return [Excite(drive.device, False)]
-
-        result = self.run(steer, streams=streams, limits=unwatched(self.limits))
-        return result, [block for block in self.latest.blocks if block.t0_s >= settle_s]
+    result = session.run(scripted(script()), streams=streams, limits=unwatched(session.limits))
+    assert isinstance(session.latest, Whole)
+    return result, [block for block in session.latest.blocks if block.t0_s >= settle_s]
 
 
 class Proposal(NamedTuple):

@@ -16,6 +16,8 @@ from controller.registry import row
 if TYPE_CHECKING:
     from config.profile import Profile
     from controller.by_hand import HandOperator, HandResult, HandSession
+    from controller.guard import GuardSettings
+    from controller.rig import TrialScene
     from drivers.core.errors import DeviceError
 
 HOME_S = 120.0
@@ -61,9 +63,10 @@ def session_on(
     *,
     moves: bool = False,
     excused: Collection[str] = (),
-    paced: bool = False,
-    absent: dict[str, DeviceError] | None = None,
     doing: str = "",
+    limits: GuardSettings | None = None,
+    scene: TrialScene | None = None,
+    **how: Any,
 ) -> HandSession:
     """Some devices of a profile's bench, for what a person asks for; still closed.
 
@@ -74,9 +77,10 @@ def session_on(
         endpoints: Of an emulator that runs.
         moves: Whether one of them is to move: then the limits need all their values as well.
         excused: Dotted keys of settings that need no value.
-        paced: As `HandSession`.
-        absent: Likewise.
         doing: The verb, for the note by which `stop` finds this program; "" leaves none.
+        limits: Other than the profile's.
+        scene: For a simulated bench, other than an empty one.
+        how: Of `HandSession`.
 
     Raises:
         ProfileError: a value is missing that the lab has to give.
@@ -93,14 +97,13 @@ def session_on(
     rig = build_rig(loaded, verbs.joined(endpoints), devices=devices, excused=excused)
     return HandSession(
         rig,
-        limits_of(loaded),
+        limits or limits_of(loaded),
         operator,
         loaded.loop,  # type: ignore[arg-type]
         lambda: make_signals(loaded),
-        TrialScene(0, 0, {}, plant),
-        paced,
-        absent,
-        Holding(loaded.name, doing, addresses(rig)) if doing else None,
+        scene or TrialScene(0, 0, {}, plant),
+        holding=Holding(loaded.name, doing, addresses(rig)) if doing else None,
+        **how,
     )
 
 

@@ -189,21 +189,16 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
     """
     import termios
 
-    from config.certificate import bench_to_prove, certified, rows, summary, write
+    from config.certificate import certified, certifier_of, rows, summary, write
     from config.parts import parts_of
     from controller.campaign import described, program
-    from controller.certify import Certifier
-    from controller.holding import Holding, addresses
     from controller.recording.run_folder import RunFolder
     from drivers.core.clock import utc_now
     from drivers.core.errors import DeviceError
 
     if parts := parts_of(profile):
         return verbs.for_each_part(certify, parts, [*verbs.sets(overrides), "--out", str(out)])
-    from config.assemble import build_rig, plan_campaign
-
     loaded, started = verbs.loaded_profile(profile, overrides), utc_now()
-    devices = plan_campaign(loaded, loaded.trials(0), 0).devices
     hardware = loaded.bench == "hardware"
 
     def agreed() -> bool:
@@ -220,30 +215,29 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
             click.echo(f"{text}: press Enter, or Ctrl+C to end")
         return agreed if hardware else None
 
+    certifier = certifier_of(loaded, consent)
     folder = RunFolder.create(out, f"certify-{loaded.name}", started)
     proofs, ended, failure = [], "", None
     before = signal.signal(
         signal.SIGTERM, signal.default_int_handler
     )  # `stop`, or `kill`, ends it as Ctrl+C does
-    with closing(build_rig(loaded, devices=devices)) as rig, Holding(loaded.name, "certify", addresses(rig)):
-        certifier = Certifier(bench_to_prove(loaded, rig, consent))
-        try:
-            for proof in certifier.proofs():
-                proofs.append(proof)
-                _, row = rows([proof])
-                verbs.say(
-                    "  ".join(cell for cell in (f"{row[3]:>9}", f"{row[0]:32}", *row[1:3], *row[4:]) if cell)
-                )
-        except (DeviceError, click.Abort, KeyboardInterrupt) as error:
-            ended, failure = str(error) or "interrupted", error
-        finally:
-            signal.signal(signal.SIGTERM, before)
+    try:
+        for proof in certifier.proofs():
+            proofs.append(proof)
+            _, row = rows([proof])
+            verbs.say(
+                "  ".join(cell for cell in (f"{row[3]:>9}", f"{row[0]:32}", *row[1:3], *row[4:]) if cell)
+            )
+    except (DeviceError, click.Abort, KeyboardInterrupt) as error:
+        ended, failure = str(error) or "interrupted", error
+    finally:
+        signal.signal(signal.SIGTERM, before)
     about = {
         "profile": loaded.name,
         "profile_hash": loaded.hash,
         "bench": loaded.bench,
         "started_utc": started.isoformat(),
-        "devices": {name: described(info) for name, info in certifier.infos.items()},
+        "devices": {name: described(info) for name, info in certifier.session.infos.items()},
         **program(),
     }
     write(folder.path, about, proofs, ended)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from contextlib import closing, contextmanager
-from dataclasses import replace
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from config.assemble import build_rig, plan_campaign
-from config.certificate import bench_to_prove, certified
+from config.certificate import certified, certifier_of
 from config.profile import load_profile
 from controller.certify import NOT_AT_REST, Certifier
 from controller.guard import Guard, GuardSettings
@@ -44,10 +42,7 @@ BOX = {
 
 
 def proved(name, consent=lambda text: None, **sets):
-    profile = load_profile(name, sets)
-    devices = plan_campaign(profile, profile.trials(0), 0).devices
-    with closing(build_rig(profile, devices=devices)) as rig:
-        return list(Certifier(bench_to_prove(profile, rig, consent)).proofs())
+    return list(certifier_of(load_profile(name, sets), consent).proofs())
 
 
 def of(proofs, limit):
@@ -182,13 +177,13 @@ def test_a_program_that_is_killed_leaves_a_mover_that_stops_or_fails_the_certifi
     def abandoned(mover, frozen):
         if went_m is None:
             raise EOFError
+        rig = certifier.session.rig
         stage: Any = rig.devices["stage"]
         yield stage.axis.position(rig.clock.now()) - went_m
 
-    profile = load_profile("mock/transient")
-    with closing(build_rig(profile)) as rig:
-        bench = replace(bench_to_prove(profile, rig, lambda text: None), abandoned=abandoned)
-        proofs = list(Certifier(bench).proofs())
+    certifier = certifier_of(load_profile("mock/transient"))
+    certifier.abandoned = abandoned
+    proofs = list(certifier.proofs())
     (killed,) = [proof for proof in proofs if "killed" in proof.done]
     assert (killed.limit, killed.verdict) == ("limits.blind_travel_m", verdict)
     assert certified(proofs) == (verdict == "acted")

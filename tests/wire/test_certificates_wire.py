@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import time
-from contextlib import closing
 
 import pytest
 
-from config.assemble import build_rig
-from config.certificate import bench_to_prove
+from config.certificate import certifier_of
 from config.profile import load_profile
-from controller.certify import Certifier
 
 BENCHES = {
     "emulated/transient": {
@@ -33,9 +30,7 @@ BENCHES = {
 
 @pytest.mark.parametrize("name", BENCHES)
 def test_every_limit_of_an_emulated_bench_acts(name):
-    profile = load_profile(name)
-    with closing(build_rig(profile)) as rig:
-        proofs = list(Certifier(bench_to_prove(profile, rig, lambda text: None)).proofs())
+    proofs = list(certifier_of(load_profile(name)).proofs())
     assert [proof for proof in proofs if proof.verdict not in ("acted", "nothing to bound")] == []
     assert {proof.limit for proof in proofs} >= BENCHES[name]
     killed = [proof for proof in proofs if "its program is killed" in proof.done]
@@ -56,8 +51,8 @@ def test_a_person_may_take_longer_than_a_watchdog_waits():
         answers_s.append(time.monotonic() + 1.5)  # real time: gripper and board wait for a second
         return lambda: time.monotonic() > answers_s[-1]
 
-    with closing(build_rig(profile)) as rig, pytest.raises(LeftError):
-        for proof in Certifier(bench_to_prove(profile, rig, consent)).proofs():
+    with pytest.raises(LeftError):
+        for proof in certifier_of(profile, consent).proofs():
             proofs.append(proof)
     assert [(proof.limit, proof.verdict) for proof in proofs] == [
         (f"{what} of {mover}", "acted")
