@@ -32,7 +32,7 @@ def thresholds(path):
 
 
 def test_quiet_writes_what_is_not_set_or_stands_in_the_file_and_leaves_all_else(verb, lab):
-    code, out, err = verb("quiet", lab, "--seconds", "30")
+    code, out, err = verb("quiet", lab, "--seconds", "12")
     assert (code, err) == (0, "")
     assert thresholds(lab).keys() == {"touch_fingertip", "fingertip_ours"}
     # 0.02 N of noise: six deviations of its mean at the least, and far below the 0.3 N of a touch
@@ -42,7 +42,7 @@ def test_quiet_writes_what_is_not_set_or_stands_in_the_file_and_leaves_all_else(
     written = lab.read_text().splitlines()
     assert [line for line in written if "threshold" not in line] == kept
     assert all(
-        f"# quiet, {date.today()}" in line and "(95 %), n = 29.5 s, asked: a false alarm in 3600 s" in line
+        f"# quiet, {date.today()}" in line and "(95 %), n = 11.5 s, asked: a false alarm in 3600 s" in line
         for line in written
         if "touch_fingertip.threshold" in line
     )
@@ -58,11 +58,11 @@ def test_the_threshold_alarms_as_rarely_as_was_asked(verb, lab, monkeypatch):
     heard = []
     plain = SlipDetector.statistic
     monkeypatch.setattr(SlipDetector, "statistic", lambda *given: heard.append(plain(*given)) or heard[-1])
-    code, _, _ = verb("quiet", lab, "--seconds", "60", "--false-alarm-interval", "6")
+    code, _, _ = verb("quiet", lab, "--seconds", "30", "--false-alarm-interval", "3")
     assert code == 0
-    seconds = heard[0][1000:].reshape(-1, 1000)[:58]
+    seconds = heard[0][1000:].reshape(-1, 1000)[:28]
     alarms = sum((second >= thresholds(lab)["fingertip_ours"]).any() for second in seconds)
-    assert 4 <= alarms <= 17  # ten were asked for in a minute (Poisson, 95 %)
+    assert 4 <= alarms <= 17  # ten were asked for in half a minute (Poisson, 95 %)
 
 
 def test_a_dry_run_shows_and_writes_nothing(verb, lab):

@@ -43,7 +43,7 @@ def running(notes, tmp_path):
 
     def until(state, *arguments):
         out = tmp_path / f"runs{len(runs)}"
-        run = program("run", *arguments, "--no-report", "--out", out)
+        run = program("run", *arguments, "--set", "behavior.settle_s=0.5", "--no-report", "--out", out)
         runs.append(run)
         end_s = time.monotonic() + 120.0
         while not any(f'"{state}"' in path.read_text() for path in out.glob("*/events.jsonl")):
