@@ -30,6 +30,8 @@ from drivers.core.messages import (
     StreamInfo,
 )
 
+ASK = "to ask who is there: --ports, which resets many a board"
+
 LISTEN_S = 1.0
 """How long each sensor is read. Assumption: enough for every regular stream, short enough to be waited for."""
 
@@ -101,6 +103,7 @@ def examine(
     named: Sequence[tuple[str, str]] = (),
     ports: Mapping[str, str] | None = None,
     watchdogs: Mapping[str, float] | None = None,
+    ask: bool = False,
 ) -> Iterator[Finding]:
     """Look at the computer, open every device, read each of its streams for a second, close all; nothing is moved or
     excited.
@@ -114,11 +117,12 @@ def examine(
         named: Likewise.
         ports: Of a real bench: where each device is.
         watchdogs: Devices whose own watchdog switches their streams off, and after how long without the host.
+        ask: Whether the ports that the profile does not use are asked who is there.
     """
     infos: dict[str, DeviceInfo] = {}
     trials = list(trials)
-    if rig.kind == "hardware":
-        yield from computer(ports or {})
+    if rig.kind == "hardware" or ask:
+        yield from computer(ports or {}, ask)
     try:
         for name, device in rig.devices.items():
             try:
@@ -151,16 +155,27 @@ def examine(
 # --- the computer ------------------------------------------------------------------------------------
 
 
-def computer(ports: Mapping[str, str]) -> Iterator[Finding]:
-    """The serial ports that are there, whether this user may open them, and the right to run in real time.
+def computer(ports: Mapping[str, str], ask: bool = False) -> Iterator[Finding]:
+    """The serial ports and CAN interfaces that are there, whether this user may open them, and the right to run in
+    real time.
 
     Args:
         ports: Where each device of the bench is.
+        ask: Whether the other ports are asked who is there, and CAN interfaces looked for.
     """
     from serial.tools.list_ports import comports
 
+    from controller.who_answers import can_interfaces, who_answers
+
     used = {os.path.realpath(port): name for name, port in ports.items()}
-    for port in comports():
+    found = list(comports())
+    others = [
+        port.device
+        for port in found
+        if os.path.realpath(port.device) not in used and os.access(port.device, os.R_OK | os.W_OK)
+    ]
+    answers = dict(zip(others, who_answers(others) if ask else [ASK] * len(others), strict=True))
+    for port in found:
         name = used.get(os.path.realpath(port.device), "")
         what = ", ".join(str(part) for part in (port.manufacturer, port.product) if part) or port.description
         line = f"{port.device} ({what}): {f'{name} of this profile' if name else 'not used by this profile'}"
@@ -176,7 +191,8 @@ def computer(ports: Mapping[str, str]) -> Iterator[Finding]:
             )
             yield Finding("fail" if name else "warn", f"{line}; this user may not open it: {remedy}")
         else:
-            yield Finding("ok", line)
+            yield Finding("ok", line if name else f"{line}; {answers[port.device]}")
+    yield from (Finding("ok", f"CAN: {each}") for each in (can_interfaces() if ask else ()))
     limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
     if limit == 0 and os.geteuid() != 0:
         remedy = "add '@dialout - rtprio 20' to /etc/security/limits.d/bench.conf, then log in again"

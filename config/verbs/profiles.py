@@ -41,6 +41,7 @@ def list_(shown: str | None) -> None:
 @click.command(cls=verbs.Verb, short_help="Validate a profile, print its settings, try its bench.")
 @verbs.trials_options
 @click.option("--connect", is_flag=True, help="Open every device and read each sensor; nothing moves.")
+@click.option("--ports", "ask", is_flag=True, help="Likewise, and ask who is at ports it does not use.")
 @click.option("--verbose", is_flag=True, help="With --connect, print every setting as well.")
 def check(
     profile: str,
@@ -48,6 +49,7 @@ def check(
     csv: Path | None,
     numbers: Sequence[int],
     connect: bool,
+    ask: bool,
     verbose: bool,
 ) -> int:
     """Validate a PROFILE and print every setting with the file that gave it.
@@ -62,8 +64,9 @@ def check(
     """
     from config.parts import parts_of
 
+    connect |= ask
     if parts := parts_of(profile):
-        flags = [*["--connect"] * connect, *["--verbose"] * verbose]
+        flags = [*["--connect"] * connect, *["--ports"] * ask, *["--verbose"] * verbose]
         return verbs.for_each_part(check, parts, [*verbs.sets(overrides), *flags])
     from config.assemble import build_rig, plan_campaign
     from config.costs import counted
@@ -95,7 +98,7 @@ def check(
             click.echo(f"# not verified without --connect, as the device tells its streams then: {names}")
         return verbs.DONE
     with closing(build_rig(loaded, devices=campaign.devices, excused=excused)) as rig:
-        code, said = _tried(loaded, rig, campaign.trials, named, connect)
+        code, said = _tried(loaded, rig, campaign.trials, named, connect, ask)
     missing: Sequence[str] = ()
     try:
         plan_campaign(loaded, planned, 0)
@@ -108,7 +111,12 @@ def check(
 
 
 def _tried(
-    loaded: Profile, rig: Rig, trials: Iterable[TrialPlan], named: Sequence[tuple[str, str]], connect: bool
+    loaded: Profile,
+    rig: Rig,
+    trials: Iterable[TrialPlan],
+    named: Sequence[tuple[str, str]],
+    connect: bool,
+    ask: bool,
 ) -> tuple[int, str]:
     """Look at a bench and at classes of the user's own, a line for each thing found; exit code and summary."""
     from itertools import chain
@@ -127,7 +135,9 @@ def _tried(
         for name, entry in entries.items()
         if {"watchdog_s", "baud"} <= type(entry.settings).model_fields.keys()
     }
-    looked = examine(rig, scene, trials, named, ports, watchdogs) if connect else compare(rig, trials, named)
+    looked = compare(rig, trials, named)
+    if connect:
+        looked = examine(rig, scene, trials, named, ports, watchdogs, ask)
     own = own_kinds(loaded, rig.devices)
     code, findings = verbs.DONE, []
     for finding in chain(looked, tried(rig, scene, **own) if own else ()):
