@@ -217,6 +217,7 @@ class CanLink:
     def close(self) -> None:
         """Close the bus and wait for the thread. Never raises; may be called twice."""
         self._closing = True
+        self._clock.leave()  # the thread may wait for a time that would wait for this one
         self._thread.join(JOIN_TIMEOUT_S)
         if self.fault is not None:
             with suppress(Exception):  # the kernel would wait half a minute for what the adapter never took
