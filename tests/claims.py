@@ -17,6 +17,7 @@ import csv
 import json
 import math
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -91,11 +92,14 @@ def run(name: str) -> pd.DataFrame:
     parts = [part for path in sorted(papers) for part in tomllib.loads(path.read_text("utf-8"))["parts"]]
     part = next((part for part in parts if part.split()[0] == name), name)
     out = ROOT / "build" / "claims" / re.sub(r"\W+", "_", part)
-    if not (found := list(out.glob("*/trials.csv"))):
-        command = [sys.executable, "run.py", "run", *part.split(), "--no-report", "--out", str(out)]
+    if not out.exists():
+        begun = out.with_suffix(".begun")
+        shutil.rmtree(begun, ignore_errors=True)
+        command = [sys.executable, "run.py", "run", *part.split(), "--no-report", "--out", str(begun)]
         subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
-        found = list(out.glob("*/trials.csv"))
-    return pd.read_csv(found[0])
+        begun.rename(out)
+    (found,) = out.glob("*/trials.csv")
+    return pd.read_csv(found)
 
 
 class Sources:
@@ -110,6 +114,7 @@ class Sources:
             "run": run, "profile": profile, "one": one, "share": share, "table_1": table_1, "finger": FingerSettings(),
             "np": np, "sqrt": math.sqrt, "pi": math.pi,
         }  # fmt: skip
+        self._names["fitted"] = rows(json.loads((RESULTS / "table_1.json").read_text("utf-8")))
 
     def define(self, line: str) -> None:
         """Take in a name that several sources use: `@name = expression`."""
