@@ -308,7 +308,12 @@ def own_kinds(profile: Profile, there: Collection[str]) -> dict[str, Any]:
         for name, entry in profile.detectors.items()
         if is_own(entry.kind)
     }
-    if not devices and not detectors:
+    own_signals = {
+        name: partial(entry.made, name, entry.settings)
+        for name, entry in profile.signals.items()
+        if is_own(entry.kind)
+    }
+    if not (devices or detectors or own_signals):
         return {}
     baselines_s = {
         name: max((getattr(settings, key) for key in settings.keys_of("baseline")), default=0.0)
@@ -316,7 +321,13 @@ def own_kinds(profile: Profile, there: Collection[str]) -> dict[str, Any]:
         for settings in [profile.detectors[name].settings]
     }
     signals = {signal.info.name: signal.info for signal in make_signals(profile)}
-    return {"devices": devices, "detectors": detectors, "baselines_s": baselines_s, "signals": signals}
+    return {
+        "devices": devices,
+        "detectors": detectors,
+        "baselines_s": baselines_s,
+        "own_signals": own_signals,
+        "signals": signals,
+    }
 
 
 def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterator[TrialPlan]:

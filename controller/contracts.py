@@ -1,19 +1,21 @@
-"""What `run.py check` tries of a user's own classes: promises of a device or a detector, a line for a broken one."""
+"""What `run.py check` tries of a user's own devices, signals and detectors: a line for each promise that is broken."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from controller.detectors.contract import CLAUSES, trace
+from controller.detectors.contract import CLAUSES, cut, trace
 from controller.detectors.protocol import Detector
 from controller.doctor import Finding
 from controller.own_modules import own_place
 from controller.rig import Rig, TrialScene
+from controller.signals.protocol import Signal
 from drivers.core.errors import CommandError
 from drivers.core.messages import DeviceInfo, Listen, MoveTo, SampleBlock, StreamInfo
 
@@ -41,9 +43,10 @@ def tried(
     devices: Sequence[str],
     detectors: Mapping[str, Callable[[], Detector]],
     baselines_s: Mapping[str, float],
+    own_signals: Mapping[str, Callable[[], Signal]],
     signals: Mapping[str, StreamInfo],
 ) -> Iterator[Finding]:
-    """Try a user's own devices and detectors.
+    """Try a user's own devices, signals and detectors.
 
     Args:
         rig: The bench, closed; nothing is moved on it.
@@ -51,6 +54,7 @@ def tried(
         devices: Names of those to try.
         detectors: Likewise, and what makes each.
         baselines_s: For how long each of them learns.
+        own_signals: Names of the signals to try, and what makes each.
         signals: What the profile's signals give.
     """
     infos: dict[str, DeviceInfo] = {}
@@ -68,6 +72,8 @@ def tried(
     streams = {name: stream for info in infos.values() for name, stream in info.streams.items()} | dict(
         signals
     )
+    for name, made in own_signals.items():
+        yield from _findings(f"signals.{name}", _signal(name, made, streams))
     for name, make in detectors.items():
         yield from _findings(f"detectors.{name}", _detector(make, streams, baselines_s[name]))
 
@@ -166,6 +172,69 @@ def _samples(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> str | None:
         if after.seq < before.seq + len(before) or after.t0_s <= before.last_s:
             begins = f"a block begins at number {after.seq}, {after.t0_s:.4f} s"
             return f"stream {stream.name}: {begins}, within the one before"
+    return None
+
+
+SIZES = (7, 64)
+"""Samples in a block, of signals."""
+
+ROUNDING = 1e-9
+"""How far a signal's values may differ where sums are made in another order, as a share of its largest."""
+
+
+def _signal(name: str, make: Callable[[], Signal], streams: Mapping[str, StreamInfo]) -> Iterator[str | None]:
+    """What a signal breaks of `Signal`."""
+    signal = make()
+    info = signal.info
+    if unknown := [each for each in signal.inputs if each not in streams]:
+        raise _UntriedError(f"nothing sends {', '.join(unknown)}")
+    sound = info.name == f"signals.{name}" and info.unit and info.scale > 0.0
+    yield (
+        None if sound else f"its info is of {info.name!r}; give it 'signals.{name}', a unit, a scale above 0"
+    )
+    blocks = _shown([streams[each] for each in signal.inputs], 0.0)
+    whole = _made(signal, blocks)
+    if not any(map(len, whole)):
+        raise _UntriedError(
+            f"it makes nothing of a rest, a step and an oscillation on {', '.join(signal.inputs)}"
+        )
+    yield _samples(replace(info, rate_hz=whole[0].rate_hz), whole)  # a rate that follows the inputs
+    last_s = max(block.last_s for block in blocks)
+    late = [block.last_s for block in whole if block.last_s > last_s]
+    yield f"has a sample at {late[0]:.6g} s, later than its inputs' last at {last_s:.6g} s" if late else None
+    for size in SIZES:
+        parts = sorted((part for block in blocks for part in cut(block, size)), key=lambda part: part.last_s)
+        yield _differs(f"blocks of {size}", _made(make(), parts), whole)
+    signal.reset()
+    yield _differs("after a reset", _made(signal, blocks), whole)
+    spoiled = [replace(block, values=np.full_like(block.physical, np.nan), scale=1.0) for block in blocks]
+    finite = [block for block in _made(make(), spoiled) if np.isfinite(block.physical).any()]
+    yield "makes values that are finite of samples that are all nan" if finite else None
+
+
+def _made(signal: Signal, blocks: Sequence[SampleBlock]) -> list[SampleBlock]:
+    """What a signal makes of blocks, without its statuses."""
+    found = [each for block in blocks for each in signal.push(block)]
+    return [each for each in found if isinstance(each, SampleBlock)]
+
+
+def _differs(what: str, found: Sequence[SampleBlock], whole: Sequence[SampleBlock]) -> str | None:
+    """How one way to give samples differs from another, which must give the same."""
+    count, expected = sum(map(len, found)), sum(map(len, whole))
+    if count != expected:
+        return f"{what}: gives {count} samples, not {expected}"
+    mine, theirs = (
+        {
+            "numbers": np.concatenate([each.seq + np.arange(len(each)) for each in blocks]),
+            "times": np.concatenate([each.times for each in blocks]),
+            "values": np.concatenate([each.physical for each in blocks]),
+        }
+        for blocks in (found, whole)
+    )
+    for kind, right in theirs.items():
+        nearly = ROUNDING * float(np.nanmax(np.abs(right)))
+        if not np.allclose(mine[kind], right, 0.0, nearly, equal_nan=True):
+            return f"{what}: gives other {kind}, by up to {np.nanmax(np.abs(mine[kind] - right)):.3g}"
     return None
 
 

@@ -130,13 +130,14 @@ def examine(
             except DeviceError as error:
                 yield Finding("fail", str(error))
         blocks, statuses, late_s = _listen(rig, scene, infos)
+        rate = RATE + max(late_s, default=0.0) / LISTEN_S  # what arrives late is dated late
         if rig.time == "wall":
             yield _punctual(late_s)
         for name, info in infos.items():
             yield _identity(name, info)
             yield from _state(name, info)
             for stream in info.streams.values():
-                yield from _reading(stream, blocks.get(stream.name, []))
+                yield from _reading(stream, blocks.get(stream.name, []), rate)
             own = [status for status in statuses if status.device == name]
             yield from _troubles(own, {key: sum(map(len, got)) for key, got in blocks.items()})
             yield from _clock(name, rig.devices[name].account())
@@ -288,7 +289,7 @@ def _state(name: str, info: DeviceInfo) -> Iterator[Finding]:
             yield Finding("warn", f"    {name}: {key} is {shown}; {remedy}")
 
 
-def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> Iterator[Finding]:
+def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock], rate: float) -> Iterator[Finding]:
     """What a stream's samples are: how many, mean and noise, how far they drift, at which rate."""
     if not sum(map(len, blocks)):
         if stream.rate_hz is None:
@@ -324,7 +325,7 @@ def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> Iterator[Find
     times_s = np.concatenate([block.times for block in blocks])
     if stream.rate_hz is not None and len(times_s) > 1 and times_s[-1] > times_s[0]:
         rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
-        if abs(rate_hz / stream.rate_hz - 1.0) > RATE:
+        if abs(rate_hz / stream.rate_hz - 1.0) > rate:
             line = f"comes at {rate_hz:.4g} Hz, not at {stream.rate_hz:g}; correct its rate where it is set"
             yield Finding("warn", f"    {stream.name}: {line}")
 

@@ -22,6 +22,6 @@ def test_a_shipped_mock_keeps_the_contract(driver: str) -> None:
     factors = {"sensor": SENSOR.get(driver, "fingertip")}
     scene = TrialScene(1, 1, factors, profile.plant.settings.model_dump(mode="json"))
     with closing(build_rig(profile)) as rig:
-        findings = list(tried(rig, scene, [name], {}, {}, {}))
+        findings = list(tried(rig, scene, [name], {}, {}, {}, {}))
     assert [finding.line for finding in findings if finding.verdict != "ok"] == []
     assert f"devices.{name}: keeps the contract" in findings[-1].line
