@@ -28,5 +28,5 @@ def test_each_figure_of_the_readme_that_is_one_per_cent_off_is_found() -> None:
 
 
 def test_a_figure_without_a_source_is_found() -> None:
-    (found,) = problems("page", "It takes 3.7 ms.", [], SOURCES)
+    (found,) = problems("README.md", "It takes 3.7 ms.", [], SOURCES)
     assert "3.7 has no source" in found
