@@ -12,6 +12,7 @@ from drivers.core.clock import Clock, rest
 from drivers.core.errors import PortError, RefusedError, SilentError
 from drivers.ur_arm.client import CONTROL_GONE, PLAYING, STOPPED, RtdeClient, RtdeSockets, fault_of
 from drivers.ur_arm.dashboard import Dashboard
+from drivers.ur_arm.limits import joint_limits
 from drivers.ur_arm.settings import UrArmSettings
 from drivers.ur_arm.tool import PENDANT, Tool, disagreement, stated
 
@@ -58,6 +59,7 @@ class UrLink:
         """See `ArmLink.open`."""
         dashboard = Dashboard(self._settings.host)
         polyscope = _checked_version(dashboard)
+        limits = joint_limits(self._settings.host)  # before its program needs anybody
         self._connect()
         self._check_readiness(dashboard, again)
         model, serial = dashboard.ask("get robot model"), dashboard.ask("get serial number")
@@ -70,6 +72,7 @@ class UrLink:
             "robot_mode": dashboard.ask("robotmode").rpartition(" ")[2],
             "safety_status": dashboard.ask("safetystatus").rpartition(" ")[2],
             "speed_slider": self._receive.getTargetSpeedFraction(),
+            **limits,
         }
         return Opened(model, serial, polyscope, self._row, details)
 

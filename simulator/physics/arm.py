@@ -19,7 +19,7 @@ JOINTS = 6
 D1_M, A2_M, A3_M, D4_M, D5_M, D6_M = 0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996
 """Denavit-Hartenberg lengths (source above)."""
 
-_DH = (
+DH = (
     (0.0, D1_M, math.pi / 2),
     (A2_M, 0.0, 0.0),
     (A3_M, 0.0, 0.0),
@@ -29,7 +29,7 @@ _DH = (
 )
 """(a in m, d in m, alpha in rad) of each joint (source above)."""
 
-_LINKS = np.array([(a, d, math.cos(alpha), math.sin(alpha)) for a, d, alpha in _DH])
+_LINKS = np.array([(a, d, math.cos(alpha), math.sin(alpha)) for a, d, alpha in DH])
 
 JOINT_LIMIT_RAD = 2.0 * math.pi
 """Each joint turns by this much either way (UR5e data sheet: +-360 degrees)."""

@@ -61,6 +61,9 @@ def test_an_arm_is_given_the_profile_s_tool_and_its_own_back() -> None:
         for name, value in TOOL.items():
             assert details[name] == pytest.approx(value)
         assert (details["robot_mode"], details["speed_slider"]) == ("RUNNING", 1.0)
+        # a UR5e's data sheet: 360 degrees either way, 180 degrees a second
+        assert details["joint_limits_rad"] == [pytest.approx([-6.2832, 6.2832], abs=1e-4)] * 6
+        assert details["joint_speed_limits_rad_s"] == pytest.approx([3.1416] * 6, abs=1e-4)
         arm.close()
         again = UrArm("arm", settings(other, **own), other.clock)
         found = again.open().details

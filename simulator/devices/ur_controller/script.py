@@ -1,8 +1,8 @@
 """The client's control script, re-implemented: what a controller does with the commands in its registers.
 
 [E]: this follows `rtde_control.script` of ur_rtde 1.6.5 thread by thread, each a generator that is run once
-in 2 ms; how a real controller schedules them is not known here. What is not emulated (paths, `servoc`, external
-force sensors) ends the program with an entry in the log, as a runtime exception does.
+in 2 ms; how a real controller schedules them is not known here. What is not emulated (paths, `servoc`, gravity,
+external force sensors) ends the program with an entry in the log, as a runtime exception does.
 """
 
 from __future__ import annotations
@@ -51,8 +51,12 @@ RETURN_M_S, RETURN_M_S2 = 0.25, 1.2
 FORCE_STOP_M_S2 = 10.0
 """How `stopl` ends force mode (control script)."""
 
-TASK_FRAME = 2
-"""Type of force mode in which the task frame is taken as it is; the others are not emulated (script manual)."""
+TOWARDS_FRAME, TASK_FRAME, ALONG_MOTION = 1, 2, 3
+"""Types of force mode: y axis from the tool to the frame's origin; the frame as it is; x axis along the tool's velocity
+in the frame's x-y plane (script manual)."""
+
+NO_LENGTH = 1e-6
+"""m, m/s: what is shorter has no direction (assumption)."""
 
 USUAL_GAIN, USUAL_DAMPING = 0.5, 0.025
 """Of force mode, as the script sets them when it starts (control script)."""
@@ -111,6 +115,7 @@ class ControlScript:
             25: lambda: self._r.answer(controller.contact_steps(self._r.vector())),
             26: lambda: self._r.report([STEP_S]),
             27: lambda: self._r.report(controller.joints_before(self._r.i(1))),
+            28: lambda: self._r.report(controller.arm.joints_rad),
             29: lambda: controller.arm.mount(rigid.matrix(self._r.vector())),
             30: lambda: self._r.report(
                 arm.solve(rigid.matrix(self._r.vector()), self._r.vector(6), self._tool)
@@ -298,11 +303,30 @@ class ControlScript:
 
     def _force(self) -> None:
         kind, free = self._r.i(1), [self._r.i(2 + axis) != 0 for axis in range(6)]
-        if kind != TASK_FRAME:
-            raise ScriptError(f"force mode of type {kind} is not emulated")
-        frame, wrench, fastest = rigid.rotation(self._r.vector()[3:]), self._r.vector(6), self._r.vector(12)
+        if kind not in (TOWARDS_FRAME, TASK_FRAME, ALONG_MOTION):
+            raise ScriptError(f"force mode has no type {kind}")
+        frame, wrench, fastest = self._force_frame(kind), self._r.vector(6), self._r.vector(12)
         gain = self._gain / USUAL_GAIN * (1.0 - self._damping) / (1.0 - USUAL_DAMPING)
         self._keep("force", lambda: Yielding(frame, free, wrench, fastest, self._felt, gain))
+
+    def _force_frame(self, kind: int) -> Array:
+        """Axes of the force frame, as columns; turned by its type, where that says whither."""
+        given, tool = self._r.vector(), self._controller.arm
+        frame = rigid.rotation(given[3:])
+        if kind == TOWARDS_FRAME:
+            axis = given[:3] - tool.pose[:3]
+        else:
+            axis = frame[:, :2] @ frame[:, :2].T @ np.asarray(tool.twist[:3])
+        length = float(np.linalg.norm(axis))
+        if kind == TASK_FRAME or length < NO_LENGTH:
+            return frame
+        axis = axis / length
+        if kind == ALONG_MOTION:
+            return np.column_stack((axis, np.cross(frame[:, 2], axis), frame[:, 2]))
+        across = np.cross(axis, frame[:, 2])
+        if (breadth := float(np.linalg.norm(across))) < NO_LENGTH:
+            return frame
+        return np.column_stack((across / breadth, axis, np.cross(across / breadth, axis)))
 
     def _stiffen(self, gain: float, damping: float) -> None:
         if not (0.0 <= gain <= 2.0 and 0.0 <= damping <= 1.0):

@@ -1,4 +1,4 @@
-"""The controller on three TCP ports of a loopback address, in step with the wall clock.
+"""The controller on five TCP ports of a loopback address, in step with the wall clock.
 
 The server belongs in a process of its own: the client holds its interpreter's lock while it connects.
 """
@@ -16,12 +16,14 @@ from contextlib import suppress
 from drivers.core.clock import Clock, WallClock
 from simulator.devices.tcp_clients import TcpClients
 from simulator.devices.ur_controller.controller import UrController
+from simulator.devices.ur_controller.primary import PrimarySession, greeting
 from simulator.devices.ur_controller.rtde import PackageError
 from simulator.devices.ur_controller.script import STEP_S
 from simulator.devices.ur_controller.session import GREETING, DashboardSession, RtdeSession, ScriptSession
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
-"""Ports of a controller; the client takes no others (script manual)."""
+PRIMARY_PORT, SECONDARY_PORT = 30001, 30002
+"""Ports of a controller (script manual, client interface manual)."""
 
 BACKLOG_STEPS = 250
 """Cycles that a delayed server makes up for; beyond half a second it gives up (assumption)."""
@@ -80,7 +82,7 @@ class UrServer:
         """Listen.
 
         Args:
-            hosts: Addresses to choose from: the first with all three ports free. None: that of the settings.
+            hosts: Addresses to choose from: the first with all ports free. None: that of the settings.
 
         Raises:
             OSError: a port of every address is taken.
@@ -95,6 +97,8 @@ class UrServer:
     def _listen(self, host: str) -> None:
         kinds: dict[int, Callable[[], Session]] = {
             RTDE_PORT: lambda: RtdeSession(self.controller, self._taken),
+            PRIMARY_PORT: lambda: PrimarySession(self.controller),
+            SECONDARY_PORT: lambda: PrimarySession(self.controller),
             SCRIPT_PORT: lambda: ScriptSession(self.controller),
             DASHBOARD_PORT: lambda: DashboardSession(self.controller),
         }
@@ -165,7 +169,7 @@ class UrServer:
     def _stream(self) -> None:
         hushed = not self.streams or self.clock.monotonic_s() < self.silent_until_s
         for connection, session in list(self._sessions.items()):
-            if isinstance(session, RtdeSession):
+            if isinstance(session, RtdeSession | PrimarySession):
                 package = session.step()
                 if package and not hushed:
                     self._clients.send(connection, package)
@@ -177,6 +181,8 @@ class UrServer:
         session = self._sessions[connection] = self._listeners[listener]()
         if isinstance(session, DashboardSession):
             self._clients.send(connection, GREETING)
+        elif isinstance(session, PrimarySession):
+            self._clients.send(connection, greeting(self.controller))
 
     def _receive(self, connection: socket.socket) -> None:
         session = self._sessions.get(connection)

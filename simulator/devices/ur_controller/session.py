@@ -279,6 +279,9 @@ _ANSWERS: dict[str, Callable[[UrController], str]] = {
     "stop": _stop,
     "unlock protective stop": _unlock,
     "close safety popup": lambda c: "closing safety popup",
+    "popup": lambda c: "showing popup",
+    "power on": lambda c: "Powering on",
+    "brake release": lambda c: "Brake releasing",
     "close popup": lambda c: "closing popup",
     "play": lambda c: "Failed to execute: play",
     "pause": lambda c: "Failed to execute: pause",
@@ -311,5 +314,6 @@ class DashboardSession:
         """Nothing to give back."""
 
     def _answer(self, line: str) -> str:
-        answer = _ANSWERS.get(line.lower())
+        said = line.lower()
+        answer = _ANSWERS["popup"] if said.startswith("popup ") else _ANSWERS.get(said)
         return f'could not understand: "{line}"' if answer is None else answer(self._controller)

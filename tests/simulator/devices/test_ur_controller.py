@@ -261,6 +261,8 @@ def test_the_dashboard_gives_the_answers_that_the_client_waits_for(make: Callabl
     assert ask(controller, "stop") == "Stopped\n"
     assert ask(controller, "running") == "Program running: false\n"
     assert ask(controller, "make coffee").startswith("could not understand")
+    assert ask(controller, "popup Mind the arm") == "showing popup\n"
+    assert ask(controller, "power on") + ask(controller, "brake release") == "Powering on\nBrake releasing\n"
 
 
 def test_the_dashboard_unlocks_a_protective_stop_after_its_time(make: Callable[..., Desk]) -> None:

@@ -122,6 +122,28 @@ def test_force_mode_goes_no_faster_than_its_limit_in_free_air() -> None:
     assert one.controller.arm.twist[2] == pytest.approx(-LIMITS[2], rel=1e-6)
 
 
+def test_force_mode_of_type_1_pushes_towards_the_origin_of_its_frame() -> None:
+    one = desk()
+    origin = one.pose[:3] + np.array([0.0, -0.3, 0.0])
+    wrench = [0.0, 20.0, 0.0, 0.0, 0.0, 0.0]
+    one.write(FORCE, [*origin, 0.0, 0.0, 0.0, *wrench, *LIMITS], flags=[1, 0, 1, 0, 0, 0, 0])
+    one.run(150)
+    assert one.controller.arm.twist[:3] == pytest.approx([0.0, -LIMITS[1], 0.0], abs=1e-3)
+
+
+def test_force_mode_of_type_3_pushes_along_the_way_that_the_tool_goes() -> None:
+    one = desk()
+    wrench = [20.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    numbers = [*[0.0] * 6, *wrench, *LIMITS]
+    one.write(FORCE, numbers, flags=[3, 1, 0, 0, 0, 0, 0])
+    one.run(150)  # at rest the frame is as given: the base's x
+    assert one.controller.arm.twist[:3] == pytest.approx([LIMITS[0], 0.0, 0.0], abs=1e-3)
+    turned_round = [0.0, 0.0, 0.0, 0.0, 0.0, np.pi, *wrench, *LIMITS]
+    one.write(FORCE, turned_round, flags=[3, 1, 0, 0, 0, 0, 0])
+    one.run(150)
+    assert one.controller.arm.twist[0] == pytest.approx(LIMITS[0], abs=1e-3), "whichever way its x was given"
+
+
 def test_more_gain_makes_force_mode_quicker() -> None:
     one, twin = desk(), desk()
     one.call(GAIN, [1.0])
@@ -134,7 +156,7 @@ def test_more_gain_makes_force_mode_quicker() -> None:
 @pytest.mark.parametrize(
     ("order", "reason"),
     [
-        (lambda one: push(one, kind=1), "force mode of type 1 is not emulated"),
+        (lambda one: push(one, kind=4), "force mode has no type 4"),
         (lambda one: (push(one), one.run(5), one.write(MOVE_L, [*one.pose, 0.1, 0.5])), "in force mode"),
         (lambda one: one.write(GAIN, [7.0]), "a gain of 7.0"),
         (lambda one: one.write(MOVE_L, [*one.pose, 0.0, 0.5]), "speed 0.0"),

@@ -115,6 +115,7 @@ class Opening:
         monkeypatch.setattr(link, "RtdeSockets", lambda: self.sockets)
         monkeypatch.setattr(link, "RtdeClient", self.upload)
         monkeypatch.setattr(link, "rest", self.rest)
+        monkeypatch.setattr(link, "joint_limits", lambda host: {"joint_limits_rad": f"of {host}"})
 
     def rest(self, seconds):
         self.clock.rest(seconds)
@@ -175,6 +176,7 @@ def test_a_link_that_opens_reports_what_the_arm_is_and_its_program_runs(opening)
         "robot_mode": "RUNNING",
         "safety_status": "NORMAL",
         "speed_slider": 0.5,
+        "joint_limits_rad": f"of {HOST}",
     }
     assert opened == Opened("UR5", "20195500", "5.9.4", row, details)
     assert at_s == pytest.approx(opening.plays_s, abs=2 * CYCLE_S)
