@@ -154,7 +154,7 @@ class HandSession:
     """Some devices of a bench, open, and what a person has done with them. Use as a context manager.
 
     Args:
-        rig: Has the devices that are needed (`needed`), and no others.
+        rig: Has the devices that are needed, and no others.
         limits: Of the guard, which every command goes through.
         operator: Who may interrupt.
         loop: Rates.
@@ -357,12 +357,6 @@ def limits_of(limits: GuardSettings, mover: str) -> GuardSettings:
         return limits.model_copy(update={"movers": {}})
     unwatched = dict.fromkeys(("position_stream", "pose_stream", "workspace_min_m", "workspace_max_m"))
     return limits.model_copy(update={**unwatched, "movers": {mover: limits.movers[mover]}})
-
-
-def needed(limits: GuardSettings, signals: Iterable[Signal], mover: str) -> frozenset[str]:
-    """The devices without which a mover may not move: itself, and those that its limits' streams come from."""
-    made = {signal.info.name: signal for signal in signals}
-    return sources(Guard(limits_of(limits, mover)).inputs, made) | {mover}
 
 
 def sources(streams: Iterable[str], signals: Mapping[str, Signal]) -> frozenset[str]:

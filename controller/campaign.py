@@ -28,7 +28,7 @@ from controller.outcomes import counted, exit_of, successes_in
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
 from controller.rig import Rig, TrialScene
-from controller.signals.protocol import Accountable, Signal
+from controller.signals.protocol import Signal
 from drivers.core.clock import utc_now
 from drivers.core.errors import DeviceError, RefusedError
 from drivers.core.messages import DeviceInfo, StreamInfo
@@ -475,7 +475,7 @@ class Campaign:
         for stream, samples in account.lost.items():
             self._manifest["loss"][stream] = self._manifest["loss"].get(stream, 0) + samples
         for signal in signals:
-            watched = signal.account() if isinstance(signal, Accountable) else {}
+            watched: Mapping[str, object] = getattr(signal, "account", dict)()
             if watched:  # a short trial reports nothing, and withdraws nothing
                 self._manifest["signals"][signal.name] = dict(watched)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -158,6 +159,15 @@ def known_device(loaded: Profile, name: str) -> str:
     return name
 
 
+def needed(loaded: Profile, mover: str) -> frozenset[str]:
+    """The devices without which a mover may not move: itself, and those that its limits' streams come from."""
+    from config.needs import with_limits
+    from controller.by_hand import limits_of
+
+    own = replace(loaded, limits=limits_of(loaded.limits, mover))  # type: ignore[arg-type]
+    return with_limits(own, [("devices", mover)]).devices
+
+
 def may_move(loaded: Profile) -> Sequence[str]:
     """The devices of a profile that may move; what they are tells the device itself."""
     return [name for name, entry in loaded.devices.items() if row("driver", entry.kind).moves]
@@ -186,14 +196,13 @@ def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
 
     Exit codes: 0 at home, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130 interrupted.
     """
-    from config.assemble import limits_of, make_signals
     from controller import by_hand
     from controller.console import ConsoleOperator
     from drivers.core.messages import Reached
 
     loaded, found = loaded_bench(profile, overrides), False
     for mover in [known_device(loaded, device)] if device else may_move(loaded):
-        devices = by_hand.needed(limits_of(loaded), make_signals(loaded), mover)
+        devices = needed(loaded, mover)
         with (
             ConsoleOperator() as operator,
             session_on(loaded, devices, operator, endpoints, moves=True, doing="home") as session,
@@ -348,7 +357,7 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
 
     Exit codes: 0 done, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130 interrupted.
     """
-    from config.assemble import limits_of, make_signals
+    from config.assemble import limits_of
     from controller import by_hand
     from controller.console import KeyOperator
     from controller.hand_view import HandScreen, jog_lines
@@ -360,7 +369,7 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
         raise click.UsageError("it moves by keys: call it on a terminal")
     loaded = started_here(loaded, known_device(loaded, device), overrides, endpoints)
     limits = by_hand.limits_of(limits_of(loaded), device)
-    devices = by_hand.needed(limits, make_signals(loaded), device)
+    devices = needed(loaded, device)
     with (
         KeyOperator() as operator,
         session_on(loaded, devices, operator, endpoints, moves=True, paced=True, doing="jog") as session,
@@ -408,6 +417,7 @@ def stop(profile: str, overrides: Mapping[str, str], endpoints: Path | None) -> 
 
     Exit codes: 0 every mover stands still, 3 one does not, or it is not known.
     """
+    from config.jobs import Silent
     from controller.holding import address
     from controller.stopping import Stopping
 
@@ -419,7 +429,7 @@ def stop(profile: str, overrides: Mapping[str, str], endpoints: Path | None) -> 
 
     def open_one(name: str) -> HandSession:
         excused = [f"devices.{name}.{key}" for key in STOP_EXCUSES]
-        return session_on(loaded, [name], Unstopped(), endpoints, excused=excused)
+        return session_on(loaded, [name], Silent(), endpoints, excused=excused)
 
     joined = verbs.joined(endpoints)
     where = {name: dict(each) for name, each in (joined or {}).get("devices", {}).items()}
@@ -431,16 +441,6 @@ def stop(profile: str, overrides: Mapping[str, str], endpoints: Path | None) -> 
     gone = loaded.bench == "mock" or (loaded.bench == "emulated" and joined is None)
     stopping = Stopping("" if joined else loaded.name, where, settings, verbs.say, None if gone else open_one)
     return verbs.DONE if stopping.run() and not missing else verbs.DEVICE
-
-
-class Unstopped:
-    """Nobody interrupts a stop."""
-
-    def poll(self) -> None:
-        """No request."""
-
-    def suspend(self) -> None:
-        """Nothing."""
 
 
 STOP_EXCUSES = ("start_pose", "approach_axis", "tcp_offset", "payload_kg", "payload_cog_m")

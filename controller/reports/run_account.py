@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from controller.outcomes import counted
 from controller.recording.reader import Run
 from controller.recording.series import Series, TrialRecording
+from controller.reports.settings import shown
 
 _BENCH = {
     "mock": "mock: mock drivers on simulated physics, in the process",
@@ -130,16 +131,14 @@ def _flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str
         if isinstance(item, Mapping):
             scalars = all(not isinstance(each, Mapping | list) for each in item.values())
             if item and scalars and len(item) <= 8:
-                yield label, ", ".join(f"{key} {_short(each)}" for key, each in item.items())
+                yield label, ", ".join(f"{key} {_said(each)}" for key, each in item.items())
             elif item:
                 yield from _flat(item, f"{label} · ")
             else:
                 yield label, "none" if name == "loss" else ""
-        elif isinstance(item, list):
-            yield label, ", ".join(_short(each) for each in item)
         else:
-            yield label, _short(item)
+            yield label, _said(item)
 
 
-def _short(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
+def _said(value: object) -> str:
+    return "" if value is None or value == [] else shown(value)

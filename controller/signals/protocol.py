@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from drivers.core.messages import SampleBlock, Saturated, StreamInfo
 
@@ -12,7 +12,9 @@ class Signal(Protocol):
     """Makes one stream out of others: calibrated forces out of bridges, an envelope out of a carrier.
 
     Pure, as a detector is: the same samples in give the same samples out, however they are cut into blocks. A sample's
-    time is that of the event it shows: filter delays are compensated. Lost samples leave a jump in `seq`.
+    time is that of the event it shows: filter delays are compensated. Lost samples leave a jump in `seq`. One with
+    findings for the manifest has a method `account()`: those since the last reset, by name; a `warning` is shown to the
+    operator.
     """
 
     name: str
@@ -29,14 +31,6 @@ class Signal(Protocol):
 
     def reset(self) -> None:
         """Return to the initial state."""
-
-
-@runtime_checkable
-class Accountable(Protocol):
-    """A signal with findings for the manifest."""
-
-    def account(self) -> Mapping[str, object]:
-        """Findings since the last reset; a `warning` among them is shown to the operator."""
 
 
 class Signals:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from behaviors.events import Tick
-from config.assemble import limits_of, make_signals
 from config.profile import load_profile
 from config.verbs import by_hand as verbs
 from controller import by_hand, hand_view, jogging
@@ -38,7 +37,7 @@ def session():
     def opener(name="mock/transient", mover="stage", faults=(), **sets):
         profile = load_profile(name, {key.replace("__", "."): value for key, value in sets.items()})
         profile = replace(profile, faults=tuple(Fault(**fault) for fault in faults))
-        devices = by_hand.needed(limits_of(profile), make_signals(profile), mover)
+        devices = verbs.needed(profile, mover)
         one = verbs.session_on(profile, devices, Hand())
         opened.append(one)
         return one.__enter__()
