@@ -9,7 +9,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from drivers.arm.link import ArmRow
+from drivers.arm.link import ArmRow, LinkError
 from drivers.core.clock import VirtualClock
 from drivers.ur_arm.client import RtdeClient, RtdeSockets
 from drivers.ur_arm.settings import UrArmSettings
@@ -53,6 +53,20 @@ def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch
     assert client.recover() == ""
     assert done[-2:] == ["hold", "setWatchdog"]
     assert "leave" in done
+
+
+def test_a_script_whose_watchdog_is_not_taken_does_not_run_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Left running, it would be another program to the next opening."""
+    control = MagicMock(getTCPOffset=lambda: [0.1] * 6)
+    control.setWatchdog.return_value = False
+    monkeypatch.setitem(
+        sys.modules, "rtde_control", SimpleNamespace(RTDEControlInterface=lambda host: control)
+    )
+    row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
+    dashboard = SimpleNamespace(ask=lambda question: "true")
+    with pytest.raises(LinkError, match="takes no watchdog"):
+        RtdeClient(SETTINGS, dashboard, VirtualClock(), lambda: row, RtdeSockets())
+    control.stopScript.assert_called_once_with()
 
 
 def test_a_tool_that_was_set_is_set_again_after_a_recovery_and_taken_back_at_the_end(
