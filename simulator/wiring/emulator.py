@@ -179,7 +179,7 @@ class Emulator:
         }
         for name, end in self._ends.items():
             end.open(self._faults[name], clock)
-        self._t_s = clock.monotonic_s()
+        self._t_s = self._pace.turn()  # compiling may have taken longer than time waits for an emulator
         self._trial_origin_s = 0.0
         self._control = ControlPort(self._answer)
 
@@ -212,7 +212,6 @@ class Emulator:
                 if not ready and now_s < due_s:
                     continue  # time waits for a client
                 self._t_s = max(min(now_s, self._t_s + PASS_S), now_s - BACKLOG_S)
-                self._control.attend(ready)
                 for name, end in list(ends.items()):
                     try:
                         if end.exchange(ready, self._t_s, self._t_s - self._trial_origin_s) is not False:
@@ -220,6 +219,9 @@ class Emulator:
                     except Exception:  # a defect costs its own device: the host sees that one's link end
                         traceback.print_exc(file=sys.stderr)
                         ends.pop(name).unplug()
+                self._control.attend(
+                    ready
+                )  # last: what devices send of the time before a trial is of that time
         finally:
             for end in self._ends.values():
                 end.unplug()

@@ -6,15 +6,20 @@ import select
 import socket
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import closing
 from itertools import pairwise
 from typing import Any
 
 import pytest
 
+from config.assemble import start_emulator
+from config.profile import load_profile
 from drivers.core.clock import WallClock
+from drivers.core.messages import Failed, Listen
 from drivers.core.settings import Settings
+from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
 from simulator.devices.faults import FaultSchedule
-from simulator.wiring.bench_clock import AHEAD_S
+from simulator.wiring.bench_clock import AHEAD_S, BenchClock, ClockPage
 from simulator.wiring.emulator import PASS_S, STEP_S, Emulator
 
 HELD_UP_S = 0.2
@@ -141,3 +146,23 @@ def test_a_defect_costs_its_own_device_and_the_others_go_on(capsys: pytest.Captu
     assert len(lives()[0]) == 3
     assert unplugged[-1] == 1, "its host sees its link end at once"
     assert "KeyError: 'a defect'" in capsys.readouterr().err
+
+
+def test_a_board_that_still_sends_goes_on_when_the_next_trial_begins() -> None:
+    """As where its host was away: what it sends of the time before the trial is of that time."""
+    profile = load_profile("emulated/first_contact")
+    settings = profile.plant.settings.model_dump(mode="json")
+    with closing(start_emulator(profile)) as emulator:
+        clock = BenchClock(ClockPage(emulator.endpoints["clock"]))
+        ends = SensorBoardSettings(**emulator.endpoints["devices"]["board"], watchdog_s=5.0)
+        board = SensorBoard("board", ends, clock)
+        with closing(board):
+            board.open()
+            board.apply(Listen("board", frozenset({"board.load_cell"})))
+            for trial in range(1, 6):
+                emulator.begin_trial(trial, 1, {}, settings)
+                due_s = clock.monotonic_s() + 0.1
+                while clock.monotonic_s() < due_s:
+                    clock.rest(0.005)
+                    assert [one for one in board.poll() if isinstance(one, Failed)] == [], trial
+                assert sum(map(len, board.read())) > 50
