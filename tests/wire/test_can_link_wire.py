@@ -11,6 +11,7 @@ import tty
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import can
 import pytest
 
 from drivers.core.can_frame import CanFrame
@@ -213,6 +214,25 @@ def test_an_adapter_whose_library_is_missing_or_that_nobody_knows_is_a_port_erro
 ) -> None:
     with refused(PortError, "hand", *named):
         open_can("hand", CanPort(port="0", interface=interface), WallClock())
+
+
+def test_every_adapter_that_python_can_knows_is_asked_for_by_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def bus(interface: str, **given: Any) -> Any:
+        asked[interface] = given
+        raise can.CanError("no library here")
+
+    monkeypatch.setattr(can, "Bus", bus)
+    known = can.VALID_INTERFACES - {"slcan", "socketcan"}  # which are opened otherwise, and tested above
+    for name in known:
+        with refused(PortError, "hand", name, "no library here", "python-can's documentation"):
+            open_can("hand", CanPort(port="3", interface=name, options={"index": 1}), WallClock())
+    assert {"pcan", "kvaser", "gs_usb"} <= set(asked) == known
+    wanted = {"channel": 3, "bitrate": CanPort(port="3").bitrate, "index": 1, "ignore_config": True}
+    assert all(given == wanted for given in asked.values())
 
 
 @pytest.mark.parametrize(
