@@ -47,11 +47,13 @@ def main(names: Sequence[str]) -> None:
     """Draw those of these names, or all."""
     if "pictures" in names:
         pictures()
-    for figure in (physics, sides, undulations, table_1):
+    for figure in (physics, skipped, sides, undulations, table_1):
         if names and figure.__name__ not in names:
             continue
         with TemporaryDirectory() as folder:
-            figures = Figures(Path(folder), simulated="" if figure is physics else "simulated", also=("png",))
+            figures = Figures(
+                Path(folder), simulated="" if figure in (physics, skipped) else "simulated", also=("png",)
+            )
             name = figure(figures)
             (OUT / f"{name}.png").write_bytes((Path(folder) / f"{name}.png").read_bytes())
 
@@ -87,6 +89,25 @@ def physics(figures: Figures) -> str:
         drawing.axes[0].set_ylabel("processor time a simulated second (µs)")
         below(drawing, 4)
         return saved(drawing, "physics_closed_loop")
+
+
+def skipped(figures: Figures) -> str:
+    """Processor time a bench second of each experiment, cycle by cycle and with what is skipped."""
+    loop = json.loads((FOLDER / "loop.json").read_text(encoding="utf-8"))
+    names = sorted(loop["campaigns"], key=lambda name: loop["campaigns"][name]["virtual_s_per_s"])
+    with figures.figure(3.4) as drawing:
+        (axes,) = drawing.axes
+        for place, name in enumerate(names):
+            whole = 1e3 / float(np.mean(loop["cycle_by_cycle_virtual_s_per_s"][name]))
+            now = 1e3 / loop["campaigns"][name]["virtual_s_per_s"]
+            axes.plot([now, whole], [place, place], color=FAINT, lw=1.0, zorder=1)
+            axes.plot(whole, place, "s", color=RIVAL, ms=5, label="" if place else "cycle by cycle")
+            axes.plot(now, place, "o", color=OURS, ms=5, label="" if place else "with what is skipped")
+            axes.text(whole * 1.2, place, f"{whole / now:.1f} times", color=INK, fontsize=8, va="center")
+        axes.set(xscale="log", xlabel="processor time a second of bench (ms)", xlim=(0.2, 500))
+        axes.set_yticks(range(len(names)), names)
+        axes.legend(loc="lower left", fontsize=8, frameon=False)
+        return saved(drawing, "loop_skipped")
 
 
 def mixed(colour: str, share: float) -> tuple[float, ...]:
