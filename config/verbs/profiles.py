@@ -271,19 +271,19 @@ def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
       run.py emulate emulated/transient > bench.json
       run.py run emulated/transient --endpoints bench.json     (in another terminal)
     """
-    import threading
-
     from config.assemble import plan_campaign, start_emulator
+    from drivers.core.clock import rest
 
-    ended = threading.Event()
+    ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+        signal.signal(number, lambda number, _: ended.append(number))
     loaded = verbs.loaded_profile(profile, overrides)
     devices = plan_campaign(loaded, loaded.trials(0), 0).devices
     with closing(start_emulator(loaded, realtime, devices)) as emulator:
         click.echo(json.dumps(emulator.endpoints))
         sys.stdout.flush()
-        ended.wait()
+        while not ended:  # looked at: a signal that another thread takes would not end a wait
+            rest(0.1)
 
 
 VERBS = (list_, check, plan, certify, emulate)
