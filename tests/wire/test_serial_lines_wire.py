@@ -36,9 +36,13 @@ def opened(serve: Serve, *faults: Fault, **given: Any) -> Crank:
     "given",
     [
         {},
-        {"checksum": "xor", "separator": ";"},
-        {"counter_column": 3, "counter_modulus": 256, "time_unit_s": 1e-3},
-        {"rate_hz": None},
+        {
+            "checksum": "xor",
+            "separator": ";",
+            "counter_column": 3,
+            "counter_modulus": 256,
+            "time_unit_s": 1e-3,
+        },
         {"rate_hz": None, "time_column": None},
     ],
 )

@@ -217,6 +217,12 @@ class Cautious(Approach):
         self.command(MoveTo("stage", 0.0, 0.01))
 
 
+class Restless(Cautious):
+    """Begins its way back anew where something fails on it."""
+
+    table = (*Cautious.table, on("failed", "LEAVING", "LEAVING"))
+
+
 class ScriptedGuard(Guard):
     """Stops with the test's reason at the first turn not before a time, and keeps what it was shown."""
 
@@ -492,13 +498,23 @@ def test_a_way_out_has_ten_seconds():
     assert bench.guard.seen[-1][0] == pytest.approx(10.15)
 
 
-def test_what_ends_a_trial_on_its_way_out_leaves_it_no_more_time():
-    bench = Bench(Cautious())
+@pytest.mark.parametrize("behavior", [Cautious, Restless])
+def test_what_ends_a_trial_on_its_way_out_leaves_it_no_more_time(behavior):
+    bench = Bench(behavior())
     bench.guard.stop_s, bench.stage.travel_s = 0.15, None
     bench.board.report(Failed, "the link is gone", at_s=0.2)
     account = bench.run().account
     assert bench.guard.seen[-1][0] == pytest.approx(0.2)
     assert (account.outcome, account.reason) == ("guard", "the test stops it")
+
+
+def test_what_ends_a_trial_in_a_pause_leaves_it_no_way_out():
+    bench = Bench(Cautious())
+    bench.requests = [("pause", 0.15)]
+    bench.on_the_wall_clock()
+    bench.guard.stop_s = 0.3
+    assert bench.run().account.outcome == "guard"
+    assert bench.guard.seen[-1][0] == pytest.approx(0.3)
 
 
 def test_a_stream_that_is_missing_stops_every_mover_in_that_turn():

@@ -221,6 +221,11 @@ def test_a_halt_refuses_what_waits_and_says_what_to_do(state):
     arm.client.ill = arm.fault = ""
     calls, statuses = arm.order(home)
     assert (calls[0], statuses) == (("recover",), [sent(arm, home)])
+    arm.moves()
+    arm.step(0.01)
+    arm.stands()
+    later = [status for _ in range(100) for status in arm.step(0.01)[1]]
+    assert [type(status) for status in later] == [Reached], "what was refused is not begun after all"
 
 
 def test_a_stop_under_way_is_answered_though_the_arm_halts():
