@@ -30,6 +30,7 @@ import numpy as np
 import pandas as pd
 
 from config.profile import load_profile
+from controller.reports.locating import located
 from simulator.physics.finger_settings import FingerSettings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -81,6 +82,13 @@ def share(frame: pd.DataFrame, some: str, of: str) -> float:
     return float(100.0 * frame[some].sum() / frame[of].sum())
 
 
+def misplaced_m(trials: pd.DataFrame, column: str) -> float:
+    """The largest error of a place from e to h in trials of `locating`, by phase or frequency, m."""
+    listed = trials.astype(object).where(trials.notna(), None).to_dict("records")
+    found = [each for each in located(listed, column) if each.location != "d" and each.contact_n_m is None]
+    return max(abs(each.found_m - each.true_m) for each in found)
+
+
 @cache
 def profile(name: str) -> Row:
     """A profile's settings, defaults included."""
@@ -114,7 +122,8 @@ class Sources:
         self.used: dict[str, list[float]] = {}
         table_1 = pd.read_csv(ROOT / "controller/reports/papers/backus_table_1.csv")
         self._names = {path.stem: rows(json.loads(path.read_text("utf-8"))) for path in RESULTS.glob("*.json")} | {
-            "run": run, "profile": profile, "one": one, "share": share, "table_1": table_1, "finger": FingerSettings(),
+            "run": run, "profile": profile, "one": one, "share": share,
+            "misplaced_m": misplaced_m, "table_1": table_1, "finger": FingerSettings(),
             "np": np, "sqrt": math.sqrt, "pi": math.pi,
         }  # fmt: skip
         self._names["fitted"] = rows(json.loads((RESULTS / "table_1.json").read_text("utf-8")))

@@ -68,7 +68,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     return Section(
         title=f"Slip ({', '.join([*ids, 'B8'])})",
         content={
-            "wrist": "B4" in ids,
+            "ids": ids,
             "verdicts": VERDICTS,
             "least": LEAST,
             "conditions": [_of_condition(scores, condition) for condition in conditions],

@@ -125,6 +125,16 @@ CASES = [
         {"arm", "gripper", "audio"},
         ARM | LIMITS | GRIPPER | PRETOUCH | {AUDIO, "detectors.contact_ours.threshold"},
     ),
+    *(
+        (f"hardware/{name}", {}, {"arm", "gripper", "audio"}, ARM | LIMITS | GRIPPER | PRETOUCH | {AUDIO})
+        for name in ("pretouch_y", "pretouch_z")
+    ),
+    (
+        "hardware/objects",
+        {},
+        {"arm", "gripper", "audio"},
+        ARM | LIMITS | GRIPPER | PRETOUCH | {AUDIO, "detectors.contact_ours.threshold"},
+    ),
     (
         "hardware/centering",
         {"trials.grid.method": '["paper"]'},
