@@ -15,7 +15,7 @@ from simulator.wiring.bench_clock import BenchClock, ClockPage
 
 ROOT = Path(__file__).resolve().parents[2]
 
-START_S = 30.0
+START_S = 100.0
 """Longest start on a busy machine."""
 
 _numbers = itertools.count(1)

@@ -37,7 +37,7 @@ class Terminal:
 
     def hold(self, key, text, seconds=0.0):
         """Hold a key, which comes every 40 ms, until a text has come and so much longer."""
-        end_s = time.monotonic() + 30.0
+        end_s = time.monotonic() + 120.0
         while (now_s := time.monotonic()) < end_s:
             self.press(key)
             self._read(0.04)
@@ -58,7 +58,7 @@ class Terminal:
     def hang_up(self):
         """The terminal goes away; returns the exit code of the program."""
         os.close(self.descriptor)
-        end_s = time.monotonic() + 60.0
+        end_s = time.monotonic() + 120.0
         while time.monotonic() < end_s:
             pid, status = os.waitpid(self.pid, os.WNOHANG)
             if pid:
@@ -76,7 +76,7 @@ class Terminal:
 
     def close(self):
         """Waits for its end; returns the exit code."""
-        end_s = time.monotonic() + 60.0
+        end_s = time.monotonic() + 120.0
         while time.monotonic() < end_s:
             if select.select([self.descriptor], [], [], 0.05)[0]:
                 with contextlib.suppress(OSError):

@@ -150,7 +150,7 @@ class Other:
     def _serve(self) -> None:
         connection, _ = self._listener.accept()
         connection.sendall(self._sends)
-        connection.settimeout(5.0)
+        connection.settimeout(60.0)
         while connection.recv(100):
             pass
         connection.close()

@@ -30,7 +30,7 @@ def emulator(tmp_path):
         time.sleep(0.1)
     yield path
     process.send_signal(signal.SIGINT)
-    process.wait(30.0)
+    process.wait(100.0)
 
 
 class Nobody:

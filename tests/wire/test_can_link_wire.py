@@ -54,7 +54,7 @@ class Echo:
 
 
 def eventually(condition: Callable[[], bool]) -> bool:
-    until_s = time.monotonic() + 10.0
+    until_s = time.monotonic() + 60.0
     while not condition() and time.monotonic() < until_s:
         time.sleep(0.002)
     return condition()

@@ -53,7 +53,7 @@ def link(pty: Pty) -> Iterator[SerialLink]:
 
 
 def eventually(condition: Callable[[], bool]) -> bool:
-    until_s = time.monotonic() + 5.0
+    until_s = time.monotonic() + 60.0
     while not condition() and time.monotonic() < until_s:
         time.sleep(0.001)
     return condition()

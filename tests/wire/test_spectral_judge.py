@@ -50,7 +50,7 @@ class Judge:
 
     def receive(self) -> Any:
         """The next answer, unpacked; the frame's identifier as the client takes it apart."""
-        message, identifier = self.line.receive_can_messages(timeout=20.0)  # on the wall's clock
+        message, identifier = self.line.receive_can_messages(timeout=100.0)  # on the wall's clock
         assert message is not None
         self.motor.UnpackData(message, identifier)
         return identifier

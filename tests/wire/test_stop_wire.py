@@ -56,7 +56,7 @@ def running(notes, tmp_path):
     for run in runs:
         run.send_signal(signal.SIGCONT)
         run.kill()
-        run.communicate(timeout=30.0)
+        run.communicate(timeout=100.0)
 
 
 def stop(*arguments):
@@ -71,7 +71,7 @@ def test_a_run_that_moves_is_stopped_and_says_that_it_stands(running, notes):
     assert code == 0, said
     assert f"(process {run.pid}) is asked to stop" in said
     assert "stage: stopped by run of emulated/transient" in said
-    assert run.wait(60.0) == 130
+    assert run.wait(100.0) == 130
     (manifest,) = out.glob("*/manifest.json")
     assert json.loads(manifest.read_text())["exit"]["reason"] == "interrupted: the bench is still"
     assert not list(notes.glob("*/*.json")), "a note goes with its program"
@@ -91,11 +91,11 @@ def test_a_bench_that_outlives_its_run_is_opened_and_seen_to_stand(running, tmp_
         assert code == 0, said
         assert "stage: stopped, and stands still" in said
         assert "board: does not move by itself" in said
-        assert run.wait(60.0) == 130
+        assert run.wait(100.0) == 130
         assert stop("emulated/transient", "--endpoints", path)[0] == 0, "nothing runs, and it stands"
     finally:
         emulator.send_signal(signal.SIGINT)
-        emulator.wait(30.0)
+        emulator.wait(100.0)
 
 
 def test_a_stage_whose_program_hangs_cannot_be_reached_and_says_what_to_press(running):
@@ -178,7 +178,7 @@ def test_a_note_of_a_program_that_was_killed_says_nothing(running, notes):
     run, _ = running("APPROACH", "emulated/transient")
     assert [holder.pid for holder in holding.holders("emulated/transient", {})] == [run.pid]
     os.kill(run.pid, signal.SIGKILL)
-    run.wait(30.0)
+    run.wait(100.0)
     assert list(holding.holders("emulated/transient", {})) == []
     code, said = stop("emulated/transient")
     assert code == 0

@@ -8,7 +8,7 @@ import pytest
 from controller.recording import disk
 from controller.recording.disk import DiskThread
 
-PATIENCE_S = 10.0
+PATIENCE_S = 100.0
 """How long a thread that has all it needs may take on a machine that is busy with others."""
 
 

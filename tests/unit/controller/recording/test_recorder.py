@@ -319,13 +319,13 @@ def test_what_comes_while_the_disk_is_busy_and_the_recorder_is_closed_is_kept(fo
     def slow(file, **how):
         flush(file, **how)
         busy.set()
-        assert free.wait(10.0)
+        assert free.wait(100.0)
 
     monkeypatch.setattr(McapWriter, "flush", slow)
     recorder = recorder_in(folder)
     kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
     recorder.record([load_cell(0)])
-    assert busy.wait(10.0), "the disk has the first block"
+    assert busy.wait(100.0), "the disk has the first block"
     recorder.record([load_cell(10)])
     closing = threading.Thread(target=recorder.close)
     closing.start()
@@ -343,12 +343,12 @@ def test_events_that_a_disk_cannot_keep_up_with_are_a_failure_and_not_held(folde
 
     def slow(*_):
         busy.set()
-        assert free.wait(10.0)
+        assert free.wait(100.0)
 
     monkeypatch.setattr(EventLog, "commit", slow)
     recorder = recorder_in(folder)
     recorder.begin_trial(1, {"location": "f"}, 0.0)
-    assert busy.wait(10.0)
+    assert busy.wait(100.0)
     for _ in range(100):
         recorder.event(Contact(1.0, "contact", 30.0, 29.0), state="APPROACH")
     held, failure = len(recorder._disk._queue), str(recorder.failure)
