@@ -12,7 +12,7 @@ import numpy as np
 
 from controller.measures.trial import not_before
 from controller.recording.reader import Run
-from controller.reports.counts import Comparison, Mean, Row, grouped, mean_of, over_rows
+from controller.reports.counts import Comparison, Mean, Row, grouped, mean_of, over_rows, within_scatter
 from controller.reports.papers import table
 from controller.reports.run_account import acting_of
 from controller.reports.settings import varied_of
@@ -151,12 +151,25 @@ class Bounded(NamedTuple):
         worst: The approach that has the largest; None where there is no contact.
         rows: Our rows beside the paper's, without those that the simulated finger was fitted to; None where no row has
             a contact.
+        within, judged: How many of these lie within scatter (`within_scatter`), of those that have enough approaches.
     """
 
     bound: Row
     beside: Comparison
     worst: Approach | None
     rows: Comparison | None
+    within: int = 0
+    judged: int = 0
+
+    @property
+    def same(self) -> bool | None:
+        """Whether it is the paper's: on average, and no more rows beyond scatter than chance has in 19 of 20 tables."""
+        if self.rows is None or self.rows.met is None:
+            return None
+        from scipy.special import bdtrc
+
+        off = self.judged - self.within
+        return self.rows.met and (off == 0 or float(bdtrc(off - 1, self.judged, 0.05)) > 0.05)
 
 
 def compare_columns(approaches: Sequence[Approach], rows: Sequence[TableRow]) -> list[Bounded]:
@@ -173,8 +186,11 @@ def compare_columns(approaches: Sequence[Approach], rows: Sequence[TableRow]) ->
             (row.mean(column).mean, row.paper[column]) for row in rows if row.paper and not row.fitted(bound)
         ]
         agree = over_rows(pairs)
+        own = [(row.mean(column), row.paper[column]) for row in rows if row.paper and not row.fitted(bound)]
+        tests = [same for mean, theirs in own if (same := within_scatter(mean, theirs, TRIALS)) is not None]
         met = None if worst is None else False if value > bound["bound"] else (agree and agree.met) or None
-        found.append(Bounded(bound, Comparison(value, bound["bound"], met), worst, agree))
+        beside = Comparison(value, bound["bound"], met)
+        found.append(Bounded(bound, beside, worst, agree, sum(tests), len(tests)))
     return found
 
 

@@ -14,6 +14,7 @@ from controller.reports.counts import (
     METHODS,
     Comparison,
     Row,
+    decided,
     grouped,
     median,
     number,
@@ -241,7 +242,7 @@ def _of_sides(there: Rows, kind: Kind) -> Iterator[Result]:
         blind = [side for (side,), own in sides.items() if not total(own, f"seen_{method}")]
         text = f"Pre-touch, {whose}: sees from {len(sides) - len(blind)} of {len(sides)} sides; the paper from all "
         text += f"{len(SIDES)}{'; nothing from ' * bool(blind)}{', '.join(blind)}."
-        yield Result(kind, text, not blind)
+        yield Result(kind, text, not blind, goal=True)
 
 
 def _of_passages(there: Rows) -> Iterator[Result]:
@@ -267,7 +268,9 @@ def _of_objects(rows: Rows, kind: Kind) -> Iterator[Result]:
             points = number(100.0 * abs(beside.ours - paper), 1)
             text = f"{what}, {whose}: {points} points {beside.side} the paper's {percent(paper)} of its own objects: "
             text += f"{hits} of {n[of]} {of}, {rate(hits, n[of])}."
-            yield _judged(kind, text, beside.ours >= paper, column != "seen" and whose == METHODS["paper"])
+            met = decided(hits, n[of], paper)
+            text = text if met is not None else f"{text[:-1]}: not decided with n = {n[of]}."
+            yield _judged(kind, text, met, column != "seen" and whose == METHODS["paper"])
 
 
 def _of_touches(there: Rows, kind: Kind) -> Iterator[Result]:
@@ -285,10 +288,11 @@ def _of_touches(there: Rows, kind: Kind) -> Iterator[Result]:
         )
 
 
-def _judged(kind: Kind, text: str, met: bool, papers_contact: bool) -> Result:
+def _judged(kind: Kind, text: str, met: bool | None, papers_contact: bool) -> Result:
     """The plant's touch was assumed in favour of the paper's contact: that it comes out shows nothing, that it does not
     is a miss."""
-    return Result(Kind.PREDICTED if kind == Kind.ASSUMED and papers_contact and not met else kind, text, met)
+    kind = Kind.PREDICTED if kind == Kind.ASSUMED and papers_contact and met is False else kind
+    return Result(kind, text, met, goal=True)
 
 
 # --- figure ------------------------------------------------------------------------------------------

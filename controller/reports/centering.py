@@ -67,7 +67,7 @@ def _summary(groups: Groups, kind: Kind) -> list[Result]:
         what = f"{title(thing).capitalize()}, {METHODS[method]}, {quantity('speed_m_s', speed_m_s, 0)}"
         worst_m, found = _worst_m(own), len(values(own, "error_m"))
         if worst_m is None:
-            results.append(Result(kind, f"{what}: never centred.", False))
+            results.append(Result(kind, f"{what}: never centred.", False, goal=True))
             continue
         lost = f"; {len(own) - found} of {len(own)} found no middle" if found < len(own) else ""
         trials = (
@@ -80,7 +80,7 @@ def _summary(groups: Groups, kind: Kind) -> list[Result]:
         # the paper's method below the paper's own worst is no result of ours, and little of one of the bench
         good = worst_m <= bound_m and not lost
         text = f"{what}: {beside}: {trials}{lost}."
-        results.append(Result(kind, text, good if method == "ours" or not good else None))
+        results.append(Result(kind, text, good if method == "ours" or not good else None, goal=True))
         rival_m = _worst_m(groups.get((thing, "paper", speed_m_s), ())) if method == "ours" else None
         if rival_m and worst_m:
             ratio = max(rival_m, worst_m) / min(rival_m, worst_m)

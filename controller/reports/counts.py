@@ -110,6 +110,12 @@ def wilson(hits: int, of: int) -> tuple[float, float]:
     return max(0.0, (middle - half) / (1.0 + z**2 / of)), min(1.0, (middle + half) / (1.0 + z**2 / of))
 
 
+def decided(hits: int, of: int, least: float) -> bool | None:
+    """Whether a share is at least `least`, or below it: where its 95 % interval (Wilson) says so, else None."""
+    low, high = wilson(hits, of)
+    return True if low >= least else False if high < least else None
+
+
 def rate(hits: int, of: int) -> str:
     """`96.1 % (94.9 to 97.1)`: a share with its 95 % interval (Wilson)."""
     if of == 0:
@@ -235,6 +241,13 @@ def quantity(name: str, value: object, digits: int = 2) -> str:
     """A column's value with its unit, for a sentence: `3.81 mm`."""
     scale = scale_of(name)
     return f"{number(value, digits, scale.factor)} {scale.unit}".rstrip()
+
+
+def mean_within(mean: Mean, digits: int = 3) -> str:
+    """`0.031 (0.028 to 0.034)`: a mean with its 95 % interval (normal)."""
+    half = NormalDist().inv_cdf(0.975) * mean.sigma / math.sqrt(mean.n)
+    ends = " to ".join(number(mean.mean + end, digits) for end in (-half, half))
+    return number(mean.mean, digits) if math.isnan(half) else f"{number(mean.mean, digits)} ({ends})"
 
 
 def signed(value: float, digits: int = 2, scale: float = 1.0) -> str:

@@ -237,7 +237,10 @@ def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     return generic.section(experiment, runs, figures)
 
 
-MARKS = {"met": "✓", "missed": "✗", "neither": "·"}
+MARKS = {"met": "✓", "missed": "✗", "same": "=", "apart": "≠", "neither": "·"}
+
+MEANINGS = {"same": "as the paper", "apart": "not as the paper", "met": "goal met", "missed": "goal missed"}
+"""What the marks mean, for a terminal; the page has it beside its summary."""
 
 GAP = "  "
 """Between two columns."""
@@ -272,6 +275,9 @@ def in_lines(part: SectionPart) -> Iterator[str]:
         yield from _rows(part.section.terminal)
     for result in part.results:
         yield f"{MARKS[result.mark]} {result.text}"
+    used = [mark for mark in MEANINGS if any(result.mark == mark for result in part.results)]
+    if used:
+        yield f"({', '.join(f'{MARKS[mark]} {MEANINGS[mark]}' for mark in used)})"
 
 
 def guard_lines(runs: Sequence[Run]) -> Iterator[str]:

@@ -40,19 +40,22 @@ class Result(NamedTuple):
     Attributes:
         kind: Where it comes from; None where it is compared with nothing.
         text: The sentence, with the size of the effect first.
-        met: Whether it comes out as the paper's; None where that is not judged.
+        met: Whether it comes out as the paper's, or meets a goal; None where that is not judged.
+        goal: Whether it is good where it is met, and bad where not: to differ from the paper is neither.
     """
 
     kind: Kind | None
     text: str
     met: bool | None = None
+    goal: bool = False
 
     @property
     def mark(self) -> str:
-        """`met`, `missed` or `neither`: what was put in, or chosen, has no mark whatever it comes to."""
+        """`met` or `missed` of a goal, else `same` or `apart`; `neither` where nothing is judged: what was put in, or
+        chosen, has no mark whatever it comes to."""
         if self.met is None or self.kind not in (Kind.PREDICTED, Kind.MEASURED):
             return "neither"
-        return "met" if self.met else "missed"
+        return ("met" if self.met else "missed") if self.goal else ("same" if self.met else "apart")
 
 
 class Printed(NamedTuple):

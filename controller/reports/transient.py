@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -32,7 +32,19 @@ from controller.reports.approaches import (
     table_rows,
     trends,
 )
-from controller.reports.counts import Mean, Row, number, quantity, share, signed, spread, title, under
+from controller.reports.counts import (
+    Mean,
+    Row,
+    mean_within,
+    number,
+    quantity,
+    rate,
+    share,
+    signed,
+    spread,
+    title,
+    under,
+)
 from controller.reports.figures import FAINT, FALSE, INK, OURS, PAPER, Figures
 from controller.reports.run_account import acting_of, criterion_of, series_of, setting_of, statistic_of
 from controller.reports.section import Kind, Result, Section
@@ -50,7 +62,9 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     rows = table_rows(approaches)
     bounded = compare_columns(approaches, rows)
     acting, scores = acting_of(runs[0]), score_detectors(plain)
-    other = next((name for name in scores if name != acting), "")
+    others = [name for name in scores if name != acting]
+    kinds = {name: setting_of(runs[0], "detectors", name, "kind") for name in others}
+    other = next((name for name in others if kinds[name] != "resonance.paper"), next(iter(others), ""))
     outcomes = Counter(str(each.row["outcome"]) for each in approaches).most_common()
     n = len(approaches)
     return Section(
@@ -79,7 +93,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         },
         template="transient",
         paper="backus",
-        summary=list(_summary(approaches, bounded, runs[0].simulated)),
+        summary=list(_summary(approaches, bounded, runs[0].simulated, scores, acting, other)),
         terminal=[_table_row(row, other, terminal=True) for row in rows],
     )
 
@@ -134,7 +148,7 @@ def _printed(bound: Row, value: float) -> str:
 
 
 def _bound(each: Bounded) -> Row:
-    bound, beside, worst, _ = each
+    bound, beside, worst = each.bound, each.beside, each.worst
     why = "No approach ended by a contact."
     if worst is not None:
         why = f"Largest: {_printed(bound, worst[bound['column']])} in trial {worst['trial']}, location "
@@ -203,22 +217,67 @@ def _span(each: Approach, start: str, end: str) -> float | None:
 # --- sentences ---------------------------------------------------------------------------------------
 
 
-def _summary(approaches: Sequence[Approach], bounded: Sequence[Bounded], simulated: bool) -> Iterator[Result]:
+def _summary(
+    approaches: Sequence[Approach],
+    bounded: Sequence[Bounded],
+    simulated: bool,
+    scores: Mapping[str, DetectorScore],
+    acting: str,
+    other: str,
+) -> Iterator[Result]:
+    """First what a newcomer asks: is it the paper's, what is ours, what is left unexplained."""
     n = len(approaches)
     contacts = [each for each in approaches if each.detected]
     false = sum(each.false_contacts for each in approaches)
     rest = n - len(contacts) - false
+    kind = Kind.PREDICTED if simulated else Kind.MEASURED
+    yield from (_beside_table_1(each, kind) for each in bounded if each.worst and each.rows)
     text = f"{n} {'approach' if n == 1 else 'approaches'}: {len(contacts)} stopped at a contact, {false} at a false "
-    yield Result(None, f"{text}contact{f', {rest} otherwise' if rest > 0 else ''}.")
+    text += f"contact, {rate(false, n)}{f', {rest} otherwise' if rest > 0 else ''}"
+    yield Result(None, text + ("; the paper reports no false one." if false else "."))
+    if other:
+        yield from _sooner(scores, acting, other)
+    for name in scores:
+        if name not in (acting, other) and simulated:
+            score = scores[name]
+            text = (
+                f"The detector “{name}” on the same approaches: {rate(score.false, score.n)} false contacts."
+            )
+            yield Result(None, text)
+    yield from _scatter(table_rows(approaches), simulated)
     if noisy := sum(_onset_is_noise(each) for each in contacts):
         text = f"In {noisy} of {len(contacts)} contacts the load cell's noise reached {ONSET_N:g} N before the probe "
         yield Result(None, f"{text}touched: time and extent count from there, and are too long.")
-    kind = Kind.PREDICTED if simulated else Kind.MEASURED
-    for each in bounded:
-        yield from _beside_table_1(each, kind) if each.worst else ()
+    yield from (_beside_bound(each, kind) for each in bounded if each.worst)
     if peaks := [each["force_peak_n"] for each in contacts if each["force_peak_n"] is not None]:
         text = "The instantaneous peak of the load cell, which the paper does not print, reaches "
         yield Result(None, f"{text}{number(max(peaks), 3)} N.")
+
+
+def _sooner(scores: Mapping[str, DetectorScore], acting: str, other: str) -> Iterator[Result]:
+    """The detector that only observed beside the one that stopped, on the same approaches."""
+    if acting not in scores:
+        return
+    mine, stops = scores[other], scores[acting]
+    if not (mine.true and stops.true and min(mine.delay_s.mean, stops.delay_s.mean) > 0.0):
+        return
+    times = stops.delay_s.mean / mine.delay_s.mean
+    how = f"{max(times, 1.0 / times):.1f} times {'sooner' if times > 1.0 else 'later'}"
+    text = f"The detector “{other}” is {how} on the same approaches: "
+    text += f"{mean_within(mine.delay_s)} s, beside {mean_within(stops.delay_s)}; "
+    yield Result(None, f"{text}false in {rate(mine.false, mine.n)}.")
+
+
+def _scatter(rows: Sequence[TableRow], simulated: bool) -> Iterator[Result]:
+    """The scatter within a row, which decides how mild the comparison is."""
+    pairs = [(row.mean("delay_s").sigma, row.paper["delay_s.sd"]) for row in rows if row.paper]
+    known = np.array([pair for pair in pairs if not math.isnan(pair[0])])
+    if len(known) < 3:
+        return
+    ours, paper = np.sqrt(np.mean(known**2, axis=0))
+    text = f"Within a row the time scatters by {number(ours)} s, in the paper by {number(paper)} s"
+    why = ": unexplained; the simulated finger may bounce more erratically, or wander more, than theirs"
+    yield Result(None, f"{text}{why if simulated and ours > 1.5 * paper else ''}.")
 
 
 def _onset_is_noise(each: Approach) -> bool:
@@ -227,28 +286,42 @@ def _onset_is_noise(each: Approach) -> bool:
     return onset_s is not None and touch_s is not None and not not_before(onset_s, touch_s)
 
 
-def _beside_table_1(each: Bounded, kind: Kind) -> Iterator[Result]:
-    """A column beside Table I, and beside the bound that the paper states: one comparison, one verdict."""
-    bound, beside, _, rows = each
+def _beside_table_1(each: Bounded, kind: Kind) -> Result:
+    """A column beside Table I, row by row and on average: one comparison, one verdict."""
+    bound, rows = each.bound, each.rows
+    assert rows is not None
     name = bound["title"].capitalize()
-    if rows is not None:
-        scatter = {None: "", True: ", within the rows' scatter", False: ", beyond the rows' scatter"}[
-            rows.met
-        ]
-        how = (
-            f"{rows.times.partition(' times')[0]} times {bound['more' if rows.ours > rows.paper else 'less']}"
-        )
-        yield Result(kind, f"{name}: {how} than Table I in {rows.same} of {rows.n} rows{scatter}.", rows.met)
-    text = f"{name} at detection: {bound['over']} {_printed(bound, beside.ours)}, {beside.times} the paper's "
-    yield Result(kind, f"{text}{_printed(bound, beside.paper)} ({bound['source']}).", beside.met)
+    text = (
+        f"{name}: {each.within} of {each.judged} rows of Table I within scatter; "
+        if each.judged
+        else f"{name}: "
+    )
+    text += f"on average over {rows.n} rows {rows.ours / rows.paper:.2f} times the paper's"
+    if not math.isnan(rows.low):
+        low, high = (1.0 + end / rows.paper for end in (rows.low, rows.high))
+        text += f" ({low:.2f} to {high:.2f})"
+    text += {None: f", not decided with n = {rows.n}", True: "", False: ", beyond chance"}[each.same]
+    return Result(kind, f"{text}.", each.same)
+
+
+def _beside_bound(each: Bounded, kind: Kind) -> Result:
+    """A column beside the bound that the paper states."""
+    bound, beside = each.bound, each.beside
+    text = f"{bound['title'].capitalize()} at detection: {bound['over']} {_printed(bound, beside.ours)}, "
+    text += f"{beside.times} the paper's {_printed(bound, beside.paper)} ({bound['source']})."
+    return Result(kind, text, beside.met, goal=True)
 
 
 def _learned(run: Run, acting: str) -> str:
     """How many independent values the detector's baseline holds: what its threshold rests on."""
-    names = ("baseline_s", "average_samples", "sample_hz")
-    baseline_s, samples, rate_hz = (setting_of(run, "detectors", acting, name) for name in names)
+    names = ("baseline_s", "average_samples", "sample_hz", "sigma_of")
+    baseline_s, samples, rate_hz, of = (setting_of(run, "detectors", acting, name) for name in names)
     if not (baseline_s and samples and rate_hz):
         return ""
+    if of == "samples":
+        return (
+            f"A baseline of {baseline_s:g} s holds {baseline_s * rate_hz:g} samples to learn mean and σ from."
+        )
     text = f"A baseline of {baseline_s:g} s of {samples}-sample averages at {rate_hz:g} a second holds some "
     return f"{text}{number(baseline_s * rate_hz / samples, 1)} independent values to learn mean and σ from."
 
