@@ -96,6 +96,22 @@ def test_a_bound_is_met_where_rows_agree_and_open_where_every_row_lies_far_below
     assert delays(1.5).beside.met is False, "0.45 s on average"
 
 
+def test_a_row_is_within_scatter_where_three_of_ours_could_have_the_papers_mean(approaches_of):
+    """Student's t with 3 of ours, 0.1 s of scatter: 4.303 x 0.1 s x sqrt(2 / 3) = 0.351 s either way."""
+
+    def times(apart_s):
+        rows = [
+            Given(row["location"], row["speed_m_s"], row["delay_s"] + apart_s + off)
+            for row in TABLE_1
+            for off in (-0.1, 0.0, 0.1)
+        ]
+        return compare_columns(approaches := approaches_of(*rows), table_rows(approaches))[0]
+
+    near, far = times(0.34), times(0.36)
+    assert (near.within, near.judged, far.within) == (14, 14, 0)
+    assert far.same is False
+
+
 def test_forces_that_the_simulated_finger_was_fitted_to_are_not_held_against_the_papers(approaches_of):
     rows = [Given(row["location"], row["speed_m_s"], row["delay_s"], row["force_n"]) for row in TABLE_1]
     for bench, counted in (("mock", 11), ("hardware", 14)):
