@@ -311,7 +311,7 @@ def test_the_key_results_come_first():
 
 def test_every_measure_names_columns_of_its_own():
     for name in EXPERIMENTS.keys() - {"grasp"}:
-        measures = import_module(f"controller.measures.{name}")
+        measures = import_module(EXPERIMENTS[name].measures)
         assert len(measures.HIGHLIGHTS) == RESULTS
         assert set(measures.HIGHLIGHTS) <= set(measures.COLUMNS), name
         assert all(column.meaning for column in measures.COLUMNS.values()), name
