@@ -23,7 +23,7 @@ STEPS = (
     ' { do = "slip", duration_s = 0.4, speed_m_s = 0.01 }, { do = "roll", duration_s = 0.3, turn_rad = 0.1 }]'
 )
 SENSORS = ("fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa")
-FINGER = ("static", "transient", "flexion", "proximal", "tradeoff")
+FINGER = ("static", "stiffness", "locating", "transient", "flexion", "proximal", "tradeoff")
 SHORTER = {
     "mock/slip": {
         "plant.surface_m": "0.0012",
