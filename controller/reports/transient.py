@@ -66,6 +66,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     kinds = {name: setting_of(runs[0], "detectors", name, "kind") for name in others}
     other = next((name for name in others if kinds[name] != "resonance.paper"), next(iter(others), ""))
     outcomes = Counter(str(each.row["outcome"]) for each in approaches).most_common()
+    chosen = runs[0].simulated and setting_of(runs[0], "detectors", acting, "sigma_of") == "samples"
     n = len(approaches)
     return Section(
         title="Stop at first contact (A2)",
@@ -76,6 +77,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "criterion": criterion_of(runs[0], acting),
             "acting": acting,
             "other": other,
+            "chosen": chosen,
             "onset": f"{ONSET_N:g}",
             "approaches": f"{n} {'approach' if n == 1 else 'approaches'}",
             "outcomes": ", ".join(f"{count} {title(name)}" for name, count in outcomes),
@@ -93,7 +95,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         },
         template="transient",
         paper="backus",
-        summary=list(_summary(approaches, bounded, runs[0].simulated, scores, acting, other)),
+        summary=list(_summary(approaches, bounded, runs[0].simulated, scores, acting, other, chosen)),
         terminal=[_table_row(row, other, terminal=True) for row in rows],
     )
 
@@ -224,14 +226,21 @@ def _summary(
     scores: Mapping[str, DetectorScore],
     acting: str,
     other: str,
+    chosen: bool,
 ) -> Iterator[Result]:
-    """First what a newcomer asks: is it the paper's, what is ours, what is left unexplained."""
+    """First what a newcomer asks: is it the paper's, what is ours, what is left unexplained.
+
+    Where rate and reading of sigma are `chosen` by Table I, its times and, speed times these, its extents were put in.
+    """
     n = len(approaches)
     contacts = [each for each in approaches if each.detected]
     false = sum(each.false_contacts for each in approaches)
     rest = n - len(contacts) - false
     kind = Kind.PREDICTED if simulated else Kind.MEASURED
-    yield from (_beside_table_1(each, kind) for each in bounded if each.worst and each.rows)
+    for each in bounded:
+        if each.worst and each.rows:
+            own = chosen and each.bound["column"] in ("delay_s", "extent_m")
+            yield _beside_table_1(each, Kind.FITTED if own else kind)
     text = f"{n} {'approach' if n == 1 else 'approaches'}: {len(contacts)} stopped at a contact, {false} at a false "
     text += f"contact, {rate(false, n)}{f', {rest} otherwise' if rest > 0 else ''}"
     yield Result(None, text + ("; the paper reports no false one." if false else "."))

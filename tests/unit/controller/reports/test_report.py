@@ -17,10 +17,10 @@ from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.registry import ExperimentKind
 from controller.reports import report, static
-from controller.reports.approaches import read_approaches
+from controller.reports.approaches import TABLE_1, read_approaches
 from controller.reports.figures import Figures
 from controller.reports.report import build_report, build_report_with_summary
-from controller.reports.section import Printed, library
+from controller.reports.section import Kind, Printed, library
 from controller.reports.settings import settings_table
 from controller.reports.transient import representative, section, trace_of
 from tests.unit.controller.reports.synthetic_runs import (
@@ -556,6 +556,19 @@ def test_one_bound_has_one_verdict_on_the_whole_page(tmp_path, undrawn):
     assert above == below
     assert below["force"] is False
     assert not any("Table I" in result.text for result in at_top), "one comparison in a line"
+
+
+def test_times_that_chose_the_detectors_settings_are_fitted_and_have_no_mark(tmp_path, undrawn):
+    run = write_transient(
+        tmp_path, [Given(row["location"], row["speed_m_s"], row["delay_s"]) for row in TABLE_1]
+    )
+    manifest = run.folder.read_manifest()
+    manifest["profile"]["resolved"]["detectors"]["contact"]["sigma_of"] = "samples"
+    run.folder.write_manifest(manifest)
+    found = section([open_run(run.folder.path)], Figures(tmp_path / "figures"))
+    kinds = {result.text.split(":")[0]: (result.kind, result.mark) for result in found.summary[:3]}
+    assert kinds["Time"] == kinds["Extent"] == (Kind.FITTED, "neither")
+    assert kinds["Force"][0] is Kind.PREDICTED
 
 
 def test_an_onset_that_was_noise_is_said_to_lengthen_the_time(tmp_path, undrawn):
