@@ -3,45 +3,127 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+import re
+import shutil
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from config.costs import counted, duration
 from config.source import UNSET, ProfileError, bench_of, flatten, profile_names, read_source
 from controller.registry import KINDS
 from drivers.core.errors import PROGRAM
 
+BENCHES = ("mock", "emulated", "hardware")
 
-def listed_profiles() -> list[str]:
-    """Every profile with its title, experiment, bench and devices; then the benches that they extend."""
-    lines: list[str] = []
-    benches: list[str] = []
+SUBJECTS = {
+    "A": "contact from a finger's resonance (Backus and Dollar)",
+    "B": "slip from micro-vibration (Fernandez et al.)",
+    "C": "pre-touch and contact by ultrasound (Rupavatharam et al.)",
+    "D": "both of the last: a grasp",
+    "": "before the first experiment",
+}
+"""What the letter of an item, as A2 of the first paper's experiments, stands for."""
+
+SCREEN = 40
+"""Lines that a list may have (assumption: a screen)."""
+
+
+class Listed(NamedTuple):
+    """A profile as it is listed.
+
+    Attributes:
+        item: Of its paper, `A2`; "" for none.
+        line: What it takes: devices, trials, time.
+    """
+
+    name: str
+    item: str
+    title: str
+    line: str
+
+    @property
+    def bench(self) -> str:
+        """The folder that it lies in."""
+        return self.name.partition("/")[0]
+
+    def fits(self, words: Iterable[str], benches: Collection[str]) -> bool:
+        """Whether all words stand in it, on one of the benches, none of which means any."""
+        text = f"{self.name} {self.item} {self.title} {self.line}".lower()
+        return all(word.lower() in text for word in words) and (not benches or self.bench in benches)
+
+
+def profiles() -> Iterator[Listed]:
+    """Every profile that can be run; benches, which others extend, are none."""
     for name in profile_names():
         try:
             data = read_source(name).data
         except ProfileError as error:
-            lines += [name, f"    broken: {error.problems[0]}"]
+            yield Listed(name, "", f"broken: {error.problems[0]}", "")
             continue
+        title = str(data.get("title", ""))
         if "parts" in data:
-            lines += [
-                f"{name:<28}{data.get('title', '')}",
-                f"    one report of {', '.join(part.split()[0] for part in data['parts'])}",
-            ]
-            continue
-        if "experiment" not in data:
-            benches.append(name)
-            continue
-        lines += [
-            f"{name:<28}{data.get('title', '')}",
-            *_needs(data),
-            f"        {counted(_trials(data))}: {duration(name, data['experiment'], bench_of(data), _trials(data))}",
-        ]
-    return [*lines, "", f"Benches to extend: {', '.join(benches)}", f"More of one: {PROGRAM} check PROFILE"]
+            parts = [str(part).split()[0] for part in data["parts"]]
+            item = next(_item(read_source(part).data.get("title", "")) for part in parts)[:1]
+            yield Listed(name, item, title, f"one report of {', '.join(parts)}")
+        elif "experiment" in data:
+            yield Listed(name, _item(title), title, f"{_needs(data)}; {_trials_of(name, data)}")
 
 
-def listed_kinds(family: str) -> list[str]:
-    """Every driver, detector or signal."""
-    return [f"{name:<20}{kind.summary}" for name, kind in KINDS[family].items()]
+def listed_profiles(words: Sequence[str] = (), benches: Collection[str] = ()) -> list[str]:
+    """Profiles by the item of the paper that they repeat, or those that fit, with what they take.
+
+    Raises:
+        ProfileError: none fits.
+    """
+    every = list(profiles())
+    found = [each for each in every if each.fits(words, benches)]
+    if not found:
+        asked = " ".join([*words, *(f"--{bench}" for bench in benches)])
+        raise ProfileError(f"no profile fits {asked!r}; see: {PROGRAM} list")
+    width = shutil.get_terminal_size((120, SCREEN)).columns
+    if len(found) == len(every):
+        lines = _overview(every)
+    elif 2 * len(found) <= SCREEN - 1:
+        lines = [line for each in found for line in (f"{each.name:<28}{each.title}", f"    {each.line}")]
+        return [*lines, f"All of one: {PROGRAM} check PROFILE"]
+    else:
+        lines = [f"{each.name:<28}{each.title}" for each in found]
+    last = f"More: {PROGRAM} list WORD, list --hardware (--mock, --emulated); all of one: {PROGRAM} check PROFILE"
+    return [*(line if len(line) <= width else f"{line[: width - 1]}…" for line in lines), last]
+
+
+def _overview(every: Sequence[Listed]) -> list[str]:
+    """One line for a name, whatever benches have it."""
+    lines = [f"{'BENCH/NAME':<28}on m(ock) e(mulated) h(ardware), item of the paper, what it does"]
+    for letter, subject in SUBJECTS.items():
+        lines.append(f"{letter}: {subject}" if letter else subject)
+        of_it = [each for each in every if each.item[:1] == letter]
+        names = dict.fromkeys(
+            each.name.partition("/")[2] if each.bench in BENCHES else each.name for each in of_it
+        )
+        rows = []
+        for name in names:
+            same = [each for each in of_it if each.name in (name, *(f"{bench}/{name}" for bench in BENCHES))]
+            one = next((each for each in same if each.bench == "mock"), same[0])
+            where = " ".join(
+                bench[0] if any(each.bench == bench for each in same) else " " for bench in BENCHES
+            )
+            title = re.sub(r" \([A-D]\d[^)]*\)$", "", one.title)
+            rows.append((one.item, f"  {name:<26}{where}  {one.item:<4}{title}"))
+        lines += [line for _, line in sorted(rows, key=lambda row: row[0])]
+    return lines
+
+
+def listed_kinds(family: str, words: Sequence[str] = ()) -> list[str]:
+    """Every driver, detector or signal in whose line all words stand."""
+    lines = [f"{name:<20}{kind.summary}" for name, kind in KINDS[family].items()]
+    return [line for line in lines if all(word.lower() in line.lower() for word in words)]
+
+
+def _item(title: str) -> str:
+    """`A2` of a title that ends in `(A2)` or in `(A2, along y)`."""
+    found = re.search(r"\(([A-D]\d\w?)[^)]*\)$", title)
+    return found[1] if found else ""
 
 
 def _trials(data: Mapping[str, Any]) -> int:
@@ -51,15 +133,15 @@ def _trials(data: Mapping[str, Any]) -> int:
     return int(asked.get("repeats", 1)) * len(asked.get("list", [{}])) * cells
 
 
-def _needs(data: Mapping[str, Any]) -> list[str]:
-    """Bench and devices; ports where they are not all the bench's own."""
-    bench, devices = bench_of(data), data.get("devices", {})
+def _trials_of(name: str, data: Mapping[str, Any]) -> str:
+    count = _trials(data)
+    return f"{counted(count)}: {duration(name, data['experiment'], bench_of(data), count)}"
+
+
+def _needs(data: Mapping[str, Any]) -> str:
+    """Experiment and devices; which ports the lab has to set."""
+    devices = data.get("devices", {})
     drivers = ", ".join(f"{name} ({table.get('driver')})" for name, table in devices.items())
-    lines = [f"    {data['experiment']} on the {bench} bench with {drivers}"]
-    if any(table.get("port") != bench for table in devices.values()):
-        ports = {name: str(table.get("port")) for name, table in devices.items()}
-        lines += [
-            f"        {name} at {'a port that is not set' if port.startswith(UNSET) else port}"
-            for name, port in ports.items()
-        ]
-    return lines
+    unset = [name for name, table in devices.items() if str(table.get("port")).startswith(UNSET)]
+    ports = f"; port to set: {'all' if len(unset) == len(devices) else ', '.join(unset)}" if unset else ""
+    return f"{data['experiment']} with {drivers}{ports}"

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import pty
+import re
 import select
 import shutil
 import signal
@@ -49,12 +50,34 @@ def started(*arguments, **extra):
 # --- list, check -------------------------------------------------------------------------------------
 
 
-def test_list_shows_every_experiment_with_its_bench_and_what_it_needs(verb):
+def test_list_fits_a_screen_and_names_every_experiment_with_its_benches(verb):
     code, out, _ = verb("list")
     assert code == 0
-    assert "mock/transient " in out
-    assert "transient on the mock bench with stage (zaber_stage), board (sensor_board)" in out
-    assert "stage at a port that is not set" in out
+    assert 24 <= len(out.splitlines()) <= 40
+    assert re.search(r"^  transient +m e h  A2", out, re.MULTILINE)
+    assert re.search(r"^A: contact .*Backus", out, re.MULTILINE), "what the letter stands for"
+    assert {name.partition("/")[2] for name in profile_names() if "bench_" not in name} <= set(
+        re.findall(r"[\w/]+", out.replace("papers/", ""))
+    )
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["slip"], ["--hardware"], ["A2", "--mock"], ["barrett_hand", "--hardware"], ["b8", "--emulated"]],
+)
+def test_list_shows_those_that_fit_and_what_they_need(verb, words):
+    code, out, _ = verb("list", *words)
+    names = [line.split()[0] for line in out.splitlines()[:-1] if not line.startswith(" ")]
+    assert code == 0
+    assert len(out.splitlines()) <= 40
+    benches = [word.removeprefix("--") for word in words if word.startswith("--")]
+    assert names and all(name.startswith(tuple(benches) or "") for name in names)
+    assert ("hardware/slip" in names) is (words in (["slip"], ["--hardware"], ["barrett_hand", "--hardware"]))
+    assert ("port to set: all" in out) is ("hardware/slip" in names)
+
+
+def test_list_refuses_what_fits_none(verb):
+    check_refusal(verb("list", "zzz")[2], "'zzz'", "list")
 
 
 def test_list_shows_drivers_and_detectors(verb):

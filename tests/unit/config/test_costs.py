@@ -5,7 +5,7 @@ import re
 from config.assemble import plan_campaign
 from config.costs import cost, duration, planned
 from config.jobs import jobs_for
-from config.listing import listed_profiles
+from config.listing import profiles
 from config.profile import load_profile
 from config.trials import distinct
 
@@ -65,12 +65,10 @@ def test_a_speed_that_stands_deep_in_the_settings_is_planned():
 
 
 def test_list_counts_the_trials_that_are_run():
-    listed, name = {}, ""
-    for line in listed_profiles():
-        if line and not line.startswith(" "):
-            name = line.split()[0]
-        elif found := re.match(r" +(\d+) trials?:", line):
-            listed[name] = int(found[1])
+    listed = {}
+    for each in profiles():
+        if found := re.search(r"; (\d+) trials?:", each.line):
+            listed[each.name] = int(found[1])
     assert listed["mock/grasp"] == 6
     for name, count in listed.items():
         assert count == len(load_profile(name).trials(0)), name
