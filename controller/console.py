@@ -18,6 +18,7 @@ from typing import Any, Self, TextIO
 
 from controller.outcomes import UNMEASURED
 from controller.scales import scale_of
+from drivers.core import compiled
 from drivers.core.protocols import Asking, Question
 
 PAUSED = "PAUSED"
@@ -78,6 +79,7 @@ class ConsoleOperator:
             **dict.fromkeys((signal.SIGTTIN, signal.SIGTTOU), signal.SIG_IGN),
         }
         self._before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+        compiled.interrupted = lambda: self._abort
         self._silence_keys()
         return self
 
@@ -86,6 +88,7 @@ class ConsoleOperator:
     ) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
+        compiled.interrupted = bool
         self._show_keys()
 
     def poll(self) -> str | None:
@@ -136,6 +139,14 @@ class ConsoleOperator:
     def reply(self, number: int, done: bool) -> None:
         """An answer from elsewhere, on any thread, to the question of that number."""
         self._reply = number, done
+
+    def pressed_yet(self) -> str:
+        """What was pressed and is not heeded yet, as a line; on any thread. A loop that computes heeds it at once."""
+        if self._abort:
+            return "seen: the run ends as soon as what is being computed or compiled is done"
+        if self._pause:
+            return "seen: pauses as soon as what is being computed or compiled is done; Ctrl+C again ends the run"
+        return ""
 
     @property
     def stopped(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Queue
@@ -25,6 +25,9 @@ REFRESH_S = 0.2
 """Shortest time between two drawings. Each takes the loop 0.2 ms and the thread that draws 0.9 ms (measured), as it is
 plain text; a table of rich's takes 4 ms, and the loop would wait for Python's lock that long."""
 
+ANSWER_S = 0.2
+"""Longest time until a key that was pressed is answered, while the loop hands over no picture."""
+
 ROWS = 8
 """How many of the last trials are shown: with the rest, they fit into 24 lines."""
 
@@ -42,10 +45,15 @@ _GOOD, _MISSED, _BAD = "green", "yellow", "red"
 
 
 class Drawer:
-    """Draws in a thread of its own: a terminal that takes nothing holds up that thread and no other."""
+    """Draws in a thread of its own: a terminal that takes nothing holds up that thread and no other.
 
-    def __init__(self, terminal: Terminal) -> None:
+    Args:
+        pressed: What was pressed and not heeded yet, as a line; shown even while no picture is handed over.
+    """
+
+    def __init__(self, terminal: Terminal, pressed: Callable[[], str] = str) -> None:
         self._terminal = terminal
+        self._pressed = pressed
         self._pictures: Queue[tuple[Text, bool]] = Queue(maxsize=1)  # each, and whether it is the last
         # A thread that is held up may outlive the campaign, but not the program.
         self._thread = Thread(target=self._draw, name="live view", daemon=True)
@@ -63,11 +71,16 @@ class Drawer:
         self._thread.join(LAST_S)
 
     def _draw(self) -> None:
-        last = False
+        picture, last, drawn = Text(), False, None
         with suppress(OSError), Live(console=self._terminal, auto_refresh=False) as live:  # it may hang up
             while not last:
-                picture, last = self._pictures.get()
-                live.update(picture, refresh=True)
+                with suppress(Empty):  # a loop that loads what it computes with hands none over
+                    picture, last = self._pictures.get(timeout=ANSWER_S)
+                said = "" if last else self._pressed()
+                if drawn != (picture, said):
+                    drawn = picture, said
+                    shown = [picture, Text(said, "bold yellow")] if said else [picture]
+                    live.update(Text("\n").join(shown), refresh=True)
 
 
 class LiveConsole:
@@ -104,7 +117,7 @@ class LiveConsole:
         """Begins to draw."""
         self._title, self._trials, self._folder = title, trials, folder
         self._started_s = monotonic_s()
-        self._drawer = Drawer(self._terminal)
+        self._drawer = Drawer(self._terminal, self._operator.pressed_yet)
         self._refresh()
 
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
@@ -130,7 +143,7 @@ class LiveConsole:
             self._drawer.end(self._picture())
         self._operator.suspend()
         if self._drawer is not None:
-            self._drawer = Drawer(self._terminal)
+            self._drawer = Drawer(self._terminal, self._operator.pressed_yet)
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """Adds a row."""

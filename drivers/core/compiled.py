@@ -14,6 +14,9 @@ _signed: list[Kernel] = []
 
 Returned = TypeVar("Returned")
 
+interrupted: Callable[[], bool] = bool
+"""Whether the person has ended the program: then nothing more is compiled. What compiles takes seconds."""
+
 
 def compiled(
     signature: str | None = None, **options: Any

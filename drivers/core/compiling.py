@@ -35,6 +35,7 @@ from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
+from drivers.core import compiled
 from drivers.core.compiled import global_names
 
 KEPT_S = 30 * 86400.0
@@ -258,7 +259,13 @@ class _Progress:
         self._said: set[str] = set()
 
     def begin(self, kernel: Any) -> None:
-        """A kernel is not there yet and will now be compiled."""
+        """A kernel is not there yet and will now be compiled.
+
+        Raises:
+            KeyboardInterrupt: the person has ended the program; a bench that moves compiles nothing.
+        """
+        if compiled.interrupted():
+            raise KeyboardInterrupt
         if self._outermost is None:
             self._outermost, self._since_s = kernel, time.perf_counter()
             self.once(f"compiling what this machine has not compiled before, once (kept in {kept_in()})")

@@ -17,6 +17,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.console import Console as Terminal
+from rich.text import Text
 
 from controller import console as console_module
 from controller import live
@@ -25,6 +26,7 @@ from controller.console import RESULTS, ConsoleOperator, PlainConsole, key_resul
 from controller.live import LiveConsole
 from controller.registry import EXPERIMENTS
 from controller.scales import DIGITS, figure
+from drivers.core import compiled, compiling
 from drivers.core.protocols import Question
 
 
@@ -432,3 +434,22 @@ def test_the_last_picture_is_on_the_terminal_when_the_campaign_has_ended(screen)
     screen.trial_ended(1, "contact", ROW)
     screen.campaign_ended("1 trial")
     assert "1 of 1 trials" in screen.file.getvalue()
+
+
+def test_ctrl_c_is_answered_while_the_loop_compiles_and_the_second_ends_that(monkeypatch, keyboard):
+    """The loop hands over no picture and polls nothing meanwhile."""
+    with ConsoleOperator(keyboard.file) as operator:
+        output = io.StringIO()
+        drawer = live.Drawer(Terminal(file=output, force_terminal=True, width=200), operator.pressed_yet)
+        for line in ("Ctrl+C again ends the run", "the run ends as soon as"):
+            assert not compiled.interrupted()
+            signal.raise_signal(signal.SIGINT)
+            by_s = time.monotonic() + PATIENCE_S
+            while line not in output.getvalue():
+                assert time.monotonic() < by_s, output.getvalue()
+                time.sleep(0.01)
+        assert compiled.interrupted()
+        with pytest.raises(KeyboardInterrupt):
+            compiling._progress.begin(None)
+        drawer.end(Text())
+    assert not compiled.interrupted()
