@@ -11,7 +11,8 @@ class Column(NamedTuple):
     """A column of trials.csv, declared once under its name, which ends in the SI unit of its values.
 
     Attributes:
-        meaning: What its values are; empty cells are what did not occur, or is not known.
+        meaning: What its values are; that of an instant of the trial begins with `when`. Empty cells are what did not
+            occur, or is not known.
         digits: Decimals that a section prints, in the unit that is shown; None prints four significant digits.
     """
 

@@ -39,7 +39,7 @@ _EACH = {
     ),
     "delay_s": Column("median delay of those detected", 3),
     "first_delay_s": Column("delay of the first one", 3),
-    "event_s": Column("first event after `slide_s`"),
+    "event_s": Column("when the first event after `slide_s` was"),
     "false_alarms": Column("false alarms in `quiet_s`"),
     "touch_alarms": Column("false alarms during descent and pressing"),
     "quiet_s": Column("other time without slip in which it could have alarmed"),
@@ -49,15 +49,15 @@ HIGHLIGHTS = ("ours_delay_s", "paper_delay_s", "ours_false_alarms")
 """Columns shown during a run."""
 
 COLUMNS = {
-    "clock_s": Column("where the paper's time axis begins"),
+    "clock_s": Column("when the paper's time axis begins"),
     "touch_truth_s": Column("when the tip touched, in truth (simulated benches)"),
     "touch_s": Column("when contact was detected"),
     "press_n": Column("mean force from the end of pressing to lifting"),
     "reference": Column("origin of the delays: true slip on a simulated bench, or the command to slide"),
     "slips": Column("how many there were"),
-    "slide_s": Column("the first command to slide"),
-    "slip_s": Column("beginning of the first slip"),
-    "slip_end_s": Column("end of the last"),
+    "slide_s": Column("when the first command to slide was given"),
+    "slip_s": Column("when the first slip began"),
+    "slip_end_s": Column("when the last ended"),
     "listen_s": Column("when the slip detectors were subscribed"),
     **{f"{detector}_{what}": column for detector in DETECTORS for what, column in _EACH.items()},
     "ours_least_delay_s": Column("our detector's shortest delay, whatever the slip"),

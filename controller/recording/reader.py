@@ -114,6 +114,17 @@ class Run:
         """
         return self._index.read(number)
 
+    def events_of(self, trial: object) -> Sequence[Mapping[str, Any]]:
+        """The events of a trial, in order."""
+        return self._events.get(trial, ())
+
+    @cached_property
+    def _events(self) -> Mapping[object, Sequence[Mapping[str, Any]]]:
+        found: dict[object, list[Mapping[str, Any]]] = {}
+        for event in self.events:
+            found.setdefault(event.get("trial"), []).append(event)
+        return found
+
     @property
     def recorded_trials(self) -> Sequence[int]:
         """Numbers of the trials of which samples were recorded."""

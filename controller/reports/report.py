@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -17,9 +18,11 @@ from controller.registry import experiment_of
 from controller.reports import generic
 from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
+from controller.reports.first_screen import Drawn, again, headline_of, hero_of
 from controller.reports.papers import CITATION, settings_in
 from controller.reports.run_account import early_end, facts_of, setting_of
 from controller.reports.section import (
+    Headline,
     Kind,
     Printed,
     Result,
@@ -31,7 +34,7 @@ from controller.reports.section import (
 )
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
 from controller.reports.trial_signals import payload, trial_table
-from controller.scales import NOTHING
+from controller.scales import NOTHING, scale_of
 
 PAGE = 2_900_000
 """What a page may take, bytes: signals fill what the rest leaves, so that it opens at once and goes by mail."""
@@ -160,6 +163,12 @@ def _page(
         "apart": apart,
         "ends": [end for run in runs if (end := early_end(run)) is not None],
         "runs": [(run.folder.path.name, run.notes, facts_of(run)) for run in runs],
+        "verdict": _verdict(parts),
+        "state": "all" if {part.headline.state for part in parts} == {"all"} else "some",
+        "again": list(dict.fromkeys(again(run) for run in runs)),
+        "summary": experiment_of(next(iter(kinds))[0], own_folders(runs[-1].manifest)).summary
+        if len(kinds) == 1
+        else "",
         "started": str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
         "trials": trial_table(runs),
         "library": library(),
@@ -171,6 +180,16 @@ def _page(
     return f"{before}{payload(runs, room)}{after}", parts
 
 
+def _verdict(parts: Sequence[SectionPart]) -> str:
+    """Of all parts in one sentence."""
+    rows = [(run, row) for part in parts for run in part.runs for row in run.trials]
+    marks = [result.mark for part in parts for result in part.results if result.mark != "neither"]
+    met = sum(mark in ("same", "met") for mark in marks)
+    judged = f"; judged comparisons that hold: {met} of {len(marks)}" if marks else ""
+    good = sum(run.succeeded(row) for run, row in rows)
+    return f"{good} of {len(rows)} trials succeeded, in {len(parts)} parts{judged}."
+
+
 def _marked(run: Run) -> str:
     """What figures say of their numbers."""
     return ("partly simulated" if run.measured_by else "simulated") if run.simulated else ""
@@ -180,7 +199,12 @@ def _named(bench: str, groups: Sequence[Sequence[Run]]) -> dict[str, Sequence[Ru
     """Groups of runs by a name: their profiles where these differ, else numbers."""
     names = [", ".join(dict.fromkeys(_profile(run) for run in group)) for group in groups]
     if len(set(names)) < len(names):
-        names = [f"{bench}, settings {number}" for number in range(1, len(groups) + 1)]
+        numbered = {f"settings {number}": group for number, group in enumerate(groups, start=1)}
+        own = [row for row in differences(numbered) if row["setting"] != "runs"]
+        names = list(numbered)
+        if len(own) == 1:
+            names = [f"{scale_of(own[0]['setting']).label} {own[0][name]}" for name in names]
+        names = [f"{bench}, {name}" for name in names]
     return dict(zip(names if len(groups) > 1 else [bench], groups, strict=True))
 
 
@@ -215,8 +239,24 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     results += [each._replace(met=None) if lost else each for each in section.summary]
     printed = {**settings_in(section.paper, runs[0]), **section.printed}
     body, ours = rendered(section, runs[0], not lost)
-    ours += _set_differently(runs[0], printed)
-    return SectionPart(name, runs, section, results, settings_table(runs[0], printed), body, ours)
+    drawn = hero_of(experiment, runs)
+    pictures = [Markup(each) for each in FIGURE.findall(body)]
+    body = Markup(FIGURE.sub("", body))  # figures stand before what is said about them
+    headline = headline_of(experiment, runs, results, section.headline)
+    settings = settings_table(runs[0], printed)
+    return SectionPart(
+        name,
+        runs,
+        section,
+        results,
+        settings,
+        body,
+        ours,
+        headline,
+        drawn,
+        pictures,
+        _set_differently(runs[0], printed),
+    )
 
 
 def _set_differently(run: Run, printed: Mapping[str, Printed]) -> list[Any]:
@@ -236,6 +276,8 @@ def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
         return own(runs, figures)
     return generic.section(experiment, runs, figures)
 
+
+FIGURE = re.compile(r"<figure>.*?</figure>\s*", re.DOTALL)
 
 MARKS = {"met": "✓", "missed": "✗", "same": "=", "apart": "≠", "neither": "·"}
 
@@ -257,6 +299,10 @@ class SectionPart:
         settings: Detectors, behavior and limits beside the paper's.
         body: The section as HTML.
         ours: What is ours and not the paper's, one sentence each.
+        headline: The number that it opens with.
+        drawn: The typical trial and the worst.
+        pictures: Its figures, which stand before the text.
+        differs: Settings that are not the paper's, one sentence each.
     """
 
     name: str
@@ -266,6 +312,10 @@ class SectionPart:
     settings: Sequence[Row]
     body: str
     ours: Sequence[str]
+    headline: Headline
+    drawn: Sequence[Drawn]
+    pictures: Sequence[Markup]
+    differs: Sequence[str]
 
 
 def in_lines(part: SectionPart) -> Iterator[str]:

@@ -70,6 +70,34 @@ class Printed(NamedTuple):
     source: str
 
 
+class Headline(NamedTuple):
+    """The one number that a part of the page opens with.
+
+    Attributes:
+        what: It is: `time from touch to detection`.
+        ours: With its unit.
+        of: What it is made of: `mean of 35`.
+        paper: The paper's; "" for none.
+        source: Whose that is, and where it stands.
+        interval: The 95 % interval of ours; "" for none.
+        verdict: How the two compare, in half a sentence; later the whole sentence.
+        rows: Filter of the table of trials that leaves those it is made of; "" for all.
+        column: Of trials.csv that it is made of.
+        state: Whether `all` trials succeeded, `some`, or `none`.
+    """
+
+    what: str
+    ours: str
+    of: str
+    paper: str = ""
+    source: str = ""
+    interval: str = ""
+    verdict: str = ""
+    rows: str = ""
+    column: str = ""
+    state: str = ""
+
+
 class Figure(NamedTuple):
     """A picture, as an SVG element, and what it shows."""
 
@@ -89,6 +117,7 @@ class Section:
         summary: Sentences for the page's beginning.
         printed: Settings that the paper prints, by their path in the profile, beside those of papers/settings.csv.
         terminal: Its table in a terminal, some 14 lines.
+        headline: What it opens with, where papers/headlines.csv does not say it.
     """
 
     title: str
@@ -98,6 +127,7 @@ class Section:
     summary: Sequence[Result] = ()
     printed: Mapping[str, Printed] = field(default_factory=dict)
     terminal: Sequence[Row] = ()
+    headline: Headline | None = None
 
 
 class Table(NamedTuple):

@@ -18,6 +18,7 @@ from controller.reports.counts import (
     median,
     number,
     quantity,
+    rate,
     stop_times,
     under,
     values,
@@ -25,7 +26,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Figure, Kind, Printed, Result, Section
+from controller.reports.section import Figure, Headline, Kind, Printed, Result, Section
 from controller.reports.slip_scores import (
     LEAST,
     NOT_JUDGED,
@@ -84,6 +85,33 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         paper="fernandez",
         summary=_summary(scores, runs[0].simulated),
         printed=_printed(runs[0]),
+        headline=_headline(scores),
+    )
+
+
+def _headline(scores: Sequence[SensorScore]) -> Headline | None:
+    """On how many sensors the paper's detector is as good as in the paper; None where nothing is judged."""
+    plain = [score for score in scores if score.condition == TABLE_1 and score.method == "paper"]
+    judged = [score for score in plain if score.slips and score.verdict != NOT_JUDGED]
+    if not judged:
+        return None
+    theirs = [SENSORS[score.sensor]["verdict"] for score in judged]
+    same = sum(score.verdict == paper for score, paper in zip(judged, theirs, strict=True))
+    of = f"{same} of {len(judged)}"
+
+    def counted(verdicts: Sequence[str]) -> str:
+        return ", ".join(
+            f"{n} {name}" for name in ("good", "regular", "bad") if (n := list(verdicts).count(name))
+        )
+
+    return Headline(
+        f"the paper's detector on {len(judged)} sensors, by misses and delay",
+        counted([score.verdict for score in judged]),
+        f"{len(judged)} sensors",
+        counted(theirs),
+        "the paper, Table 1",
+        f"agree on {rate(same, len(judged))}",
+        f"the paper's detector does as in the paper on {of} sensors",
     )
 
 

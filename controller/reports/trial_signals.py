@@ -6,17 +6,18 @@ import base64
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.measures import Column, columns_of
+from controller.measures import columns_of
+from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
 from controller.reports.counts import is_number, title
 from controller.reports.run_account import acting_of, setting_of, statistic_of
-from controller.scales import displayed, scale_of, spaced
+from controller.scales import Scale, displayed, scale_of, spaced
 
 Floats = NDArray[np.float64]
 
@@ -38,8 +39,83 @@ SILENCE = 20.0
 FEW = 0.05
 """Samples before such a stretch that are fewer than this share are left out: what follows is what was measured."""
 
+CLOSE_S = 0.5
+"""How far from what decided a trial is shown when it is opened, s."""
+
 TRUTHS = ("onset_s", "touch_s", "slip_s", "slip_end_s")
 """Columns that hold an instant of what really happened, beside those that begin with `truth_`."""
+
+EVENTS = {
+    "slip_s": "slip",
+    "truth_contact_s": "touch",
+    "touch_truth_s": "touch",
+    "onset_s": "first force",
+    "touch_s": "touch",
+    "detect_s": "decision",
+}
+"""Columns of what a trial is about, the first that is known: its times are shown from there."""
+
+NAMES = {
+    "truth_contact_s": "touched",
+    "touch_truth_s": "touched",
+    "truth_release_s": "released",
+    "onset_s": "first 0.005 N",
+    "detect_s": "detected",
+    "touch_s": "touch detected",
+    "command_s": "stop sent",
+    "standstill_s": "stood still",
+    "slip_s": "slip began",
+    "slip_end_s": "slip ended",
+    "slide_s": "slide ordered",
+    "listen_s": "detectors listen",
+    "stop_travel_m": "travel to stop",
+    "force_n": "force then",
+    "force_peak_n": "largest force",
+    "truth_n": "true force",
+    "baseline_hz": "learned",
+    "seen_to_stop_left_s": "left finger to stop",
+    "seen_to_stop_right_s": "right finger to stop",
+    "theta_rms_rad": "angle error, rms",
+}
+"""Columns by the words that a person has for them, where their names do not say it."""
+
+NEAR_S = 1.0
+"""How near what decided is to what a trial is about, s (assumption): beyond it is about something else."""
+
+
+class Moments(NamedTuple):
+    """What a trial's times are shown from, and what is drawn of its stop; None where there is none.
+
+    Attributes:
+        zero: The event: `touch`, `slip`; `decision` where it is not known when.
+        detector: That decided.
+    """
+
+    zero: str
+    zero_s: float | None
+    detector: str = ""
+    decided_s: float | None = None
+    stood_s: float | None = None
+
+
+def moments_of(run: Run, row: Mapping[str, Any]) -> Moments:
+    """Of a trial: what decided is what led to another state near the event, else the first alarm after it."""
+    found = next(((EVENTS[name], float(row[name])) for name in EVENTS if is_number(row.get(name))), None)
+    events = run.events_of(row["trial"])
+    alarms = [e for e in events if e.get("detector") is not None and not e["event"].startswith("Baseline")]
+    led = [event for event in alarms if event.get("next") != event.get("state")]
+    if found:
+        slips = found[0] == "slip"  # a touch before it is no answer to it
+        near = [e for e in led if (0.0 if slips else -NEAR_S) <= e["t_s"] - found[1] <= NEAR_S]
+        near += [event for event in alarms if 0.0 <= event["t_s"] - found[1] <= NEAR_S]
+        led = near[:1] or ([] if slips else led)
+    if not led:
+        return Moments(*(found or ("", None)))
+    decided_s = float(led[-1]["t_s"])
+    stood = (e["t_s"] for e in events if e["event"] == "Standstill" and 0 < e["t_s"] - decided_s < NEAR_S)
+    return Moments(
+        *(found or ("decision", decided_s)), str(led[-1]["detector"]), decided_s, next(stood, None)
+    )
 
 
 def payload(runs: Sequence[Run], room: int) -> str:
@@ -56,7 +132,7 @@ def payload(runs: Sequence[Run], room: int) -> str:
         recording = run.readable(trial)
         if recording is None:
             continue
-        events = [event for event in run.events if event.get("trial") == trial]
+        events = run.events_of(trial)
         curves = list(_chosen(run, recording, _deciding(run, events)))
         share = room / max(1, min(len(trials), fitting)) / max(1, len(curves)) / BYTES_A_POINT
         points = int(min(POINTS, max(LEAST_POINTS, share)))
@@ -74,31 +150,87 @@ _DATE = re.compile(r"^\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ_")
 """What a run folder's name begins with; the rest distinguishes it."""
 
 
-def trial_table(runs: Sequence[Run]) -> tuple[list[tuple[str, ...]], list[tuple[str, list[tuple[str, str]]]]]:
-    """Every trial of some runs, run by run.
+class TrialColumn(NamedTuple):
+    """A column of the table of trials: its name in trials.csv, how it is shown, its meaning."""
 
-    Returns:
-        Of each column its name in trials.csv, its heading and its meaning, the run first where there are several. Of
-        each trial its key, and of each cell what is shown and a number's exact value.
+    name: str
+    heading: str
+    meaning: str
+
+
+class TrialRow(NamedTuple):
+    """A trial: its key, whether it succeeded (`good`, `bad`, or `out` of every number, and then why), and of each cell
+    what is shown and a number's exact value."""
+
+    key: str
+    state: str
+    why: str
+    cells: Sequence[tuple[str, str]]
+
+
+def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]:
+    """Every trial of some runs, run by run: columns that hold anything, the run first where there are several.
+
+    An instant is shown in ms from the trial's event, a time below a second in ms.
     """
     names = list(dict.fromkeys(name for run in runs for row in run.trials for name in row)) or ["trial"]
+    names = [name for name in names if any(row.get(name) is not None for run in runs for row in run.trials)]
     names.sort(key=lambda name: "." in name)  # varied settings last: what was measured fits a screen
+    declared = {
+        name: column.meaning
+        for run in runs
+        for name, column in columns_of(str(run.manifest.get("experiment"))).items()
+    }
+    instants = {name for name in names if is_instant(name, declared.get(name, ""))}
+    scales = {name: _brief(name, [row.get(name) for run in runs for row in run.trials]) for name in names}
     rows = []
     for run in runs:
         for row in run.trials:
-            cells = [_cell(name, row.get(name)) for name in names]
+            moments = moments_of(run, row)
+            cells = []
+            for name in names:
+                value, exact = row.get(name), repr(row[name]) if is_number(row.get(name)) else ""
+                exact = str(value) if name == "outcome" else exact
+                if name in instants and is_number(value) and moments.zero_s is not None:
+                    cells.append((f"{1e3 * (value - moments.zero_s):z.0f}".replace("-", "−"), exact))
+                else:
+                    shown = title(str(value)) if name == "outcome" else value
+                    cells.append(("" if value is None else scales[name].cell(shown), exact))
             cells[1:1] = [(_DATE.sub("", run.folder.path.name), "")] if len(runs) > 1 else []
-            rows.append((key_of(runs, run, int(row["trial"] or 0)), cells))
-    names[1:1] = ["run"] if len(runs) > 1 else []
-    declared: dict[str, Column] = {}
-    for run in runs:
-        declared |= columns_of(str(run.manifest.get("experiment")))
-    said = {name: f": {column.meaning}" for name, column in declared.items()}
-    return [(name, scale_of(name).heading, said.get(name, "")) for name in names], rows
+            why = _excluded(run, row)
+            state = "out" if why else "good" if run.succeeded(row) else "bad"
+            rows.append(TrialRow(key_of(runs, run, int(row["trial"] or 0)), state, why, cells))
+    columns = []
+    for name in names:
+        label = NAMES.get(name) or scales[name].label
+        unit = "ms" if name in instants else scales[name].unit
+        columns.append(TrialColumn(name, f"{label}, {unit}" if unit else label, declared.get(name, "")))
+    columns[1:1] = [TrialColumn("run", "run", "")] if len(runs) > 1 else []
+    return columns, rows
 
 
-def _cell(name: str, value: object) -> tuple[str, str]:
-    return "" if value is None else scale_of(name).cell(value), repr(value) if is_number(value) else ""
+def is_instant(name: str, meaning: str = "") -> bool:
+    """Whether a column holds a time of the trial's clock: its declared meaning says when."""
+    return name.endswith("_s") and (
+        meaning.startswith("when ") or name in EVENTS or name.startswith("truth_")
+    )
+
+
+def _brief(name: str, values: Sequence[object]) -> Scale:
+    """The scale of a column; in ms where its times are below a second."""
+    scale = scale_of(name)
+    known = [abs(value) for value in values if is_number(value)]
+    return (
+        scale._replace(unit="ms", factor=1e3) if scale.unit == "s" and known and max(known) < 1.0 else scale
+    )
+
+
+def _excluded(run: Run, row: Mapping[str, Any]) -> str:
+    """Why a trial is in no number; "" where it is."""
+    if row.get("outcome") not in UNMEASURED:
+        return ""
+    reasons = [str(e["reason"]) for e in run.events_of(row["trial"]) if e.get("reason")]
+    return reasons[-1] if reasons else "it was broken off"
 
 
 def _deciding(run: Run, events: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -144,20 +276,24 @@ def _trial(
     curves: Sequence[tuple[str, str, Series, int]],
     points: int,
 ) -> dict[str, Any]:
-    row = next((row for row in run.trials if row["trial"] == trial), {})
+    row = next((row for row in run.trials if row["trial"] == trial), {"trial": trial})
+    moments = moments_of(run, row)
+    around_s = moments.zero_s if moments.decided_s is None else moments.decided_s
+    close = (around_s or 0.0) - CLOSE_S, (around_s or 0.0) + CLOSE_S
     panels: dict[str, dict[str, Any]] = {}
     for stream, name, series, channel in curves:
         values, unit = displayed(stream, series.values[:, channel], series.unit)
         if stream.startswith(DETECTOR):
-            panels[stream] = _statistic(run, events, stream.removeprefix(DETECTOR), series, points)
+            panels[stream] = _statistic(run, events, stream.removeprefix(DETECTOR), series, points, close)
             continue
         fresh = {"label": f"{stream}, {unit}" if unit else stream, "whose": "ours", "curves": []}
         panel = panels.setdefault(stream, fresh)
-        panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points)})
-    factors = ", ".join(scale_of(name).said(row[name]) for name in run.factors if row.get(name) is not None)
+        panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points, close)})
     return {
-        "title": f"Trial {trial}, {factors}: {title(str(row.get('outcome', 'not ended')))}",
-        "run": run.folder.path.name,
+        "title": f"Trial {trial}: {said_of(run, row)}",
+        "zero": [moments.zero or "the trial began", moments.zero_s or 0.0],
+        "decided": around_s,
+        "stood": moments.stood_s,
         "panels": list(panels.values()),
         "thresholds": list(_thresholds(events, panels, curves)),
         "states": [[e["t_s"], e["next"]] for e in events if e.get("next") != e.get("state")],
@@ -172,8 +308,19 @@ def _trial(
     }
 
 
+def said_of(run: Run, row: Mapping[str, Any]) -> str:
+    """Factors and outcome of a trial: `location f, speed 2.54 mm/s: contact`."""
+    factors = ", ".join(scale_of(name).said(row[name]) for name in run.factors if row.get(name) is not None)
+    return ": ".join(part for part in (factors, title(str(row.get("outcome", "not ended")))) if part)
+
+
 def _statistic(
-    run: Run, events: Sequence[Mapping[str, Any]], detector: str, series: Series, points: int
+    run: Run,
+    events: Sequence[Mapping[str, Any]],
+    detector: str,
+    series: Series,
+    points: int,
+    close: tuple[float, float],
 ) -> dict[str, Any]:
     """The panel of a detector's statistic and of its threshold, which is packed where it changes."""
     values, unit = displayed(DETECTOR, series.values, series.unit)
@@ -186,8 +333,8 @@ def _statistic(
         "label": f"{detector}, {unit}" if unit else detector,
         "title": f"{detector}: {statistic_of(run, detector)[0]}",
         "whose": _whose(run, detector),
-        "curves": [{"name": "", **_packed(times_s, shown, points, decided_s)}],
-        "threshold": _packed(series.times_s[places], limits[places], points),
+        "curves": [{"name": "", **_packed(times_s, shown, points, close, decided_s)}],
+        "threshold": _packed(series.times_s[places], limits[places], points, close),
     }
 
 
@@ -238,10 +385,19 @@ def _measured(times_s: Floats, values: Floats, *, whole: bool = False) -> tuple[
     return np.insert(times_s, cuts, times_s[cuts - 1]), np.insert(values, cuts, np.nan)
 
 
-def _packed(times_s: Floats, values: Floats, points: int, kept_s: Sequence[float] = ()) -> dict[str, Any]:
+def _packed(
+    times_s: Floats,
+    values: Floats,
+    points: int,
+    close: tuple[float, float] = (0.0, 0.0),
+    kept_s: Sequence[float] = (),
+) -> dict[str, Any]:
     """A curve in two rows of 16-bit numbers between their ends, its samples at `kept_s` among them; 65535 is no
-    value."""
-    keep = np.union1d(extremes(values, points), np.flatnonzero(np.isin(times_s, kept_s)))
+    value. Two thirds of its points are where it is `close` to what decided."""
+    first, last = np.searchsorted(times_s, close)
+    near = first + extremes(values[first:last], 2 * points // 3) if last > first else []
+    far = extremes(values, points // 3 if len(near) else points)
+    keep = np.union1d(np.union1d(far, near), np.flatnonzero(np.isin(times_s, kept_s))).astype(int)
     ends = [float(times_s[0]), float(times_s[-1])]
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)

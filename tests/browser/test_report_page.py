@@ -46,7 +46,7 @@ def shown(page):
 def test_the_signal_of_the_longest_delay_is_three_clicks_away(page):
     page.set_viewport_size({"width": 1280, "height": 900})
     page.get_by_role("link", name="Trials", exact=True).click()
-    head = page.get_by_role("button", name="delay, s", exact=True)
+    head = page.get_by_role("button", name="delay, ms", exact=True)
     assert head.bounding_box()["x"] + head.bounding_box()["width"] < 1280, "seen without scrolling"
     head.click()
     assert page.locator("th[data-name=delay_s]").get_attribute("aria-sort") == "descending"
@@ -56,11 +56,11 @@ def test_the_signal_of_the_longest_delay_is_three_clicks_away(page):
     key = row.get_attribute("data-trial")
     page.wait_for_selector(f'#signals-shown[data-ready="{key}"]')
     text = page.locator("#trial").inner_text()
-    assert "Trial 2, location d" in text
+    assert "Trial 2: location d" in text
     assert "contact: contact" in text
-    assert "Threshold: contact" in text
+    assert "threshold of contact" in text
     assert "APPROACH" in text
-    assert "Truth:" in text
+    assert "decision" in text
     assert page.locator(".signals .bk-Figure").count() >= 2
 
 

@@ -12,7 +12,7 @@ const theme = (changed) => {  // as the system has it, until the switch changes 
   show();
 };
 
-const inks = () => Object.fromEntries(["ink", "soft", "rule", "paper", "ours", "rival", "paper-s", "truth"]
+const inks = () => Object.fromEntries(["ink", "soft", "rule", "paper", "ours", "rival", "paper-s", "truth", "band"]
   .map((name) => [name, getComputedStyle(root).getPropertyValue("--" + name).trim()]));
 
 const steps = ({t, y}) => ({  // a statistic stands until the next decision

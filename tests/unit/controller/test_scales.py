@@ -18,7 +18,7 @@ from controller.live import LiveConsole
 from controller.registry import EXPERIMENTS
 from controller.reports import generic
 from controller.reports.counts import under
-from controller.reports.trial_signals import trial_table
+from controller.reports.trial_signals import is_instant, trial_table
 from controller.scales import SHOWN, SUFFIXES, scale_of, shown_in
 from controller.watching.feed import Watched
 
@@ -121,14 +121,15 @@ def run(tmp_path):
         manifest={},
         resolved={},
         succeeded=bool,
+        events_of=lambda trial: (),
     )
 
 
-def check(pairs):
+def check(pairs, count=None):
     """Each column once, and each as the value that it has."""
     found = [read(heading, cell) for heading, cell in pairs]
-    assert len(found) == len(COLUMNS)
-    assert found == [near(VALUE)] * len(COLUMNS)
+    assert len(found) == (len(COLUMNS) if count is None else count)
+    assert found == [near(VALUE)] * len(found)
 
 
 def test_in_the_section_of_any_experiment_factors_and_results_alike(run, monkeypatch):
@@ -139,13 +140,19 @@ def test_in_the_section_of_any_experiment_factors_and_results_alike(run, monkeyp
 
 def test_in_the_table_of_all_trials(run):
     names, rows = trial_table([run])
-    for _, cells in rows:
+    for row in rows:
         check(
             [
                 (heading, cell[0])
-                for (name, heading, _), cell in zip(names, cells, strict=True)
-                if name in COLUMNS
-            ]
+                for (name, heading, _), cell in zip(names, row.cells, strict=True)
+                if name in COLUMNS and not is_instant(name)
+            ],
+            sum(not is_instant(name) for name in COLUMNS),
+        )
+        at_the_event = [cell[0] for each, cell in zip(names, row.cells, strict=True) if is_instant(each.name)]
+        assert at_the_event
+        assert set(at_the_event) == {"0"}, (
+            "an instant counts from the trial's event, which is at the same time here"
         )
 
 
