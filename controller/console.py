@@ -67,12 +67,15 @@ class ConsoleOperator:
         self._go_on = False
         self._abort = False
         self._reply: tuple[int, bool] | None = None
+        self.pressed_by = ""
 
     def __enter__(self) -> Self:
         handlers: dict[signal.Signals, Any] = {
             signal.SIGINT: self._interrupted,
-            **dict.fromkeys((signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT), lambda *_: self.press("stop")),
-            signal.SIGTSTP: lambda *_: self.press("suspend"),
+            signal.SIGTERM: lambda *_: self.press("stop", "kill"),
+            signal.SIGHUP: lambda *_: self.press("stop", "the closed terminal"),
+            signal.SIGQUIT: lambda *_: self.press("stop", "Ctrl+\\ at the terminal"),
+            signal.SIGTSTP: lambda *_: self.press("suspend", "Ctrl+Z at the terminal"),
             # from the background into the foreground as well: the shell has set the terminal as it likes it
             signal.SIGCONT: lambda *_: self._silence_keys(),
             # What a terminal sends to a program in the background that reads or writes: it would suspend it at once.
@@ -121,11 +124,15 @@ class ConsoleOperator:
         self._forget_keys()
         self._go_on = not self._interactive
 
-    def press(self, command: str) -> None:
+    def press(self, command: str, by: str) -> None:
         """A command from elsewhere, on any thread: "pause", "suspend", "resume" or "stop".
 
         A stop is latched: the run ends by it, and another act begins the next.
+
+        Args:
+            by: Who presses, for those who watch.
         """
+        self.pressed_by = by
         # Each flag is only ever set here: one that were read and written back could undo what another thread has set.
         if command == "stop":
             self._abort = True
@@ -160,6 +167,7 @@ class ConsoleOperator:
         return asked and asked[1]
 
     def _interrupted(self, number: int, frame: FrameType | None) -> None:
+        self.pressed_by = "Ctrl+C at the terminal"
         if self._interactive and not (self._pause or self._paused):
             self._pause = True
         else:
@@ -226,7 +234,7 @@ class ConsoleOperator:
         except OSError:
             typed = b""
         if not typed:
-            self._abort = True  # The terminal is gone, and with it the only way to resume.
+            self.press("stop", "the closed terminal")  # with it, the only way to resume has gone
             return None
         return typed.decode(errors="replace")
 

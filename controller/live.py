@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.text import Text
 
 from controller.console import LAST_S, PAUSED, ConsoleOperator, key_results
-from controller.live_view import LiveView
+from controller.live_view import Elapsed, LiveView
 from controller.outcomes import UNMEASURED, counted, is_success
 from controller.scales import Scale, scale_of
 from drivers.core.clock import monotonic_s
@@ -104,10 +104,10 @@ class LiveConsole:
         self._state = ("", 0.0)
         self._counts: Counter[str] = Counter()
         self._results: deque[tuple[int, Mapping[str, Any], str, Mapping[str, Any]]] = deque(maxlen=ROWS)
-        self._started_s = self._entered_s = self._drawn_s = monotonic_s()
+        self._entered_s = self._drawn_s = monotonic_s()
+        self._elapsed = Elapsed()
         self._drawer: Drawer | None = None
         self._view: LiveView | None = None
-        self._paused_s = 0.0
 
     def watch(self, view: LiveView) -> None:
         """Shows the trial's deciding signal and margins from now on."""
@@ -116,7 +116,7 @@ class LiveConsole:
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Begins to draw."""
         self._title, self._trials, self._folder = title, trials, folder
-        self._started_s = monotonic_s()
+        self._elapsed = Elapsed()
         self._drawer = Drawer(self._terminal, self._operator.pressed_yet)
         self._refresh()
 
@@ -126,8 +126,7 @@ class LiveConsole:
 
     def state(self, name: str, t_s: float) -> None:
         """Notes the state; it is shown at a poll, after its commands are out."""
-        if self._state[0] == PAUSED:
-            self._paused_s += monotonic_s() - self._entered_s
+        self._elapsed.enter(name)
         self._state = (name, t_s)
         self._entered_s = monotonic_s()
 
@@ -172,14 +171,10 @@ class LiveConsole:
         return Text.assemble((self._title, "bold"), "  ", (str(self._folder), "dim"))
 
     def _progress(self) -> Text:
-        done, elapsed_s = self._counts.total(), monotonic_s() - self._started_s
+        done, elapsed_s = self._counts.total(), monotonic_s() - self._elapsed.begun_s
         filled = BAR * done // max(self._trials, 1)
-        running = self._trial is not None and done
-        left = (
-            f"  about {_clock((elapsed_s - self._paused_s) / done * (self._trials - done))} left"
-            if running
-            else ""
-        )
+        left_s = self._elapsed.left_s(done, self._trials) if self._trial is not None else None
+        left = "" if left_s is None else f"  about {_clock(left_s)} left"
         return Text.assemble(
             ("━" * filled, "cyan"),
             ("─" * (BAR - filled), "bright_black"),

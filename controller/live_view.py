@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from behaviors.events import Event
 from behaviors.machine import Behavior
+from controller.console import PAUSED
 from controller.detectors.protocol import Detector, quantity_of
 from controller.limits import GuardSettings, shown_limits
 from controller.recording.series import DETECTOR, TrialRecording
 from controller.scales import as_text, displayed, shown_in
+from drivers.core.clock import monotonic_s
 
 BARS = "▁▂▃▄▅▆▇█"
 
@@ -24,6 +26,27 @@ SPARKS = 40
 
 PANELS = 6
 """Most signals on the page (assumption: what a screen holds)."""
+
+
+class Elapsed:
+    """How long a campaign has run and how long it will go on, by the wall clock; pauses count in neither."""
+
+    def __init__(self) -> None:
+        self.begun_s = self._entered_s = monotonic_s()
+        self._state = ""
+        self._paused_s = 0.0
+
+    def enter(self, state: str) -> None:
+        """The trial is in that state from now on."""
+        if self._state == PAUSED:
+            self._paused_s += monotonic_s() - self._entered_s
+        self._state, self._entered_s = state, monotonic_s()
+
+    def left_s(self, done: int, trials: int) -> float | None:
+        """What the other trials will take, by what those took that are done; None before one is."""
+        present_s = monotonic_s() - self._entered_s if self._state == PAUSED else 0.0
+        ran_s = monotonic_s() - self.begun_s - self._paused_s - present_s
+        return ran_s / done * (trials - done) if done else None
 
 
 class LiveView:
@@ -101,6 +124,14 @@ class LiveView:
                 size = float(np.linalg.norm(values[-1, list(channels)]))
                 yield name, size * scale, limit * scale, shown
 
+    def thresholds(self) -> Iterator[tuple[str, float, float, str]]:
+        """Name, statistic, threshold and unit of each detector that has both: `contact 26.4 of 28.2 nats`."""
+        for name in self.deciding():
+            readings, unit = self.recording.latest(f"{DETECTOR}{name}", 1)
+            if len(readings) and np.isfinite(readings[-1]).all():
+                (value, threshold), unit = displayed(DETECTOR, readings[-1], unit)
+                yield name, float(value), float(threshold), unit
+
     def deciding(self) -> list[str]:
         """The detectors, what decides in the present state first."""
         first = self._behavior.deciding if self._behavior is not None else ()
@@ -130,6 +161,14 @@ class LiveView:
             for source in row.sources
         ]
         return {"states": list(behavior.states), "final": list(behavior.final), "ways": ways}
+
+    def after_resume(self) -> str:
+        """The state that follows a resume now: by the first row of the table without a condition; "" for none."""
+        if self._behavior is None:
+            return ""
+        here = self._behavior.state
+        rows = (row for row in self._behavior.table if row.trigger == "resumed" and here in row.sources)
+        return next((row.dest or here for row in rows if not row.conditions), here)
 
     def panels(self) -> list[str]:
         """Streams that are drawn: detectors' statistics with thresholds, their inputs, what the guard watches."""

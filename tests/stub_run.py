@@ -113,7 +113,7 @@ class StubRun:
         return [request for request, _ in self.requests]
 
     def end(self):
-        self.operator.press("stop")
+        self.operator.press("stop", "the test")
         self._thread.join(10.0)
         self.watched.campaign_ended("interrupted: the bench is still")
         self.keyboard.close()

@@ -41,7 +41,7 @@ def report(runs: Sequence[str], for_print: bool, out: Path) -> None:
 @click.argument("name", metavar="RUN")
 @verbs.out_option
 def watch(name: str, out: Path) -> None:
-    """Serve the live page of a RUN that goes on, and print its link; it ends with the run, or by Ctrl+C.
+    """Serve the live page of a RUN that goes on, and print its link; it stays until the page is closed, or Ctrl+C.
 
     The page is on this machine alone, and anyone with the link can pause and stop the run. Stop is not a safety
     function: use the robot's emergency stop.

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import socket
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -14,14 +15,17 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.campaign import Console, Watching
 from controller.console import PAUSED, ConsoleOperator
-from controller.live_view import LiveView
+from controller.live_view import Elapsed, LiveView
 from controller.outcomes import is_success
 from controller.recording.series import DETECTOR, extremes
 from controller.scales import displayed, scale_of
 from drivers.core.clock import rest
+
+Floats = NDArray[np.float64]
 
 SOCKET = "watch.sock"
 """In the run folder, as long as the run goes on: a user who may write there may watch."""
@@ -46,6 +50,9 @@ POINTS_HZ = 25.0
 
 ROWS = 200
 """Trials and events that a late client gets."""
+
+SILENCE, SHORTEST_GAP_S = 5.0, 0.02
+"""A step in time so many times the usual one, and at least so long, s, is a gap (assumption)."""
 
 COMMAND_BYTES = 4096
 """Longest line that is received (assumption: ten times any there is)."""
@@ -95,6 +102,8 @@ class Watched:
         self._run: dict[str, Any] = {}
         self._present: dict[str, Any] = {"trial": None, "state": "", "since_s": 0.0, "ended": None}
         self._factors: dict[str, Any] = {}
+        self._counts: Counter[str] = Counter()
+        self._elapsed = Elapsed()
         self._rows: list[list[Any]] = []
         self._feed: _Feed | None = None
 
@@ -109,6 +118,7 @@ class Watched:
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """From now on the run can be watched."""
         self._run = {"title": title, "trials": trials, "folder": folder.name}
+        self._elapsed = Elapsed()
         with suppress(OSError):  # a file system without sockets; the run is none the worse for it
             self._feed = _Feed(folder / SOCKET, self)
         if self._began is not None:
@@ -124,6 +134,7 @@ class Watched:
 
     def state(self, name: str, t_s: float) -> None:
         """Notes the state."""
+        self._elapsed.enter(name)
         self._present = self._present | {"state": name, "since_s": t_s}
         self._console.state(name, t_s)
 
@@ -140,11 +151,13 @@ class Watched:
         values = {scale_of(name): value for name, value in {**self._factors, **row}.items()}
         scaled = {scale.heading: scale.cell(value) for scale, value in values.items()}
         self._rows.append([trial, outcome, scaled, is_success(outcome, self._successes)])
+        self._counts[outcome] += 1
         self._console.trial_ended(trial, outcome, row)
 
     def campaign_ended(self, line: str) -> None:
         """Publishes the end to all clients, and nothing more."""
-        self._present = self._present | {"trial": None, "ended": line or "done"}
+        by = f"stopped by {self._operator.pressed_by}" if self._operator.stopped else ""
+        self._present = self._present | {"trial": None, "ended": line or "done", "by": by}
         feed, self._feed = self._feed, None
         if feed is not None:
             feed.end()
@@ -163,7 +176,7 @@ class Watched:
             if message["do"] == "answer":
                 self._operator.reply(int(message["number"]), bool(message["done"]))
             elif message["do"] in COMMANDS:
-                self._operator.press(message["do"])
+                self._operator.press(message["do"], "the live page")
             else:
                 return f"do must be answer, {', '.join(COMMANDS)}"
         except (
@@ -178,6 +191,12 @@ class Watched:
         news: dict[str, Any] = dict(self._present)
         news["stopped"] = self._operator.stopped
         news["paused"] = news["state"] == PAUSED
+        news["pressed_by"] = self._operator.pressed_by
+        counts = dict(self._counts)
+        news["counts"] = [
+            [name, number, is_success(name, self._successes)] for name, number in counts.items()
+        ]
+        news["left_s"] = self._elapsed.left_s(sum(counts.values()), self._run["trials"])
         news["question"] = question and {"number": question.number, "text": question.text}
         if not client.greeted:
             news["run"], client.greeted = self._run, True
@@ -192,6 +211,8 @@ class Watched:
                 news["diagram"] = view.diagram()
             news["t_s"] = view.now()
             news["margins"] = list(view.margins())
+            news["thresholds"] = list(view.thresholds())
+            news["resumes_in"] = view.after_resume() if news["paused"] else ""
             news["streams"] = view.ages()
             events = view.events(client.events)
             client.events += len(events)
@@ -220,20 +241,31 @@ class Watched:
             times.append(block.times)
             parts.append(block.physical)
         times_s, values = np.concatenate(times), np.concatenate(parts)
-        shown, unit = displayed(stream, values, fresh[0].unit)
-        shown, thresholds = shown[:, 0], shown[:, 1:]
         span_s = min(LATE_S, float(times_s[-1] - times_s[0]))
-        keep = extremes(shown, max(4, round(POINTS_HZ * span_s)))
-        keep = keep[np.isfinite(shown[keep])]
-        news = {
-            "t": times_s[keep].round(4).tolist(),
-            "y": shown[keep].tolist(),
-            "label": view.label(stream, unit),
-            "title": view.title(stream),
-        }
-        if stream.startswith(DETECTOR) and np.isfinite(thresholds[-1, 0]):
-            news["threshold"] = float(thresholds[-1, 0])
-        return news
+        news = curve(stream, times_s, values, fresh[0].unit, max(4, round(POINTS_HZ * span_s)))
+        return news | {"label": view.label(stream, news["unit"]), "title": view.title(stream)}
+
+
+def curve(stream: str, times_s: Floats, values: Floats, unit: str, points: int) -> dict[str, Any]:
+    """A signal's first channel to be drawn: of each stretch its least and largest value, and the last threshold; None
+    where samples are missing or nothing subscribed, so that nothing is drawn there."""
+    shown, unit = displayed(stream, values, unit)
+    shown, thresholds = shown[:, 0], shown[:, 1:]
+    steps_s = np.diff(times_s)
+    usual_s = max(float(np.median(steps_s)) if len(steps_s) else 0.0, SHORTEST_GAP_S / SILENCE)
+    breaks = np.flatnonzero(steps_s > SILENCE * usual_s)
+    keep = np.union1d(extremes(shown, points), np.concatenate([breaks, breaks + 1]))
+    keep = keep[np.isfinite(shown[keep])]
+    places = np.searchsorted(keep, breaks, side="right")
+    drawn: list[float | None] = shown[keep].tolist()
+    at_s = times_s[keep].round(4).tolist()
+    for place in places[::-1]:
+        at_s.insert(place, at_s[min(place, len(at_s) - 1)])
+        drawn.insert(place, None)
+    news: dict[str, Any] = {"t": at_s, "y": drawn, "unit": unit, "gap_s": SILENCE * usual_s}
+    if stream.startswith(DETECTOR) and np.isfinite(thresholds[-1, 0]):
+        news["threshold"] = float(thresholds[-1, 0])
+    return news
 
 
 class _Feed:

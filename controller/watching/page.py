@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import json
 import logging
 import secrets
 import socket
@@ -12,16 +13,31 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, ClassVar, NamedTuple
 
 from tornado.httpserver import HTTPServer
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from controller.watching.feed import SOCKET, at
+from controller.live_view import PANELS
+from controller.recording.run_folder import MANIFEST, RunFolderError
+from controller.recording.series import DETECTOR
+from controller.watching.feed import SOCKET, at, curve
+from drivers.core.clock import monotonic_s
 
 ALIVE_S = 1.0
-"""How often the page looks whether its run goes on, s."""
+"""How often the page looks whether its run goes on, and after it whether anyone still looks, s."""
+
+ABSENT_S = 5.0
+"""After the run's end it stays so long for one who loads it anew, s (assumption: a reload, a tablet that wakes)."""
+
+PING_S = 20.0
+"""How often a browser is asked whether it is still there, s: a tablet that was switched off closes nothing."""
+
+REPORT = "report.html"
+
+POINTS = 1500
+"""Points of a signal of a trial that has ended, as in a report."""
 
 LINE_BYTES = 1 << 24
 """Longest line of a run: far more than a late client gets."""
@@ -50,7 +66,10 @@ class Door(NamedTuple):
 
 
 class PageProcess:
-    """The process that serves the page of a run that begins; it ends with the run, and the run never waits for it."""
+    """The process that serves the page of a run that begins; the run never waits for it.
+
+    After the run's end it stays until the last browser has closed the page.
+    """
 
     def __init__(self, door: Door) -> None:
         self._process = subprocess.Popen(
@@ -82,15 +101,12 @@ class PageProcess:
             stream.flush()
 
     def close(self) -> None:
-        """Let it end, unless it does so by itself."""
+        """Leave it to those who look; one that never got a run ends."""
         with suppress(OSError):
             assert self._process.stdin is not None
             self._process.stdin.close()
-        try:
-            self._process.wait(2 * ALIVE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        if self._process.poll() is None:
+            self._process.returncode = 0  # nobody waits for it, and it may outlive this program
 
 
 class _Guarded(RequestHandler):
@@ -121,10 +137,35 @@ class _Page(_Guarded):
         self.finish(html())
 
 
+class _Report(_Guarded):
+    def get(self) -> None:
+        try:
+            self.finish((self.folder / REPORT).read_bytes())
+        except OSError:
+            self.set_status(404)
+            self.finish("404: the report is not written yet, or the run was told --no-report\n")
+
+
+class _Trial(_Guarded):
+    """The signals of a trial that has ended, read from the recording: the run is not asked."""
+
+    async def get(self) -> None:
+        try:
+            number = int(self.get_query_argument("number"))
+            self.finish(await asyncio.to_thread(trial_signals, self.folder, number))
+        except (ValueError, KeyError, RunFolderError) as error:
+            self.set_status(404)
+            self.finish(f"404: {error}\n")
+
+
 class _Wire(_Guarded, WebSocketHandler):
-    """A browser's line to the run: what comes from one side goes to the other, as fast as the slower takes it."""
+    """A browser's line to the run: what comes from one side goes to the other, as fast as the slower takes it.
+
+    It stays open after the run's end, and says how that was and whether there is a report.
+    """
 
     writer: asyncio.StreamWriter | None = None
+    open_ones: ClassVar[set[_Wire]] = set()
 
     def check_origin(self, origin: str) -> bool:
         """Looked at already."""
@@ -132,18 +173,20 @@ class _Wire(_Guarded, WebSocketHandler):
 
     async def open(self, *_: str, **__: str) -> None:
         self.set_nodelay(True)
-        try:
-            with at(self.folder / SOCKET) as name:
-                reader, self.writer = await asyncio.open_unix_connection(name, limit=LINE_BYTES)
-        except OSError:
-            self.close(reason="the run has ended")
-            return
+        self.open_ones.add(self)
+        reader = None
+        with suppress(OSError), at(self.folder / SOCKET) as name:
+            reader, self.writer = await asyncio.open_unix_connection(name, limit=LINE_BYTES)
         asyncio.create_task(self._relay(reader))  # noqa: RUF006 - ends with either side
 
-    async def _relay(self, reader: asyncio.StreamReader) -> None:
-        with suppress(WebSocketClosedError, OSError):
-            while line := await reader.readline():
-                await self.write_message(line.decode())
+    async def _relay(self, reader: asyncio.StreamReader | None) -> None:
+        with suppress(WebSocketClosedError):
+            with suppress(OSError):
+                while reader is not None and (line := await reader.readline()):
+                    await self.write_message(line.decode())
+            while not await asyncio.to_thread(alive, self.folder):  # else it is one too many
+                await self.write_message({"after": after(self.folder)})
+                await asyncio.sleep(ALIVE_S)
         self.close()
 
     def on_message(self, message: str | bytes) -> None:
@@ -151,6 +194,7 @@ class _Wire(_Guarded, WebSocketHandler):
             self.writer.write(message.replace("\n", " ").encode() + b"\n")
 
     def on_close(self) -> None:
+        self.open_ones.discard(self)
         if self.writer is not None:
             self.writer.close()
 
@@ -160,6 +204,35 @@ def html() -> str:
     from controller.reports.section import environment, library
 
     return environment().get_template("watch.html.j2").render(library=library())
+
+
+def after(folder: Path) -> dict[str, Any]:
+    """How a run that has ended ended, as its manifest says, and whether its report is there."""
+    ended: dict[str, Any] = {}
+    with suppress(OSError, ValueError):
+        ended = json.loads((folder / MANIFEST).read_text("utf-8"))["exit"]
+    return {**ended, "folder": str(folder), "report": (folder / REPORT).is_file()}
+
+
+def trial_signals(folder: Path, number: int) -> dict[str, Any]:
+    """The signals of a trial from its recording, as a run publishes them: detectors' statistics first.
+
+    Raises:
+        KeyError: nothing was recorded of it.
+        RunFolderError: it is damaged.
+    """
+    from controller.recording.reader import open_run
+
+    recording = open_run(folder).trial(number)
+    names = sorted(recording.streams, key=lambda name: not name.startswith(DETECTOR))[:PANELS]
+    signals = {}
+    for name in names:
+        series = recording.stream(name)
+        if len(series):
+            found = curve(name, series.times_s, series.values, series.unit, POINTS)
+            shown = name.removeprefix(DETECTOR)
+            signals[name] = found | {"label": f"{shown}, {found['unit']}" if found["unit"] else shown}
+    return {"trial": number, "signals": signals}
 
 
 def alive(folder: Path) -> bool:
@@ -176,16 +249,21 @@ def alive(folder: Path) -> bool:
 
 
 def serve(folder: Path, door: Door, ready: Callable[[], Any] = lambda: None) -> None:
-    """Serve the page until the run has ended."""
+    """Serve the page until the run has ended and nobody looks any more."""
     logging.getLogger("tornado").setLevel(logging.CRITICAL)
 
     async def run() -> None:
         known = {"door": door, "folder": folder}
-        server = HTTPServer(Application([("/", _Page, known), ("/wire", _Wire, known)]))
+        places = {"/": _Page, "/wire": _Wire, "/report": _Report, "/trial": _Trial}
+        handlers = [(place, handler, known) for place, handler in places.items()]
+        server = HTTPServer(Application(handlers, websocket_ping_interval=PING_S))
         door.socket.setblocking(False)
         server.add_sockets([door.socket])
         ready()
-        while await asyncio.to_thread(alive, folder):
+        looked_s = monotonic_s()
+        while monotonic_s() - looked_s < ABSENT_S:
+            if bool(_Wire.open_ones) or await asyncio.to_thread(alive, folder):
+                looked_s = monotonic_s()
             await asyncio.sleep(ALIVE_S)
         server.stop()
         await server.close_all_connections()

@@ -1,5 +1,6 @@
 """The live page in a real browser: Chromium without a window, which finds no network."""
 
+import json
 import os
 import signal
 
@@ -73,7 +74,11 @@ def ending(browser, tmp_path):
 
 def test_it_shows_the_state_the_signals_the_margins_the_trials_and_the_events(watching):
     page = watching.look()
-    assert page.locator("#now").inner_text().startswith("Trial 3, location f, speed 3.785 mm/s: APPROACH")
+    assert page.locator("#now").inner_text().startswith("Trial 3, location f, speed 3.785 mm/s: ")
+    assert page.locator("#state").inner_text() == "APPROACH"
+    assert page.locator("#verdict").inner_text() == "1 of 42 trials: 1 contact"
+    assert "left" in page.locator("#now").inner_text()
+    assert "contact 2" in page.locator("#thresholds").inner_text()
     assert page.locator("#diagram .here").text_content() == "APPROACH"
     for stream in ("detector.contact", "board.period", "board.load_cell", "stage.position"):
         page.wait_for_selector(f'[data-stream="{stream}"] .bk-Figure')
@@ -87,6 +92,9 @@ def test_two_who_watch_see_the_same_and_each_can_pause_and_go_on(watching):
     one, other = watching.look(), watching.look()
     one.get_by_role("button", name="Pause").click()
     other.wait_for_selector('body[data-state="PAUSED"]')
+    assert "PAUSED by the live page: nothing moves" in other.locator("#banner").inner_text()
+    assert "Resume goes on in HOMING" in other.locator("#banner").inner_text(), "as the behavior's table says"
+    assert other.locator("#diagram .next").text_content() == "HOMING"
     other.get_by_role("button", name="Resume").click()
     one.wait_for_selector('body[data-state="APPROACH"]')
     assert watching.run.received() == ["pause", "resume"]
@@ -101,6 +109,36 @@ def test_one_click_stops_and_the_stop_is_latched_over_a_reload(ending):
     page.wait_for_selector('#stop[aria-pressed="true"]')
     assert page.get_by_role("button", name="Stopped").is_visible()
     assert "not a safety function" in page.locator("#stopping").inner_text()
+
+
+def test_after_the_end_it_stays_says_who_ended_it_and_leads_to_the_report_and_on(ending):
+    page = ending.look()
+    ended = {"exit": {"status": "aborted", "code": 130, "reason": "interrupted"}}
+    (ending.run.folder / "manifest.json").write_text(json.dumps(ended))
+    (ending.run.folder / "report.html").write_text("<title>what came out</title>")
+    ending.run.end()
+    page.get_by_text("stopped by the test").wait_for()
+    page.get_by_text(f"run.py resume {ending.run.folder}").wait_for()
+    assert page.locator("#state").inner_text() == "STOPPED"
+    assert page.get_by_role("button", name="Stop").is_disabled()
+    page.reload()
+    with page.expect_popup() as report:
+        page.get_by_role("link", name="Open the report").click()
+    report.value.wait_for_load_state()
+    assert report.value.title() == "what came out"
+    report.value.close()
+
+
+def test_a_click_on_a_trial_shows_its_signals_and_gaps_as_gaps(watching):
+    page = watching.look()
+    signals = {"board.period": {"t": [0, 1, 2, 2, 3], "y": [1, 2, None, 3, 4], "label": "the period"}}
+    page.route("**/trial?**", lambda route: route.fulfill(json={"trial": 2, "signals": signals}))
+    page.locator("#rows tr").click()
+    page.get_by_text("Signals of trial 2").wait_for()
+    page.wait_for_selector('#panels [aria-label="the period"] .bk-Figure')
+    assert page.locator("#panels [data-stream]").count() == 1
+    page.get_by_role("button", name="Back to the present").click()
+    page.wait_for_selector('[data-stream="detector.contact"] .bk-Figure')
 
 
 def test_a_question_of_the_bench_is_answered(watching):

@@ -11,6 +11,7 @@ from config.profile import load_profile
 from controller.campaign import Campaign
 from controller.console import ConsoleOperator
 from controller.watching.feed import SOCKET, Watched, at
+from controller.watching.page import after, trial_signals
 from tests.scenarios.conftest import QUICK
 
 
@@ -32,6 +33,16 @@ def rows(out, watchers):
         each.close()
     assert (outcome.exit_code, outcome.error) == (0, None)
     assert not (outcome.folder / SOCKET).exists()
+    assert after(outcome.folder) | {"folder": "", "reason": ""} == {
+        "status": "done",
+        "code": 0,
+        "reason": "",
+        "folder": "",
+        "report": False,
+    }
+    signals = trial_signals(outcome.folder, plan.left[0].id)["signals"]
+    assert next(iter(signals)).startswith("detector."), "what decides comes first"
+    assert all(len(each["t"]) == len(each["y"]) > 1 for each in signals.values())
     return (outcome.folder / "trials.csv").read_bytes()
 
 

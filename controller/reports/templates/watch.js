@@ -3,22 +3,28 @@
   const QUIET_MS = 2000;  // after this long without a message the run counts as lost
   const at = (id) => document.getElementById(id);
   const [stop, pause, alarm] = [at("stop"), at("pause"), at("alert")];
-  let [wire, now, signals, charts, question, last] = [null, {}, {}, {}, null, 0];
+  let [wire, now, signals, charts, question, last, after, past] = [null, {}, {}, {}, null, 0, null, null];
 
   // --- the line to the run; a lost one is made anew
   const send = (message) => { if (wire?.readyState === WebSocket.OPEN) wire.send(JSON.stringify(message)); };
   const warn = (text) => { alarm.hidden = !text; alarm.textContent = text; };
   const connect = () => {
     wire = new WebSocket(`ws://${location.host}/wire${location.search}`);
-    wire.onopen = () => { at("rows").replaceChildren(); at("events").replaceChildren(); };
-    wire.onmessage = (event) => { last = Date.now(); update(JSON.parse(event.data)); };
-    wire.onclose = () => { if (!now.ended) setTimeout(connect, 1000); };
+    wire.onmessage = (event) => {
+      const message = JSON.parse(event.data);
+      last = Date.now();
+      if (message.refused) return console.warn(message.refused);
+      if (message.after) { after = message.after; return ended(); }
+      if (message.run) { at("rows").replaceChildren(); at("events").replaceChildren(); }
+      update(message);
+    };
+    wire.onclose = () => { if (!after) setTimeout(connect, 1000); };
   };
   setInterval(() => {
-    const lost = !now.ended && Date.now() - last > QUIET_MS;
+    const lost = !now.ended && !after && Date.now() - last > QUIET_MS;
     document.body.dataset.lost = lost;
-    stop.disabled = pause.disabled = wire.readyState !== WebSocket.OPEN || Boolean(now.ended);
-    warn(lost ? "No message from the run: this page can stop nothing now. Use the robot’s emergency stop." : now.ended ? `The run has ended: ${now.ended}` : "");
+    stop.disabled = pause.disabled = wire.readyState !== WebSocket.OPEN || Boolean(now.ended || after);
+    warn(lost ? "No message from the run: this page can stop nothing now. Use the robot’s emergency stop." : "");
   }, 500);
   stop.addEventListener("click", () => send({do: "stop"}));
   pause.addEventListener("click", () => send({do: now.paused ? "resume" : "pause"}));
@@ -26,38 +32,63 @@
     button.addEventListener("click", () => send({do: "answer", number: question.number, done: Boolean(button.dataset.done)}));
 
   // --- messages from the run
+  const words = (name) => name.replaceAll("_", " ");
+  const clock = (s) => s < 90 ? `${Math.ceil(s)} s` : s < 5400 ? `${Math.round(s / 60)} min` : `${(s / 3600).toFixed(1)} h`;
   const cells = (row, values, kind = "td") => { row.append(...values.map((value) => { const cell = document.createElement(kind); cell.textContent = value; return cell; })); return row; };
   const line = (values, kind) => cells(document.createElement("tr"), values, kind);
+  const part = (text, kind) => { const made = document.createElement("span"); made.className = kind; made.textContent = text; return made; };
+  const bars = (place, all) => at(place).replaceChildren(...(all ?? []).map(([name, value, limit, unit]) => {
+    const bar = document.createElement("div"), share = Math.min(1, Math.max(0, limit > 0 ? value / limit : 0));
+    bar.className = share > 0.8 ? "bar near" : "bar";
+    bar.append(`${name} ${value.toPrecision(3)} of ${limit.toPrecision(3)} ${unit}`, document.createElement("i"));
+    bar.lastChild.style.setProperty("--share", `${100 * share}%`);
+    return bar;
+  }));
+  const banner = (text, kind) => {
+    document.body.dataset.kind = kind;
+    at("banner").hidden = !text;
+    at("banner").firstElementChild.textContent = text;
+    at("next").hidden = !after;
+  };
+  const verdict = () => {
+    const counts = now.counts ?? [], done = counts.reduce((sum, [, number]) => sum + number, 0);
+    const said = counts.map(([name, number, good]) => part(`${number} ${words(name)}`, good ? "good" : "missed"));
+    at("verdict").replaceChildren(`${done} of ${now.run?.trials ?? "–"} trials${said.length ? ": " : ""}`, ...said.flatMap((each, place) => place ? [", ", each] : [each]));
+  };
   const update = (message) => {
-    if (message.refused) return console.warn(message.refused);
-    if (message.diagram) { signals = {}; charts = {}; at("panels").replaceChildren(); at("events").replaceChildren(); diagram(message.diagram); }
+    if (message.diagram) { signals = {}; if (!past) clear(); at("events").replaceChildren(); diagram(message.diagram); }
     now = {...now, ...message};
     at("title").textContent = `${now.run.title} · ${now.run.folder}`;
-    at("now").textContent = now.ended ? now.ended : `Trial ${now.trial ?? "–"}, ${now.factors ?? ""}: ${now.state || "begins"}, ${Number((now.t_s ?? 0).toPrecision(4))} s`;
+    verdict();
+    const left = Number.isFinite(now.left_s) && !now.ended ? `, about ${clock(now.left_s)} left` : "";
+    at("now").textContent = now.ended ? now.ended : `Trial ${now.trial ?? "–"}, ${now.factors ?? ""}: ${Number((now.t_s ?? 0).toPrecision(4))} s${left}`;
+    at("state").textContent = now.ended ? "ENDED" : now.state || "begins";
     document.body.dataset.state = now.ended ? "ended" : now.state;
+    document.title = `${at("state").textContent}: ${now.run.title}`;
+    if (now.ended) banner(now.by ? `The run was ${now.by}: ${now.ended}` : `The run has ended: ${now.ended}`, now.by ? "broken" : "done");
+    else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves, all is watched.${now.resumes_in ? ` Resume goes on in ${now.resumes_in}.` : ""}`, "paused");
+    else banner("", "running");
     pause.textContent = now.paused ? "Resume" : "Pause";
     stop.setAttribute("aria-pressed", now.stopped);
     stop.textContent = now.stopped ? "Stopped" : "Stop";
-    stop.title = now.stopped ? `Go on with: run.py resume ${now.run.folder}` : "";
     question = now.question;
     at("question").hidden = !question;
     at("question").firstElementChild.textContent = question?.text ?? "";
-    for (const state of at("diagram").querySelectorAll("[data-state]")) state.classList.toggle("here", state.dataset.state === now.state);
-    at("margins").replaceChildren(...(now.margins ?? []).map(([name, value, limit, unit]) => {
-      const label = document.createElement("label"), meter = document.createElement("meter");
-      Object.assign(meter, {max: limit, high: 0.8 * limit, value});
-      label.append(`${name} ${value.toFixed(2)} of ${limit.toFixed(1)} ${unit}`, meter);
-      return label;
-    }));
+    for (const state of at("diagram").querySelectorAll("[data-state]")) {
+      state.classList.toggle("here", state.dataset.state === now.state);
+      state.classList.toggle("next", Boolean(now.paused) && state.dataset.state === now.resumes_in);
+    }
+    bars("thresholds", now.thresholds);
+    bars("margins", now.margins);
     at("streams").replaceChildren(...(now.streams ?? []).map(([name, age_s, lost]) => line([name, `${Math.max(0, age_s).toFixed(2)} s`, lost])));
-    for (const [trial, outcome, row, success] of message.rows) {
+    for (const [trial, outcome, row, success] of message.rows ?? []) {
       const names = ["trial", "outcome", ...Object.keys(row)].slice(0, 9);
       at("heads").replaceChildren(line(names, "th"));
-      const result = line([trial, outcome.replaceAll("_", " "), ...Object.values(row)].slice(0, 9));
-      result.classList.toggle("missed", !success);
+      const result = line([trial, words(outcome), ...Object.values(row)].slice(0, 9));
+      result.cells[1].className = success ? "good" : "missed";
+      Object.assign(result, {tabIndex: 0, onclick: () => open(trial, result), onkeydown: (event) => { if (event.key === "Enter") open(trial, result); }});
       at("rows").prepend(result);
     }
-    at("count").textContent = `${at("rows").rows.length} of ${now.run.trials}`;
     for (const [t_s, text] of message.events ?? []) {
       const item = document.createElement("li");
       item.textContent = `${t_s.toFixed(3)} s  ${text}`;
@@ -67,28 +98,62 @@
     for (const [stream, piece] of Object.entries(message.signals ?? {})) grow(stream, piece);
   };
 
-  // --- charts: a signal each, with the threshold that it is held against
-  const grow = (stream, {t, y, label, title, threshold}) => {
-    const seen = signals[stream] ??= {t: [], y: [], threshold: NaN, label: stream};
+  // --- after the run: how it ended, its report, how it goes on
+  const ended = () => {
+    const killed = after.status === "running", good = after.status === "done" && !after.code;
+    if (!now.ended) Object.assign(now, {ended: killed ? "without a last word" : after.reason || after.status});
+    at("state").textContent = killed ? "GONE" : good ? "DONE" : now.by || after.status === "aborted" ? "STOPPED" : after.status === "done" ? "ENDED" : "FAULT";
+    document.body.dataset.state = "ended";
+    banner(killed ? "The program of this run is gone without an end: look at the bench." : at("banner").firstElementChild.textContent || `The run has ended: ${now.ended}`, good ? "done" : "broken");
+    at("next").replaceChildren();
+    if (after.report) {
+      const link = Object.assign(document.createElement("a"), {href: `/report${location.search}`, textContent: "Open the report", target: "_blank"});
+      at("next").append(link);
+    } else at("next").append("No report is written yet");
+    if (after.status !== "done") at("next").append(". To go on, in the terminal at the bench: ", Object.assign(document.createElement("code"), {textContent: `run.py resume ${after.folder}`}));
+  };
+
+  // --- a trial that has ended, in place of the present one
+  const open = async (trial, row) => {
+    const answer = await fetch(`/trial${location.search}&number=${trial}`).catch(() => null);
+    if (!answer?.ok) return warn(`Trial ${trial}: ${answer ? await answer.text() : "the page's program is gone"}`);
+    past = {};
+    clear();
+    for (const [stream, piece] of Object.entries((await answer.json()).signals)) grow(stream, piece, past);
+    for (const each of at("rows").rows) each.classList.toggle("open", each === row);
+    [at("whose").textContent, at("back").hidden] = [`Signals of trial ${trial}`, Boolean(now.ended)];
+    at("whose").scrollIntoView({block: "center"});
+  };
+  at("back").addEventListener("click", () => {
+    past = null;
+    clear();
+    for (const each of at("rows").rows) each.classList.remove("open");
+    [at("whose").textContent, at("back").hidden] = ["Signals now", true];
+  });
+
+  // --- charts: a signal each over one axis of time, with the threshold that it is held against
+  const clear = () => { charts = {}; at("panels").replaceChildren(); };
+  const grow = (stream, {t, y, label, title, threshold, gap_s}, kept = signals) => {
+    const seen = kept[stream] ??= {t: [], y: [], threshold: NaN, label: stream};
     if (label !== undefined) Object.assign(seen, {label, title});
     if (threshold !== undefined) seen.threshold = threshold;
+    if (seen.t.length && t.length && t[0] - seen.t.at(-1) > gap_s) { seen.t.push(t[0]); seen.y.push(NaN); }
     seen.t.push(...t);
-    seen.y.push(...y);
-    const from = seen.t.findIndex((t_s) => t_s >= now.t_s - SPAN_S);
+    seen.y.push(...y.map((value) => value ?? NaN));
+    const from = kept === signals ? seen.t.findIndex((t_s) => t_s >= now.t_s - SPAN_S) : 0;
     if (from > 0) { seen.t.splice(0, from); seen.y.splice(0, from); }
   };
-  const show = (stream, seen) => {
+  const show = (stream, seen, span) => {
     if (!seen.t.length) return;
     const drawn = charts[stream] ??= draw(stream, seen);
     drawn.source.data = stream.startsWith("detector.") ? steps(seen) : {t: seen.t.slice(), y: seen.y.slice()};
-    const span = {start: Math.max(0, now.t_s - SPAN_S), end: Math.max(now.t_s, 1)};
     drawn.limit.data = Number.isFinite(seen.threshold) ? {t: [span.start, span.end], y: [seen.threshold, seen.threshold]} : {t: [], y: []};
     Object.assign(drawn.range, span);
   };
   const draw = (stream, {label, title}) => {
     const ink = inks();
-    const range = new Bokeh.Range1d({start: 0, end: 1});
-    const plot = chart(ink, {height: 150, x_range: range, y_axis_label: label, title, tools: "", toolbar_location: null});
+    const range = new Bokeh.Range1d({start: 0, end: 1});  // every chart gets the same ends
+    const plot = chart(ink, {height: 140, x_range: range, title: title ? `${title} (${label}); dashed: threshold` : label, tools: "", toolbar_location: null, min_border_left: 64, min_border_right: 12});
     const source = new Bokeh.ColumnDataSource({data: {t: [], y: []}});
     plot.line({field: "t"}, {field: "y"}, {source, line_color: ink.ours, line_width: 1.4});
     const limit = new Bokeh.ColumnDataSource({data: {t: [], y: []}});
@@ -101,13 +166,18 @@
     Bokeh.Plotting.show(plot, box);
     return {source, limit, range};
   };
+  const spanOf = (shown) => {
+    const ends = Object.values(shown).flatMap(({t}) => t.length ? [t[0], t.at(-1)] : []);
+    return past ? {start: Math.min(...ends), end: Math.max(...ends)} : {start: Math.max(0, now.t_s - SPAN_S), end: Math.max(now.t_s, 1)};
+  };
   const paint = () => {  // a slow machine draws more seldom: clicks come first
     const begun = performance.now();
-    if (!document.hidden) for (const [stream, seen] of Object.entries(signals)) show(stream, seen);
+    const shown = past ?? signals, span = spanOf(shown);
+    if (!document.hidden) for (const [stream, seen] of Object.entries(shown)) show(stream, seen, span);
     setTimeout(paint, Math.max(200, 4 * (performance.now() - begun)));
   };
   paint();
-  theme(() => { charts = {}; at("panels").replaceChildren(); });
+  theme(clear);
 
   // --- states one below the other; ways to the next one straight, others around
   const svg = (name, given, text = "") => {

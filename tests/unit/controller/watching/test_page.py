@@ -8,13 +8,14 @@ from http.client import HTTPConnection
 from threading import Thread
 from time import sleep
 
+import numpy as np
 import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from controller.live_view import LiveView
 from controller.watching import feed
-from controller.watching.feed import CLIENTS, SOCKET, Watched, at
+from controller.watching.feed import CLIENTS, SOCKET, Watched, at, curve
 from controller.watching.page import Door, alive, serve
 from tests.stub_run import StubRun
 
@@ -27,7 +28,8 @@ def run(tmp_path):
 
 
 @pytest.fixture
-def door(run):
+def door(run, monkeypatch):
+    monkeypatch.setattr("controller.watching.page.ABSENT_S", 1.5)  # nobody loads it anew
     door = Door.open()
     thread = Thread(target=serve, args=(run.folder, door), daemon=True)
     thread.start()
@@ -120,6 +122,16 @@ def test_a_client_that_does_not_read_gets_nothing_more_and_holds_nothing_up(run)
         while not json.loads(lines.readline()).get("paused"):
             pass
     assert run.received() == ["pause"]
+
+
+def test_a_gap_is_published_as_a_gap():
+    times_s = np.concatenate([np.arange(0.0, 1.0, 0.001), np.arange(2.0, 3.0, 0.001)])
+    found = curve("board.load_cell", times_s, np.sin(times_s)[:, None], "N", 100)
+    place = found["y"].index(None)
+    assert found["y"].count(None) == 1
+    assert found["t"][place - 1] == 0.999
+    assert found["t"][place + 1] == 2.0
+    assert found["gap_s"] < 1.0
 
 
 @pytest.mark.parametrize(
