@@ -38,7 +38,7 @@ mutants: .venv/dev.stamp        ## what small changes the unit tests let pass: g
 
 docs: .venv/dev.stamp           ## the documentation as a searchable site in build/site; a link that leads nowhere is an error
 	rm -rf build/pages && mkdir -p build/pages
-	find *.md docs benchmarks simulator \( -name '*.md' -o -name '*.svg' \) -exec cp --parents -t build/pages {} +
+	find *.md docs benchmarks simulator \( -name '*.md' -o -name '*.svg' -o -name '*.png' \) -exec cp --parents -t build/pages {} +
 	$(BIN)/zensical build --strict >build/docs.log 2>&1 || { cat build/docs.log; exit 1; }
 	@echo "to search it: $(BIN)/python -m http.server -b 127.0.0.1 -d build/site, then open http://127.0.0.1:8000"
 

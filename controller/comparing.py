@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,15 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit  # a third of what all of scipy.stats takes to load
 
+from controller.measures import columns_of
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.reports.counts import Row, mean_of
 from controller.reports.generic import with_spread
-from controller.reports.section import environment
+from controller.reports.section import Comparing
 from controller.reports.settings import flat
-from controller.scales import scale_of
+from controller.reports.trial_signals import is_instant, shown_as
+from controller.scales import Scale, scale_of
 
 SECOND = " (second)"
 """Ends the names of the second run's columns."""
@@ -52,36 +53,28 @@ def compared(first: Run, second: Run) -> Iterator[str]:
     yield f"outcome: equal in {same}"
     for column in first.table.columns:
         if f"{column}{SECOND}" in pairs and column != "outcome":
-            line = _difference(column, pairs[column], pairs[f"{column}{SECOND}"])
+            line = _difference(scale_of(column), pairs[column], pairs[f"{column}{SECOND}"])
             if line:
                 yield line
 
 
 def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
-    """Write a page with tables and figures of both runs beside each other, into the second run's folder.
+    """Write the report of both, each in a part of its own, with tables and figures of both beside each other, into the
+    second run's folder.
 
     Args:
-        first: A run with a report.
-        second: Likewise.
         lines: The output of `compared`.
 
     Raises:
         RecordingError: it cannot be written.
     """
-    folders = [run.folder.path / "figures" for run in (first, second)]
-    drawn = [{str(path.relative_to(folder)): path for path in folder.rglob("*.svg")} for folder in folders]
-    figures = [
-        (name, [b64encode(each[name].read_bytes()).decode() if name in each else "" for each in drawn])
-        for name in sorted(drawn[0].keys() | drawn[1].keys())
-    ]
-    names = [run.folder.path.name for run in (first, second)]
+    from controller.reports.report import comparison_page  # what draws is loaded where something is drawn
+
     path = second.folder.path / "compare.html"
     means, pairs = _tables(first, second) if first.trials and second.trials else ([], [])
-    page = environment().get_template("compare.html.j2")
+    others = [line for line in lines if ", n = " not in line]  # those with n are in the table
     try:
-        others = [line for line in lines if ", n = " not in line]  # those with n are in the table
-        html = page.render(names=names, lines=others, figures=figures, means=means, pairs=pairs)
-        path.write_text(html, "utf-8")
+        path.write_text(comparison_page(first, second, Comparing(others, means, pairs)), "utf-8")
     except OSError as error:
         raise RecordingError(path, "writing", error, option="") from error
     return path
@@ -101,30 +94,37 @@ def _tables(first: Run, second: Run) -> tuple[list[Row], list[Row]]:
         for name in columns
     }
     numbers = [name for name in columns if all(values.notna().any() for values in found[name])]
+    numbers = [name for name in numbers if not is_instant(name, _meanings(first).get(name, ""))]
+    scales = {name: shown_as(name, list(pd.concat(found[name]).dropna())) for name in numbers}
     rows: list[Row] = []
     for name in numbers:
-        heading, factor = scale_of(name).heading, scale_of(name).factor
+        heading, factor = scales[name].heading, scales[name].factor
         one, other = (with_spread(mean_of(values.dropna()), factor) for values in found[name])
-        off = _difference(name, *found[name]).removeprefix(f"{heading}: ")
+        off = _difference(scales[name], *found[name]).removeprefix(f"{heading}: ")
         heads = ("measured", "first: mean ± σ (n)", "second", "second less first, mean (95 %)")
         rows.append(dict(zip(heads, (heading, one, other, off), strict=True)))
     every: list[Row] = []
     for pair in pairs.to_dict("records"):
         line: dict[str, Any] = {}
         for name in ("trial", *_factors(first, second)):
-            line |= {scale_of(name).heading: _cell(name, pair[name])}
+            line |= {scale_of(name).heading: _cell(scale_of(name), pair[name])}
         for name in ("outcome", *numbers):
-            both = {"first": _cell(name, pair[name]), "second": _cell(name, pair[f"{name}{SECOND}"])}
-            line[scale_of(name).heading] = both
+            scale = scales.get(name) or scale_of(name)
+            both = {"first": _cell(scale, pair[name]), "second": _cell(scale, pair[f"{name}{SECOND}"])}
+            line[scale.heading] = both
         every.append(line)
     return rows, every
 
 
-def _cell(name: str, value: Any) -> str:
-    return "" if pd.isna(value) else scale_of(name).cell(value)
+def _cell(scale: Scale, value: Any) -> str:
+    return "" if pd.isna(value) else scale.cell(value)
 
 
-def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:
+def _meanings(run: Run) -> dict[str, str]:
+    return {name: each.meaning for name, each in columns_of(str(run.manifest.get("experiment"))).items()}
+
+
+def _difference(scale: Scale, one: pd.Series[Any], other: pd.Series[Any]) -> str:
     """The mean of second less first over the pairs that have both, with Student's interval."""
     found = (
         (pd.to_numeric(other, errors="coerce") - pd.to_numeric(one, errors="coerce")).dropna().to_numpy(float)
@@ -135,7 +135,6 @@ def _difference(column: str, one: pd.Series[Any], other: pd.Series[Any]) -> str:
     if len(found) > 1:
         error = np.std(found, ddof=1) / math.sqrt(len(found))
         half = float(stdtrit(len(found) - 1, 0.5 + CONFIDENCE / 2) * error)
-    scale = scale_of(column)
     interval = "" if math.isnan(half) else f" ({scale.cell(mean - half)} to {scale.cell(mean + half)})"
     sign = "+" * (mean >= 0.0)
     return f"{scale.heading}: {sign}{scale.cell(mean)}{interval}, n = {len(found)}"

@@ -87,13 +87,14 @@ class Figures:
     """Saves figures into a run's `figures/` and hands each back as SVG for the page.
 
     Args:
+        folder: None writes none.
         simulated: What marks every figure: "simulated", "partly simulated", or "" for none.
         prefix: Begins the identifiers of its SVG elements: no two on one page are alike.
         also: Formats beside SVG, such as "pdf"; each costs as much again.
     """
 
     def __init__(
-        self, folder: Path, *, simulated: str = "", prefix: str = "s", also: Sequence[str] = ()
+        self, folder: Path | None, *, simulated: str = "", prefix: str = "s", also: Sequence[str] = ()
     ) -> None:
         self._also = also
         self._prefix = prefix
@@ -140,19 +141,20 @@ class Figures:
                 style="italic",
                 alpha=0.9,
             )
-        self._folder.mkdir(parents=True, exist_ok=True)
         # drawn in memory first: a full disk is then one plain error, not one from the inside of a writer
-        for kind in self._also:
-            picture = io.BytesIO()
-            figure.savefig(
-                picture, format=kind, dpi=300, metadata={"CreationDate": None} if kind == "pdf" else None
-            )
-            (self._folder / f"{name}.{kind}").write_bytes(picture.getvalue())
-        # the canvas lays out and draws once, where `savefig` does it twice
         buffer = io.StringIO()
+        # the canvas lays out and draws once, where `savefig` does it twice
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
         text = buffer.getvalue()
-        (self._folder / f"{name}.svg").write_text(text, "utf-8")
+        if self._folder:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            for kind in self._also:
+                picture = io.BytesIO()
+                figure.savefig(
+                    picture, format=kind, dpi=300, metadata={"CreationDate": None} if kind == "pdf" else None
+                )
+                (self._folder / f"{name}.{kind}").write_bytes(picture.getvalue())
+            (self._folder / f"{name}.svg").write_text(text, "utf-8")
         self._count += 1
         return _inline(text, f"{self._prefix}f{self._count}-")
 

@@ -65,7 +65,7 @@ def headline_of(
     found = given or _listed(experiment, rows, good) or _measured(runs, rows) or _successes(good, rows)
     marks = [result.mark for result in results if result.mark != "neither"]
     met = sum(mark in ("same", "met") for mark in marks)
-    judged = f"; judged comparisons that hold: {met} of {len(marks)}" if marks else ""
+    judged = f"; {met} of {len(marks)} checks against paper and goals pass" if marks else ""
     beside = f"; {found.verdict}" if found.verdict else ""
     state = "none" if not good else "all" if good == n else "some"
     return found._replace(verdict=f"{count}{missed}{beside}{judged}.", state=state)
@@ -138,7 +138,7 @@ def _number(own: Sequence[Row], line: Mapping[str, Any]) -> Headline | None:
 def _against(ours: float, paper: float, name: str) -> str:
     beside = Comparison(ours, paper)
     off = abs(ours / paper - 1.0)
-    return beside.times if off >= 0.5 else f"{_three(100.0 * off)} % {beside.side}" if off >= 0.005 else "as"
+    return beside.times if off >= 0.5 else f"{100.0 * off:.2g} % {beside.side}" if off >= 0.005 else "as"
 
 
 def _interval(known: Sequence[float], name: str) -> str:

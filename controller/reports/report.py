@@ -22,6 +22,7 @@ from controller.reports.first_screen import Drawn, again, headline_of, hero_of
 from controller.reports.papers import CITATION, settings_in
 from controller.reports.run_account import early_end, facts_of, setting_of
 from controller.reports.section import (
+    Comparing,
     Headline,
     Kind,
     Printed,
@@ -105,6 +106,13 @@ def build_report_with_summary(
     return path, [*(line for part in parts for line in in_lines(part)), *guard_lines(runs)]
 
 
+def comparison_page(first: Run, second: Run, comparing: Comparing) -> str:
+    """A page on two runs, which are never pooled on it."""
+    runs = [first, second] if first.folder.path != second.folder.path else [first]
+    title = " beside ".join(run.folder.path.name for run in (first, second))
+    return _page(runs, None, title, (), (), comparing)[0]
+
+
 def _beside(runs: Sequence[Run]) -> Path:
     """Where the page goes: into one run's folder; of several into none, for each has a page of its own."""
     last = runs[-1].folder.path
@@ -117,10 +125,11 @@ def _beside(runs: Sequence[Run]) -> Path:
 
 def _page(
     runs: Sequence[Run],
-    figures_path: Path,
+    figures_path: Path | None,
     title: str,
     paper: Sequence[Mapping[str, str]],
     also: Sequence[str],
+    comparing: Comparing | None = None,
 ) -> tuple[str, Sequence[SectionPart]]:
     parts: list[SectionPart] = []
     apart: list[Sequence[Row]] = []
@@ -131,14 +140,18 @@ def _page(
     for (experiment, bench), members in kinds.items():
         pooled = experiment_of(experiment, own_folders(members[-1].manifest)).pooled
         groups = _named(bench, by_settings(members, not pooled))
+        if comparing:
+            groups = {run.folder.path.name: [run] for run in members}
         for number, (name, group) in enumerate(groups.items(), start=1):
             alone = len(kinds) == len(groups) == 1
-            folder = figures_path if alone else figures_path / f"{experiment}_{bench}"
-            folder = folder / str(number) if len(groups) > 1 else folder
+            folder = figures_path
+            if folder and not alone:
+                folder /= f"{experiment}_{bench}"
+                folder = folder / str(number) if len(groups) > 1 else folder
             figures = Figures(folder, simulated=_marked(group[0]), prefix=f"s{len(parts)}", also=also)
             whole = [run for run in members if run.folder.path in {part.folder.path for part in group}]
             parts.append(_part(experiment, name, group, missing(whole), figures))
-        if len(groups) > 1:
+        if len(groups) > 1 and not comparing:
             apart.append(differences(groups))
     sections = [part.section for part in parts]
     tables = [table for run in runs for table in run.resolved.get("devices", {}).values()]
@@ -161,6 +174,7 @@ def _page(
         "ours": list(dict.fromkeys(ours)),
         "parts": parts,
         "apart": apart,
+        "comparing": comparing,
         "ends": [end for run in runs if (end := early_end(run)) is not None],
         "runs": [(run.folder.path.name, run.notes, facts_of(run)) for run in runs],
         "verdict": _verdict(parts),
@@ -185,7 +199,7 @@ def _verdict(parts: Sequence[SectionPart]) -> str:
     rows = [(run, row) for part in parts for run in part.runs for row in run.trials]
     marks = [result.mark for part in parts for result in part.results if result.mark != "neither"]
     met = sum(mark in ("same", "met") for mark in marks)
-    judged = f"; judged comparisons that hold: {met} of {len(marks)}" if marks else ""
+    judged = f"; {met} of {len(marks)} checks against paper and goals pass" if marks else ""
     good = sum(run.succeeded(row) for run, row in rows)
     return f"{good} of {len(rows)} trials succeeded, in {len(parts)} parts{judged}."
 

@@ -98,6 +98,14 @@ class Headline(NamedTuple):
     state: str = ""
 
 
+class Comparing(NamedTuple):
+    """What a page on two runs says of both: lines, the means of what was measured, and every pair of trials."""
+
+    lines: Sequence[str]
+    means: Sequence[Row]
+    pairs: Sequence[Row]
+
+
 class Figure(NamedTuple):
     """A picture, as an SVG element, and what it shows."""
 

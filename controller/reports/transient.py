@@ -6,14 +6,13 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from controller.measures.transient import ONSET_N
 from controller.measures.trial import not_before
 from controller.recording.reader import Run
-from controller.recording.series import DETECTOR, Series
 from controller.reports.approaches import (
     BOUNDS,
     NOISE,
@@ -45,14 +44,14 @@ from controller.reports.counts import (
     title,
     under,
 )
-from controller.reports.figures import FAINT, FALSE, INK, OURS, PAPER, Figures
-from controller.reports.run_account import acting_of, criterion_of, series_of, setting_of, statistic_of
+from controller.reports.figures import OURS, PAPER, Figures
+from controller.reports.run_account import acting_of, criterion_of, setting_of
 from controller.reports.section import Kind, Result, Section
 from controller.reports.settings import shown
 from controller.scales import NOTHING, scale_of
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -90,7 +89,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "learned": _learned(runs[0], acting),
             "detectors": [_score(name, score) for name, score in scores.items()],
             "stops": list(_stops(approaches)),
-            **_figures(figures, approaches, plain, rows),
+            **_figures(figures, rows),
             **_study(figures, study_rows(approaches)),
         },
         template="transient",
@@ -338,17 +337,9 @@ def _learned(run: Run, acting: str) -> str:
 # --- figures -----------------------------------------------------------------------------------------
 
 
-def _figures(
-    figures: Figures, approaches: Sequence[Approach], plain: Sequence[Approach], rows: Sequence[TableRow]
-) -> dict[str, Any]:
-    """Figures 5, 7, 8 and 9, each only where these runs have a point for it."""
-    example = representative(plain) or representative(approaches)
-    trace = trace_of(example) if example else None
-    found: dict[str, Any] = {"figure_5": "", "figure_7": "", "figure_8": "", "figure_9": ""}
-    if trace and example:
-        found |= {"figure_5": draw_trial(figures, trace), "trace": trace, "trial": example["trial"]}
-        found |= {"where": example.location, "speed": quantity("speed_m_s", example.speed_m_s, 3)}
-        found |= {name: quantity(name, example[name], n) for name, n in (("delay_s", 2), ("force_n", 3))}
+def _figures(figures: Figures, rows: Sequence[TableRow]) -> dict[str, Any]:
+    """Figures 7, 8 and 9, each only where these runs have a point for it."""
+    found: dict[str, Any] = {"figure_7": "", "figure_8": "", "figure_9": ""}
     papers = [row.paper for row in rows if row.paper and row.contacts]
     for name, side in (("figure_7", "pad"), ("figure_8", "back")):
         if any(paper["side"] == side and paper["study"] == "location" for paper in papers):
@@ -384,116 +375,6 @@ def _study(figures: Figures, cells: Sequence[Row]) -> dict[str, Any]:
         "figure_study": draw_study(figures, like) if len(like) > 1 else "",
         "study_rest": rest,
     }
-
-
-BEFORE_S, AFTER_S = 2.2, 0.35
-"""What Fig. 5 shows before onset and after standstill, seconds."""
-
-
-class Trace(NamedTuple):
-    """One approach, ready to be drawn; times in seconds of the trial's bench time.
-
-    Attributes:
-        force: Of the load cell.
-        period: Of the finger.
-        statistic: What the acting detector compared, and its threshold, decision by decision; empty where it was not
-            recorded.
-        label: What that is.
-        zero_n: The load cell before the approach.
-        contact_s: When the detector's contact began and ended.
-    """
-
-    approach: Approach
-    force: Series
-    period: Series
-    statistic: Series
-    label: str
-    zero_n: float
-    contact_s: Sequence[tuple[float, bool]]
-
-
-def representative(approaches: Sequence[Approach]) -> Approach | None:
-    """The approach to draw: a recorded contact at the distal end (d), as in Fig. 5, of median delay."""
-    seen = [each for each in approaches if each.detected and each["trial"] in each.run.recorded_trials]
-    like = [each for each in seen if each.location == "d"] or seen
-    like.sort(key=lambda each: each["delay_s"] or 0.0)
-    return like[len(like) // 2] if like else None
-
-
-def trace_of(approach: Approach) -> Trace | None:
-    """Read an approach's recording; None where it cannot be read, or has no load cell or no period counts."""
-    run, acting = approach.run, approach.acting
-    recording = run.readable(approach["trial"])
-    if recording is None:
-        return None
-    force, period = series_of(recording, "load_cell"), series_of(recording, "period")
-    if not len(force) or not len(period):
-        return None
-    mine = [event for event in run.events if event.get("trial") == approach["trial"]]
-    name, unit = statistic_of(run, acting)
-    begun_s = next((event["t_s"] for event in mine if event.get("next") == "APPROACH"), force.times_s[-1])
-    before = force.between(-math.inf, float(begun_s)).values
-    switches = [
-        (float(event["t_s"]), event["event"] == "Contact")
-        for event in mine
-        if event.get("event") in ("Contact", "ContactLost") and event.get("detector") == acting
-    ]
-    return Trace(
-        approach,
-        force,
-        period,
-        recording.stream(f"{DETECTOR}{acting}"),
-        f"{name} ({unit})" if unit else name,
-        float(before.mean()) if len(before) else 0.0,
-        switches,
-    )
-
-
-def draw_trial(figures: Figures, trace: Trace) -> str:
-    """Fig. 5: force, what the detector compares with its threshold (beside the raw frequency, where it is one), contact
-    state."""
-    approach = trace.approach
-    onset_s, detect_s = approach["onset_s"] or 0.0, approach["detect_s"] or 0.0
-    start_s = max(float(trace.force.times_s[0]), onset_s - BEFORE_S)
-    end_s = min(float(trace.force.times_s[-1]), (approach["standstill_s"] or detect_s) + AFTER_S)
-    force = trace.force.between(start_s, end_s)
-    with figures.figure(4.6, rows=3, sharex=True, height_ratios=[3, 4, 1]) as drawing:
-        top, middle, bottom = drawing.axes
-        top.plot(force.times_s, force.values[:, 0] - trace.zero_n, color=OURS, lw=0.7)
-        top.axhline(0.0, color=FAINT, lw=0.6, zorder=0)
-        top.set_ylabel("force (N)")
-        _draw_statistic(middle, trace, start_s, end_s)
-        times = np.maximum.accumulate([start_s, *(t_s for t_s, _ in trace.contact_s), end_s])
-        state = [0.0, *(float(on) for _, on in trace.contact_s)]
-        bottom.stairs(state, times, fill=True, color=OURS, alpha=0.25)
-        bottom.stairs(state, times, color=OURS, lw=1.0, baseline=None)
-        bottom.set(ylim=(-0.15, 1.25), yticks=[0, 1], yticklabels=["none", "contact"], ylabel="state")
-        for axes in drawing.axes:
-            axes.axvline(onset_s, color=INK, lw=0.7, ls=(0, (4, 2)))
-            axes.axvline(detect_s, color=FALSE, lw=0.9)
-        above: Any = {"y": 1.02, "va": "bottom", "fontsize": 8.5, "transform": top.get_xaxis_transform()}
-        top.text(onset_s, s="0.005 N reached", ha="right", **above)
-        top.text(detect_s, s=f"detected {detect_s - onset_s:.2f} s later", ha="left", color=FALSE, **above)
-        bottom.set(xlim=(start_s, end_s), xlabel="time since the trial began (s)")
-        drawing.figure.align_ylabels()
-        return drawing.save("fig_5_trial")
-
-
-def _draw_statistic(axes: Axes, trace: Trace, start_s: float, end_s: float) -> None:
-    period, held = trace.period.between(start_s, end_s), trace.statistic.between(start_s, end_s)
-    frequency = trace.statistic.unit == "Hz" or not len(trace.statistic)
-    if frequency:
-        raw: Any = {"color": FAINT, "lw": 0.8, "marker": ".", "ms": 3, "mec": PAPER, "mfc": PAPER}
-        axes.plot(period.times_s, 1.0 / period.values[:, 0], **raw, label="frequency, raw")
-    if len(held):
-        style: Any = {"drawstyle": "steps-post"}  # it stands until the next decision
-        axes.plot(held.times_s, held.values[:, 0], color=OURS, marker="o", ms=2.6, label=trace.label, **style)
-        dashed: Any = style | {"ls": (0, (5, 2)), "lw": 0.9, "label": "threshold"}
-        axes.plot(held.times_s, held.values[:, 1], color=FALSE, **dashed)
-    axes.set_ylabel("frequency (Hz)" if frequency else f"statistic ({trace.statistic.unit})")
-    axes.legend(loc="upper left", ncols=3)
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.12 * (high - low))  # room for the legend
 
 
 def draw_locations(figures: Figures, rows: Sequence[TableRow], side: str) -> str:

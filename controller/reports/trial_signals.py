@@ -182,7 +182,7 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
         for name, column in columns_of(str(run.manifest.get("experiment"))).items()
     }
     instants = {name for name in names if is_instant(name, declared.get(name, ""))}
-    scales = {name: _brief(name, [row.get(name) for run in runs for row in run.trials]) for name in names}
+    scales = {name: shown_as(name, [row.get(name) for run in runs for row in run.trials]) for name in names}
     rows = []
     for run in runs:
         for row in run.trials:
@@ -202,9 +202,8 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
             rows.append(TrialRow(key_of(runs, run, int(row["trial"] or 0)), state, why, cells))
     columns = []
     for name in names:
-        label = NAMES.get(name) or scales[name].label
-        unit = "ms" if name in instants else scales[name].unit
-        columns.append(TrialColumn(name, f"{label}, {unit}" if unit else label, declared.get(name, "")))
+        scale = scales[name]._replace(unit="ms") if name in instants else scales[name]
+        columns.append(TrialColumn(name, scale.heading, declared.get(name, "")))
     columns[1:1] = [TrialColumn("run", "run", "")] if len(runs) > 1 else []
     return columns, rows
 
@@ -216,9 +215,10 @@ def is_instant(name: str, meaning: str = "") -> bool:
     )
 
 
-def _brief(name: str, values: Sequence[object]) -> Scale:
-    """The scale of a column; in ms where its times are below a second."""
+def shown_as(name: str, values: Sequence[object]) -> Scale:
+    """The scale of a column as a person reads it: in ms where its times are below a second."""
     scale = scale_of(name)
+    scale = scale._replace(label=NAMES.get(name, scale.label))
     known = [abs(value) for value in values if is_number(value)]
     return (
         scale._replace(unit="ms", factor=1e3) if scale.unit == "s" and known and max(known) < 1.0 else scale

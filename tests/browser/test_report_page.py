@@ -108,7 +108,7 @@ def test_nothing_runs_over_the_edge_of_a_small_screen(page):
 
 
 def test_text_in_the_figures_is_text(page):
-    assert page.locator("figure svg text", has_text="frequency (Hz)").count() >= 1
+    assert page.locator("figure svg text", has_text="force").count() >= 1
     assert page.locator("figure svg[aria-label]").count() == page.locator("figure svg").count()
 
 

@@ -8,9 +8,8 @@ import pytest
 
 from config import assemble
 from config.profile import load_profile
-from controller.reports.approaches import read_approaches
+from controller.reports.first_screen import hero_of
 from controller.reports.report import build_report
-from controller.reports.transient import trace_of
 from controller.reports.trial_signals import payload
 from tests.unit.controller.reports.synthetic_runs import text_of
 
@@ -52,10 +51,13 @@ def test_the_first_drawn_point_above_the_threshold_is_the_decision(bench):
 
 def test_a_figure_and_its_text_speak_of_the_detector_that_stopped(bench):
     run = bench.run
-    trace = trace_of(read_approaches([run])[0])
-    decided = trace.statistic.between(trace.approach["detect_s"], trace.approach["detect_s"] + 1e-9)
-    assert decided.values[0, 0] > decided.values[0, 1]
-    assert trace.label == "departure of phase and amplitude from the prediction (σ)"
+    for drawn in hero_of("transient", [run]):
+        row = next(row for row in run.trials if row["trial"] == drawn.trial)
+        assert (drawn.moments.detector, drawn.moments.decided_s) == ("ours", row["detect_s"])
+        assert "departure of phase and amplitude from the prediction, σ" in drawn.panels[-1]
+        statistic = run.trial(drawn.trial).stream("detector.ours")
+        decided = statistic.between(row["detect_s"], row["detect_s"] + 1e-9)
+        assert decided.values[0, 0] > decided.values[0, 1]
     text = text_of(build_report([run]))
     assert "“ours” (resonance, on board.accelerometer) compares the departure of phase and amplitude" in text
     assert "“ours” (resonance) stops the approaches, not the paper" in text

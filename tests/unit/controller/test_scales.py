@@ -18,7 +18,7 @@ from controller.live import LiveConsole
 from controller.registry import EXPERIMENTS
 from controller.reports import generic
 from controller.reports.counts import under
-from controller.reports.trial_signals import is_instant, trial_table
+from controller.reports.trial_signals import is_instant, shown_as, trial_table
 from controller.scales import SHOWN, SUFFIXES, scale_of, shown_in
 from controller.watching.feed import Watched
 
@@ -191,8 +191,8 @@ def test_in_two_runs_beside_each_other(run):
     run.recorded_trials = [1]
     run.trial = lambda _: SimpleNamespace(factors=dict.fromkeys(run.factors, VALUE))
     means, (first, _) = comparing._tables(run, run)
-    measured = [name for name in COLUMNS if name not in run.factors]
-    headings = {scale_of(name).heading for name in measured}
+    measured = [name for name in COLUMNS if name not in run.factors and not is_instant(name)]
+    headings = {shown_as(name, [VALUE]).heading for name in measured}
     shown = [read(row["measured"], row["second"]) for row in means if row["measured"] in headings]
     assert shown == [near(VALUE)] * len(measured)
     cells = [cell.values() if isinstance(cell, dict) else [cell] for cell in first.values()]

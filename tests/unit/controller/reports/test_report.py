@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from controller.measures.transient import COLUMNS
 from controller.recording import reader
@@ -17,12 +18,13 @@ from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.registry import ExperimentKind
 from controller.reports import report, static
-from controller.reports.approaches import TABLE_1, read_approaches
+from controller.reports.approaches import TABLE_1
 from controller.reports.figures import Figures
+from controller.reports.first_screen import headline_of, hero_of
 from controller.reports.report import build_report, build_report_with_summary
 from controller.reports.section import Kind, Printed, library
 from controller.reports.settings import settings_table
-from controller.reports.transient import representative, section, trace_of
+from controller.reports.transient import section
 from tests.unit.controller.reports.synthetic_runs import (
     ONSET_S,
     Given,
@@ -128,7 +130,7 @@ def test_the_guards_stop_comes_before_anything_else_and_nothing_is_judged(campai
 
 def test_figures_are_saved_beside_the_page_their_panels_with_letters(campaign):
     folder = campaign[0].folder.path / "figures"
-    expected = ("fig_5_trial", "fig_7_pad", "fig_8_back", "fig_9_speed")
+    expected = ("fig_7_pad", "fig_8_back", "fig_9_speed")
     assert {path.name for path in folder.iterdir()} == {f"{name}.svg" for name in expected}
     figure = (folder / "fig_7_pad.svg").read_text("utf-8")
     assert [letter for letter in "abc" if f">{letter}</tspan>" in figure] == ["a", "b"]
@@ -287,14 +289,15 @@ def test_a_damaged_chunk_costs_its_figure_alone_and_the_page_says_so_in_one_line
     damaged = tmp_path / "damaged"
     shutil.copytree(campaign[0].folder.path, damaged)
     run = open_run(damaged)
-    recorded = run._index.trials[2]
-    path, (body, length) = recorded.path, recorded.chunks[-1]  # the approach that Fig. 5 draws
+    drawn = hero_of("transient", [campaign[0]])[0].trial
+    recorded = run._index.trials[drawn]
+    path, (body, length) = recorded.path, recorded.chunks[-1]  # the approach that is drawn as the typical one
     flip(path, 8 * (body + length // 2))
     shutil.rmtree(damaged / "figures")
     text = text_of(build_report([run]))
-    assert text.count("The recording of trial 2 is damaged") == 1
+    assert text.count(f"The recording of trial {drawn} is damaged") == 1
     assert "back a 19.05 3.785 1 0 0.33" in text
-    assert "Fig. 5." not in text
+    assert "Typical:" not in text
     assert {each.stem for each in (damaged / "figures").iterdir()} == {
         "fig_7_pad",
         "fig_8_back",
@@ -461,22 +464,29 @@ def test_no_run_is_no_report():
         build_report([])
 
 
-def test_fig_5_shows_a_distal_contact_of_median_delay(campaign):
-    approaches = read_approaches([campaign[0]])
-    assert (
-        representative(approaches).row["trial"] == 2
-    )  # 0.40 s of location d's 0.36 and 0.40: the upper median
-    assert representative([each for each in approaches if each.location == "f"]).row["trial"] == 4
-    assert representative([each for each in approaches if not each.detected]) is None
+def test_the_first_figure_has_the_success_of_median_delay_and_a_failed_trial(campaign):
+    run = campaign[0]
+    delays_s = sorted((row["delay_s"], row["trial"]) for row in run.trials if run.succeeded(row))
+    typical, failed = hero_of("transient", [run])
+    assert (typical.name, typical.trial) == ("typical", delays_s[(len(delays_s) - 1) // 2][1])
+    assert failed.name == "failed"
+    assert not run.succeeded(next(row for row in run.trials if row["trial"] == failed.trial))
+    moments = typical.moments
+    assert (moments.zero, moments.detector) == ("touch", "contact")
+    row = next(row for row in run.trials if row["trial"] == typical.trial)
+    assert moments.decided_s == row["detect_s"]
 
 
-def test_fig_5s_force_is_tared_before_the_approach_and_its_onset_is_where_it_says(campaign):
-    trace = trace_of(read_approaches([campaign[0]])[1])
-    assert trace.zero_n == pytest.approx(0.01, abs=1e-4)
-    force_n = trace.force.values[:, 0] - trace.zero_n
-    first = trace.force.times_s[np.flatnonzero(force_n > 0.005)[0]]
-    assert ONSET_S < first < ONSET_S + 0.1
-    assert trace.contact_s == [(ONSET_S + 0.40, True)]
+def test_an_experiment_opens_with_its_number_its_interval_and_the_papers(campaign):
+    run = campaign[0]
+    known = [row["delay_s"] for row in run.trials if row.get("delay_s") is not None]
+    found = headline_of("transient", [run], [], None)
+    assert float(found.ours.split()[0]) == pytest.approx(np.mean(known), rel=5e-3)
+    assert found.paper == "0.3 s"
+    low, high = map(float, re.findall(r"[\d.]+", found.interval))
+    half = stats.t.ppf(0.975, len(known) - 1) * np.std(known, ddof=1) / np.sqrt(len(known))
+    assert [low, high] == pytest.approx([np.mean(known) - half, np.mean(known) + half], rel=1e-2)
+    assert f"{sum(map(run.succeeded, run.trials))} of {len(run.trials)} trials succeeded" in found.verdict
 
 
 def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path, undrawn):
