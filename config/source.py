@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from config.hints import did_you_mean
+from config.hints import did_you_mean, near_or_all
 from controller.registry import FAMILIES
 from drivers.core.errors import PROGRAM
 
@@ -150,7 +150,26 @@ def read_source(name_or_path: str | Path, overrides: Mapping[str, str] | None = 
         given = nest((dotted, given_value(dotted, text)) for dotted, text in (overrides or {}).items())
     except ProfileError as error:
         raise ProfileError(f"--set: {error}") from None
-    return without_absent(source.joined(given, "--set"))
+    source = source.joined(given, "--set")
+    _check_absent(source, [*files.values(), given])
+    return without_absent(source)
+
+
+def _check_absent(source: Source, tables: Sequence[Table]) -> None:
+    """What is taken off must have been there.
+
+    Raises:
+        ProfileError: one was not; a wrong name would leave on what was meant.
+    """
+    problems = []
+    for section in TAKEN_OFF:
+        named = [table[section] for table in tables if isinstance(table.get(section), dict)]
+        there = {name for table in named for name, entry in table.items() if entry != ABSENT}
+        for name in sorted({name for table in named for name in table} - there):
+            where = f"{source.origin((section, name))}: [{section}] {name}"
+            problems.append(f'{where} = "{ABSENT}": nothing has that name; {near_or_all(name, there)}')
+    if problems:
+        raise ProfileError(problems)
 
 
 def without_absent(source: Source) -> Source:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
 from typing import Any
 
 from controller.by_hand import HandSession, unwatched
@@ -39,19 +42,22 @@ class Stopping:
         self._say = say
         self._open_one = open_one
         self._holders = list(holders(profile, where))
+        lines: defaultdict[str, Lock] = defaultdict(Lock)
+        self._line = {name: lines[str(where.get(name, name))] for name in entries}
 
     def run(self) -> bool:
-        """Stop them; whether every one is known to stand still."""
+        """Stop them, all at once, since a silent one takes its time; whether each is known to stand still."""
         for holder in self._holders:
             self._say(f"{holder} is asked to stop")
             holder.ask()
         for holder in self._holders:
             holder.ended(SOON_S)
         self._asides = {name: self._aside(name) for name in self._entries}
-        found = {name: self._stopped(name) for name in self._entries}
-        for name, (still, line) in found.items():
+        with ThreadPoolExecutor(max(1, len(self._entries))) as pool:
+            found = list(pool.map(self._stopped, self._entries))
+        for name, (still, line) in zip(self._entries, found, strict=True):
             self._say(f"{name}: {line}" if still else f"{name}: NOT seen standing still: {line}")
-        return all(still for still, _ in found.values())
+        return all(still for still, _ in found)
 
     def _stopped(self, name: str) -> tuple[bool, str]:
         holder, aside = self._holder(name), self._asides[name]
@@ -93,9 +99,9 @@ class Stopping:
         return True, f"stopped by {holder}, which saw its movers stand still"
 
     def _from_here(self, name: str) -> tuple[bool, str]:
-        """Open it, stop it, see it stand."""
+        """Open it, stop it, see it stand; movers on one line one after the other."""
         try:
-            with self._open_one(name) as session:  # type: ignore[misc]
+            with self._line[name], self._open_one(name) as session:  # type: ignore[misc]
                 if name not in session.movers:
                     return True, "does not move by itself"
                 result = session.run(lambda event: None, name, limits=unwatched(session.limits))

@@ -242,7 +242,7 @@ def test_every_verb_explains_itself_with_an_example(verb):
 
 
 def test_an_unforeseen_error_is_one_line_and_shows_its_place_with_debug(verb, monkeypatch):
-    def broken():
+    def broken(*_):
         raise RuntimeError("the table\nis broken")
 
     monkeypatch.setattr("config.listing.listed_profiles", broken)

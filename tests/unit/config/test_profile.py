@@ -95,6 +95,7 @@ def test_the_hash_follows_the_settings_and_not_the_files(write):
         ("detectors.contact.kind=resonanse", "[detectors.contact] kind", "did you mean 'resonance'"),
         ("detectors.contakt.kind=8", "[detectors.contakt] kind = 8", "known: level"),
         ("detectors.contakt.sample_hz=5", "[detectors.contakt] kind is missing", "did you mean 'contact'"),
+        ("detectors.contakt=none", '[detectors] contakt = "none"', "did you mean 'contact'"),
         ("experiment=tuch", 'experiment = "tuch"', "did you mean 'touch'"),
         ("plant.kind=none", '[plant] kind = "none" on the mock bench', "finger"),
         ("limts.force_n=1", "limts", "did you mean 'limits'"),
