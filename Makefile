@@ -52,7 +52,7 @@ check: .venv/dev.stamp docs     ## format, lint, types, import layers, links, st
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m tests.claims --stored
-	@! ls */*.py | cut -d/ -f1 | sort -u | grep -vxE 'touchbench|benchmarks|config|simulator|controller|behaviors|drivers|tests|mutants' \
+	@! ls */*.py | cut -d/ -f1 | sort -u | grep -vxE 'touchbench|benchmarks|config|simulator|controller|behaviors|drivers|tests|mutants|examples' \
 		|| { echo "a new package: give it a place in the layers in pyproject.toml, and here"; exit 1; }
 
 format: .venv/dev.stamp         ## put code into its format

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.records import Channel, Footer, Metadata
 
-from controller.outcomes import is_success, successes_in, word_of
+from controller.outcomes import counted, is_success, successes_in, word_of
 from controller.recording.ledger import Cell, read_ledger
 from controller.recording.mcap_file import CLOSED_AFTERWARDS, ChunkPlace, close_cut, messages, records, topics
 from controller.recording.run_folder import RunFolder, RunFolderError
@@ -28,7 +30,8 @@ from controller.recording.schemas import (
     reading_schema,
     schema_of,
 )
-from controller.recording.series import TrialRecording
+from controller.recording.series import Series, TrialRecording
+from controller.scales import si_unit
 from drivers.core.messages import SampleBlock
 
 if TYPE_CHECKING:
@@ -37,11 +40,14 @@ if TYPE_CHECKING:
 _TABLES = {"profile", "devices", "roles", "plant", "loop", "loss", "signals", "detectors", "outcomes", "exit"}
 """What of a manifest is a table of its own."""
 
+NOTEBOOK_ROWS = 8
+"""Trials that a notebook shows of a run (assumption: what leaves its cell on the screen)."""
+
 KEPT_BYTES = 64 << 20
 """How much of what was read is kept: sections of a report and its page ask for the same trials (assumption)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """A run as it stands on the disk.
 
@@ -56,6 +62,17 @@ class Run:
     trials: Sequence[Mapping[str, Cell]]
     events: Sequence[Mapping[str, Any]]
     notes: list[str] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        outcomes = counted(Counter(str(row["outcome"]) for row in self.trials), self.successes)
+        return (
+            f"Run({self.folder.path.name}: {outcomes or 'no trial'}; table, signal(TRIAL, STREAM), streams)"
+        )
+
+    def _repr_html_(self) -> str:
+        """For a notebook: what it is, its streams, and the first trials."""
+        table = self.table.head(NOTEBOOK_ROWS).to_html(index=False, float_format="%.4g", border=0)
+        return f"<p>{escape(repr(self))}<br>{escape(', '.join(self.streams))}</p>{table}"
 
     @property
     def simulated(self) -> bool:
@@ -91,10 +108,29 @@ class Run:
 
     @cached_property
     def table(self) -> DataFrame:
-        """The trials as a pandas table: a row each, columns as in trials.csv."""
+        """The trials as a pandas table: a row each, columns as in trials.csv; units are in `attrs["units"]`."""
         import pandas as pd
 
-        return pd.DataFrame(list(self.trials))
+        table = pd.DataFrame(list(self.trials))
+        table.attrs["units"] = {name: unit for name in table if (unit := si_unit(name.rpartition(".")[2]))}
+        return table
+
+    def signal(self, trial: int, name: str) -> Series:
+        """A stream of a trial: `run.signal(5, "board.load_cell").to_pandas()`, or `.to_xarray()`.
+
+        Raises:
+            KeyError: nothing was recorded of the trial, or it has no such stream.
+            RunFolderError: the recording is damaged.
+        """
+        recording = self.trial(trial)
+        if name not in recording.streams:
+            raise KeyError(f"trial {trial} has no stream {name}; it has: {', '.join(recording.streams)}")
+        return recording.stream(name)
+
+    @property
+    def streams(self) -> Sequence[str]:
+        """Names of what the first recorded trial has."""
+        return self.trial(self.recorded_trials[0]).streams if self.recorded_trials else []
 
     @cached_property
     def successes(self) -> Sequence[str] | None:

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.core.errors import lacking
 from drivers.core.messages import SampleBlock
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import DataArray
 
 DETECTOR = "detector."
 """Begins the streams of what detectors held against their thresholds: `detector.NAME`, statistic and threshold."""
@@ -36,7 +42,7 @@ class Gap(Span):
     samples: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Series:
     """One stream of one trial.
 
@@ -45,6 +51,7 @@ class Series:
         values: In `unit`, shape (n, channels).
         unit: Unit of the values, "" where nothing was recorded.
         skipped: Where it had no subscriber: no loss.
+        name: Of the stream, `board.load_cell`.
     """
 
     times_s: NDArray[np.float64]
@@ -52,9 +59,47 @@ class Series:
     unit: str = ""
     gaps: tuple[Gap, ...] = ()
     skipped: tuple[Span, ...] = ()
+    name: str = ""
 
     def __len__(self) -> int:
         return len(self.times_s)
+
+    def __repr__(self) -> str:
+        span = f", {self.times_s[0]:.3f} to {self.times_s[-1]:.3f} s" if len(self) else ""
+        gaps = f", {len(self.gaps)} gaps" if self.gaps else ""
+        return f"Series({self.name}, {self.unit}: {len(self)} samples of {self.values.shape[1]}{span}{gaps})"
+
+    @property
+    def channels(self) -> list[str]:
+        """Names of the channels: of a detector what its reading has, else the stream's own, numbered."""
+        if self.name.startswith(DETECTOR):
+            return ["statistic", "threshold"][: self.values.shape[1]]
+        several = self.values.shape[1] > 1
+        return [f"{self.name}.{number}" if several else self.name for number in range(self.values.shape[1])]
+
+    def to_pandas(self) -> DataFrame:
+        """A column for each channel, by bench time `t_s`, s; `attrs["units"]` has the unit of each."""
+        import pandas as pd
+
+        frame = pd.DataFrame(self.values, pd.Index(self.times_s, name="t_s"), self.channels)
+        frame.attrs["units"] = {"t_s": "s", **dict.fromkeys(self.channels, self.unit)}
+        return frame
+
+    def to_xarray(self) -> DataArray:
+        """An array of (t_s, channel); `attrs["units"]` of it and of its time as xarray and pint read them.
+
+        Raises:
+            ImportError: xarray is not installed.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise ImportError("; ".join(lacking("xarray", "xarray"))) from error
+        time = ("t_s", self.times_s, {"units": "s"})
+        coordinates = {"t_s": time, "channel": self.channels}
+        return xarray.DataArray(
+            self.values, coordinates, ("t_s", "channel"), name=self.name, attrs={"units": self.unit}
+        )
 
     def between(self, t0_s: float, t1_s: float) -> Series:
         """The samples with t0_s <= t < t1_s, and the gaps and skipped spans that touch them."""
@@ -65,6 +110,7 @@ class Series:
             self.unit,
             tuple(gap for gap in self.gaps if gap.t0_s < t1_s and gap.t1_s > t0_s),
             tuple(span for span in self.skipped if span.t0_s < t1_s and span.t1_s > t0_s),
+            self.name,
         )
 
 
@@ -114,13 +160,13 @@ class TrialRecording:
         blocks, skipped = self._blocks.get(name, ()), self._skipped.get(name, ())
         known = (name, len(blocks), len(skipped))
         if self._joined is None or self._joined[0] != known:
-            self._joined = known, _joined([block for block in blocks if len(block)], tuple(skipped))
+            self._joined = known, _joined(name, [block for block in blocks if len(block)], tuple(skipped))
         return self._joined[1]
 
 
-def _joined(blocks: Sequence[SampleBlock], skipped: tuple[Span, ...]) -> Series:
+def _joined(name: str, blocks: Sequence[SampleBlock], skipped: tuple[Span, ...]) -> Series:
     if not blocks:
-        return Series(np.empty(0), np.empty((0, 1)), skipped=skipped)
+        return Series(np.empty(0), np.empty((0, 1)), skipped=skipped, name=name)
     times = [block.times for block in blocks]
     return Series(
         np.concatenate(times),
@@ -128,6 +174,7 @@ def _joined(blocks: Sequence[SampleBlock], skipped: tuple[Span, ...]) -> Series:
         blocks[0].unit,
         tuple(_gaps(blocks, times, skipped)),
         skipped,
+        name,
     )
 
 

@@ -23,6 +23,7 @@ EXTRAS = (
     "distributed",
     "foxglove",
     "pyarrow",
+    "xarray",
     "nidaqmx",
     "grpc",
 )
@@ -79,7 +80,7 @@ READING = {
     ("export", "latest", "--to", "csv"): "samples_1.csv",
     ("export", "latest", "--to", "rosbag2"): "trial_1.mcap",
     ("replay", "latest", "--detector", "resonance.paper"): '"event": "Contact"',
-    ("list",): "hardware/slip",
+    ("list", "slip"): "hardware/slip",
 }
 """Verbs, and what each of them prints."""
 
