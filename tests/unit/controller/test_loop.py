@@ -1150,6 +1150,17 @@ def test_no_stream_was_silent_while_the_program_was_suspended(bench, restless):
     assert bench.behavior.outcome == "contact"
 
 
+def test_a_signal_that_falls_silent_after_a_suspension_ends_the_trial(bench, restless):
+    bench.on_the_wall_clock()
+    bench.signals, bench.behavior = (Doubled(),), Approach(rest_s=90.0, resting=frozenset({"signals.double"}))
+    bench.requests = [("suspend", 0.05), ("resume", 60.1)]
+    read = bench.board.read
+    bench.board.read = lambda: read() if bench.clock.now() < 60.2 else []
+    bench.run()
+    assert bench.behavior.reason.startswith("board failed: board.force is silent for 0.4")
+    assert bench.clock.now() < 61.0
+
+
 def test_a_paused_bench_can_be_suspended_as_often_as_one_likes(bench, restless):
     bench.requests = [("pause", 0.15), ("suspend", 0.2), ("suspend", 10.0), ("resume", 100.0)]
     bench.on_the_wall_clock()
