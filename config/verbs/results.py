@@ -59,7 +59,7 @@ def watch(name: str, out: Path) -> None:
     door = Door.open()
     click.echo(door.link)
     sys.stdout.flush()
-    serve(folder, door, lambda: verbs.browse(door.link))
+    serve(lambda: folder, door, lambda: verbs.browse(door.link))
 
 
 @click.command("open", cls=verbs.Verb, short_help="Open the report of a run in the browser.")

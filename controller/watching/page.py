@@ -112,8 +112,8 @@ class PageProcess:
 class _Guarded(RequestHandler):
     """Answers only requests with the link, by the name that is in it: no other site, no other host."""
 
-    def initialize(self, door: Door, folder: Path) -> None:
-        self.door, self.folder = door, folder
+    def initialize(self, door: Door, place: asyncio.Future[Path | None]) -> None:
+        self.door, self.place = door, place
 
     def prepare(self) -> None:
         given = self.get_query_argument("token", "")
@@ -138,10 +138,12 @@ class _Page(_Guarded):
 
 
 class _Report(_Guarded):
-    def get(self) -> None:
+    async def get(self) -> None:
+        folder = await self.place
         try:
-            self.finish((self.folder / REPORT).read_bytes())
-        except OSError:
+            assert folder is not None
+            self.finish((folder / REPORT).read_bytes())
+        except (OSError, AssertionError):
             self.set_status(404)
             self.finish("404: the report is not written yet, or the run was told --no-report\n")
 
@@ -150,9 +152,11 @@ class _Trial(_Guarded):
     """The signals of a trial that has ended, read from the recording: the run is not asked."""
 
     async def get(self) -> None:
+        folder = await self.place
         try:
             number = int(self.get_query_argument("number"))
-            self.finish(await asyncio.to_thread(trial_signals, self.folder, number))
+            assert folder is not None
+            self.finish(await asyncio.to_thread(trial_signals, folder, number))
         except (ValueError, KeyError, RunFolderError) as error:
             self.set_status(404)
             self.finish(f"404: {error}\n")
@@ -174,18 +178,21 @@ class _Wire(_Guarded, WebSocketHandler):
     async def open(self, *_: str, **__: str) -> None:
         self.set_nodelay(True)
         self.open_ones.add(self)
+        folder = await self.place
+        if folder is None:
+            return
         reader = None
-        with suppress(OSError), at(self.folder / SOCKET) as name:
+        with suppress(OSError), at(folder / SOCKET) as name:
             reader, self.writer = await asyncio.open_unix_connection(name, limit=LINE_BYTES)
-        asyncio.create_task(self._relay(reader))  # noqa: RUF006 - ends with either side
+        asyncio.create_task(self._relay(folder, reader))  # noqa: RUF006 - ends with either side
 
-    async def _relay(self, reader: asyncio.StreamReader | None) -> None:
+    async def _relay(self, folder: Path, reader: asyncio.StreamReader | None) -> None:
         with suppress(WebSocketClosedError):
             with suppress(OSError):
                 while reader is not None and (line := await reader.readline()):
                     await self.write_message(line.decode())
-            while not await asyncio.to_thread(alive, self.folder):  # else it is one too many
-                await self.write_message({"after": after(self.folder)})
+            while not await asyncio.to_thread(alive, folder):  # else it is one too many
+                await self.write_message({"after": after(folder)})
                 await asyncio.sleep(ALIVE_S)
         self.close()
 
@@ -248,20 +255,26 @@ def alive(folder: Path) -> bool:
     return True
 
 
-def serve(folder: Path, door: Door, ready: Callable[[], Any] = lambda: None) -> None:
-    """Serve the page until the run has ended and nobody looks any more."""
+def serve(find: Callable[[], Path | None], door: Door, ready: Callable[[], Any] = lambda: None) -> None:
+    """Serve the page until the run has ended and nobody looks any more.
+
+    Args:
+        find: Waits for the run's folder; None where no run began. The page can be loaded before.
+    """
     logging.getLogger("tornado").setLevel(logging.CRITICAL)
 
     async def run() -> None:
-        known = {"door": door, "folder": folder}
+        finding = asyncio.ensure_future(asyncio.to_thread(find))
+        known = {"door": door, "place": finding}
         places = {"/": _Page, "/wire": _Wire, "/report": _Report, "/trial": _Trial}
         handlers = [(place, handler, known) for place, handler in places.items()]
         server = HTTPServer(Application(handlers, websocket_ping_interval=PING_S))
         door.socket.setblocking(False)
         server.add_sockets([door.socket])
         ready()
+        folder = await finding
         looked_s = monotonic_s()
-        while monotonic_s() - looked_s < ABSENT_S:
+        while folder is not None and monotonic_s() - looked_s < ABSENT_S:
             if bool(_Wire.open_ones) or await asyncio.to_thread(alive, folder):
                 looked_s = monotonic_s()
             await asyncio.sleep(ALIVE_S)
@@ -271,7 +284,12 @@ def serve(folder: Path, door: Door, ready: Callable[[], Any] = lambda: None) -> 
     asyncio.run(run())
 
 
+def _begun() -> Path | None:
+    """The folder of the run that began this process, once it has one."""
+    line = sys.stdin.readline().strip()
+    return Path(line) if line else None
+
+
 if __name__ == "__main__":
-    secret, place = sys.stdin.readline().strip(), sys.stdin.readline().strip()
-    if place:
-        serve(Path(place), Door(socket.socket(fileno=int(sys.argv[1])), secret))
+    secret = sys.stdin.readline().strip()
+    serve(_begun, Door(socket.socket(fileno=int(sys.argv[1])), secret))

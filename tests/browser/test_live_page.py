@@ -117,10 +117,11 @@ def test_after_the_end_it_stays_says_who_ended_it_and_leads_to_the_report_and_on
     (ending.run.folder / "manifest.json").write_text(json.dumps(ended))
     (ending.run.folder / "report.html").write_text("<title>what came out</title>")
     ending.run.end()
+    page.wait_for_selector('body[data-state="ended"]')
     page.get_by_text("stopped by the test").wait_for()
     page.get_by_text(f"run.py resume {ending.run.folder}").wait_for()
     assert page.locator("#state").inner_text() == "STOPPED"
-    assert page.get_by_role("button", name="Stop").is_disabled()
+    page.wait_for_selector("#stop:disabled")
     page.reload()
     with page.expect_popup() as report:
         page.get_by_role("link", name="Open the report").click()

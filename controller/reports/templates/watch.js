@@ -105,6 +105,7 @@
     at("state").textContent = killed ? "GONE" : good ? "DONE" : now.by || after.status === "aborted" ? "STOPPED" : after.status === "done" ? "ENDED" : "FAULT";
     document.body.dataset.state = "ended";
     banner(killed ? "The program of this run is gone without an end: look at the bench." : at("banner").firstElementChild.textContent || `The run has ended: ${now.ended}`, good ? "done" : "broken");
+    stop.disabled = pause.disabled = true;
     at("next").replaceChildren();
     if (after.report) {
       const link = Object.assign(document.createElement("a"), {href: `/report${location.search}`, textContent: "Open the report", target: "_blank"});

@@ -31,7 +31,7 @@ def run(tmp_path):
 def door(run, monkeypatch):
     monkeypatch.setattr("controller.watching.page.ABSENT_S", 1.5)  # nobody loads it anew
     door = Door.open()
-    thread = Thread(target=serve, args=(run.folder, door), daemon=True)
+    thread = Thread(target=serve, args=(lambda: run.folder, door), daemon=True)
     thread.start()
     yield door
     run.end()
