@@ -91,6 +91,18 @@ def blows(show: Callable[[str], bytes]) -> dict[str, Floats]:
     return found
 
 
+def beam(show: Callable[[str], bytes]) -> dict[str, Floats]:
+    """A beam whose roller support is moved in steps: accelerometer and roller position, V, at 5 kHz; four runs of 14 s.
+
+    A. Vereen et al., Dataset-8 DROPBEAR Acceleration vs Roller Displacement, 2023 (CC BY-SA 4.0).
+    """
+    found = {}
+    for name in ("test0", "test1", "test2", "test3"):
+        text = show(f"data/Slow Postional Displacement/trial data/10steps/{name}.txt").decode()
+        found[name] = np.loadtxt(StringIO(text), skiprows=8, usecols=(1, 2))
+    return found
+
+
 SOURCES: Mapping[str, tuple[str, str, Callable[[Callable[[str], bytes]], dict[str, Floats]]]] = {
     "biotac": ("dexrob/BioTac_slide_20_50", "c19638b", biotac),
     "tribometer": (
@@ -102,6 +114,11 @@ SOURCES: Mapping[str, tuple[str, str, Callable[[Callable[[str], bytes]], dict[st
         "romangrigorii/comparison-of-wideband-viborotactile-and-friction-modulation-surface-gratings",
         "e19fed0d9dae8c0034e8eb1b8b3374c9d34ce561",
         blows,
+    ),
+    "beam": (
+        "High-Rate-SHM-Working-Group/Dataset-8-DROPBEAR-Acceleration-vs-Roller-Displacement",
+        "28955a7",
+        beam,
     ),
 }
 """Repository on GitHub, commit, and what reads the arrays to keep by a function that returns a file's bytes."""

@@ -25,8 +25,9 @@ HORIZONS, PERIODS, LEVELS = (HOPS, 2 * HOPS), 6, 3
 amplitudes of three. Chosen on the finger of mock/transient_hard (benchmarks/contact), where from four to ten periods
 little changes."""
 
-MEMORY = PERIODS * HOPS
-"""Hops that a prediction looks back."""
+PERIODS_SHARE = 6
+"""A baseline of fewer than four times `PERIODS` periods has one of the memory for each so many, one at least: 0.3 s are
+eight periods at 28 Hz. Assumption."""
 
 PRIOR_VALUES = 100.0
 """What the plain prediction (frequency and amplitude stay) is worth, in independent values of the baseline: of 14, 40,
@@ -49,6 +50,22 @@ large while the loop locks again. Chosen on 224 approaches with a held contact."
 DOUBT = 3
 """A hop that is not as before cancels this many that were. Chosen there as well."""
 
+NOISE_S, LOUDER = 0.15, 1.5
+"""Memory of the noise that is followed, s: where it is so many times as loud as the baseline's, more than a quiet
+stretch is by chance, deviations are over it. The last two periods are left out, a contact's own. Chosen on 60
+approaches with louder noise (benchmarks/contact_steps)."""
+
+MAINS_HZ, HUM, LINE_HZ = (50.0, 60.0), 0.1, 1.0
+"""Lines of the mains; a baseline with one beyond this share of the oscillation is refused, for a hum beats with the
+finger; and how near the oscillation's own frequency a line cannot be told from it."""
+
+FLOOR, LEAST_VALUES = 0.03, 12.0
+"""Least deviation of a residual, rad or relative, in a baseline of fewer independent values: half a percent of the
+frequency over a period. With it a short baseline is worth that many. Assumptions."""
+
+SMOOTH = 20.0
+"""What is this many times as fast as `free_hz_to`, or faster, is averaged away where the rate allows it. Assumption."""
+
 PERIODS_A_VALUE = 2.0
 """Values of the baseline this many periods apart are independent. Assumption: twice the window."""
 
@@ -59,7 +76,7 @@ class ResonanceSettings(Settings):
     input: StreamName = "board.accelerometer"
     """Waveform of the finger's oscillation, at a fixed rate of ten samples a period or more."""
 
-    baseline_s: BaselineS = Field(default=10.0, ge=0.6, le=600.0)
+    baseline_s: BaselineS = Field(default=10.0, ge=0.3, le=600.0)
     """Time without contact in which the free oscillation is learned, s. A short one raises the threshold, as
     Student's t does for a normal deviate."""
 
@@ -70,8 +87,12 @@ class ResonanceSettings(Settings):
     senses: Literal["all", "phase", "amplitude", "frequency"] = "all"
     """Which quantity of the waveform is compared with the threshold."""
 
+    stiffness: Literal["rises", "falls", "either"] = "rises"
+    """What a contact does to the oscillator's stiffness. With "either" any departure counts, whatever `senses` says."""
+
     free_hz_from: float = Field(default=15.0, gt=0.0, le=1e4)
-    """The free finger oscillates no slower, Hz: else the baseline is refused. Assumption: half of the paper's 28."""
+    """The free finger oscillates no slower, Hz: else the baseline is refused; the peak is looked for from half of this
+    to half again `free_hz_to`. Assumption: half of the paper's 28."""
 
     free_hz_to: float = Field(default=42.0, gt=0.0, le=1e4)
     """And no faster, Hz. Assumption: half again the paper's 28, which leaves room for flexion; full contact has 50."""
@@ -136,6 +157,7 @@ class ResonanceDetector:
         """Restart the memory: the next prediction needs all of it."""
         self._past = np.empty((0, 3))  # time, logarithm of the amplitude, phase
         self._quiet_hops = 0
+        self._noise, self._recent = 1.0, [1.0] * HORIZONS[-1]
         if self._envelope is not None:
             self._envelope.restart()
 
@@ -200,7 +222,8 @@ class ResonanceDetector:
     def _learn(self, times_s: Floats, x: Floats, rate_hz: float, mistuned: float = 1.0) -> Detected:
         """Learn free frequency, and mean and covariance of the residuals."""
         t_s, settings = float(times_s[-1]), self.settings
-        free_hz = mistuned * _frequency(x - x.mean(), rate_hz)
+        peak_hz = _frequency(x - x.mean(), rate_hz, 0.5 * settings.free_hz_from, 1.5 * settings.free_hz_to)
+        free_hz = mistuned * peak_hz
         found, reason = np.empty((0, 3)), ""
         if not settings.free_hz_from <= free_hz <= settings.free_hz_to:
             reason = (
@@ -209,8 +232,16 @@ class ResonanceDetector:
             )
         elif HOPS * free_hz > rate_hz:
             reason = f"{rate_hz:g} samples a second are too few for {free_hz:.3g} Hz"
+        elif hum := _hum(x - x.mean(), rate_hz, peak_hz):
+            reason = hum
         else:
-            self._envelope = Envelope(free_hz, rate_hz, HOPS)
+            periods = len(x) / rate_hz * free_hz
+            self._periods = (
+                PERIODS if periods >= 4 * PERIODS else max(1, min(PERIODS, int(periods / PERIODS_SHARE)))
+            )
+            self._memory = self._periods * HOPS
+            smooth = max(1, int(rate_hz / (SMOOTH * settings.free_hz_to)))
+            self._envelope = Envelope(free_hz, rate_hz, HOPS, smooth)
             self._mean = float(x.mean())
             found = np.column_stack(self._envelope.push(times_s, x - self._mean))
             reason = self._unfit(found, free_hz)
@@ -218,21 +249,22 @@ class ResonanceDetector:
             self._refused = True
             return BaselineRefused(t_s, self.name, free_hz, math.nan, reason)
         assert self._envelope is not None
-        self._past = found[-(MEMORY + HORIZONS[-1]) :]
+        self._past = found[-(self._memory + HORIZONS[-1]) :]
         self._reference_hz = self._slow_hz = free_hz + float(_rates_hz(found, HOPS).mean())
         # effect of a lasting rise of 1 Hz on the weighted sum: phase gained over each horizon
         gains = self._weights[1::2] * np.asarray(HORIZONS) * 2.0 * math.pi * self._envelope.hop_s
         rise_hz = self._limit / float(gains.sum()) if gains.sum() > 0.0 else math.nan
+        rise_hz *= -1.0 if settings.stiffness == "falls" else 1.0
         return BaselineReady(t_s, self.name, self._reference_hz, self._reference_hz + rise_hz)
 
     def _unfit(self, found: Floats, free_hz: float) -> str:
         """Learn from the baseline's envelope; why it cannot be learned from, or ""."""
-        plain, seen = _features(found)
+        plain, seen = _features(found, self._periods)
         values = len(plain) / (PERIODS_A_VALUE * HOPS)
-        if values < 2.0:
-            return f"{self.settings.baseline_s:g} s are too short: the memory alone takes eight periods"
+        if values < 1.5:
+            return f"{self.settings.baseline_s:g} s are too short: seven periods and a half are needed"
         rates_hz = _rates_hz(found, HOPS)
-        spread = float(rates_hz.std()) / free_hz
+        spread = min(float(rates_hz.std()), _robust(rates_hz[:, None])[1][0]) / free_hz
         if not spread > 0.0:
             return "no variance: is the oscillation locked, is the converter alive?"
         if spread > self.settings.erratic:
@@ -240,10 +272,11 @@ class ResonanceDetector:
         self._teach = _regression(plain, seen, PRIOR_VALUES / values)
         features = _residuals(plain, seen, self._teach)
         # robust: single knocks in the baseline do not widen it
-        middle = np.median(features, axis=0)
-        scale = 1.4826 * np.median(np.abs(features - middle), axis=0)
+        middle, scale = _robust(features)
         if not (scale > 0.0).all():
             return "no variance: is the oscillation locked, is the converter alive?"
+        if values < LEAST_VALUES:
+            scale = np.maximum(scale, FLOOR)
         z = np.clip((features - middle) / scale, -3.0, 3.0)
         correlation = np.corrcoef(z.T) + 1e-3 * np.eye(len(scale))
         self._middle, self._directions = middle, {}
@@ -254,13 +287,13 @@ class ResonanceDetector:
         self._weights = self._directions[self.settings.senses]
         self._inverse = np.linalg.inv(correlation) / np.outer(scale, scale)
         self._levels = (float(np.median(found[:, 1])), max(0.02, float(found[:, 1].std())))
-        slow_hz = _rates_hz(found, MEMORY)
+        slow_hz = _rates_hz(found, self._memory)
         self._creep_hz = max(
             self.settings.creep * free_hz, 6.0 * float(slow_hz.std()) if len(slow_hz) else 0.0
         )
         self._spread_hz = max(0.01 * free_hz, float(rates_hz.std()))
-        self._values = values
-        self._limit = _students(self.settings.threshold, values)
+        self._values = max(values, LEAST_VALUES)
+        self._limit = _students(self.settings.threshold, self._values)
         return ""
 
     # contact
@@ -286,9 +319,9 @@ class ResonanceDetector:
             return np.empty(0), dict.fromkeys(DIRECTIONS, np.empty(0))
         follows = np.column_stack(twin._envelope.push(times_s[wanted:], x[wanted:] - twin._mean))
         joined = np.concatenate([twin._past, follows])
-        features = _residuals(*_features(joined), twin._teach) - twin._middle
+        features = _residuals(*_features(joined, twin._periods), twin._teach) - twin._middle
         found = {senses: (features * weights).sum(axis=1) for senses, weights in twin._directions.items()}
-        return joined[MEMORY + HORIZONS[-1] :, 0], found | {"amplitude": np.abs(found["amplitude"])}
+        return joined[twin._memory + HORIZONS[-1] :, 0], found | {"amplitude": np.abs(found["amplitude"])}
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """What `threshold` is compared with, for a recording whose first `baseline_s` are without contact, shape (n,);
@@ -303,9 +336,29 @@ class ResonanceDetector:
             statistic[places] = np.sqrt(twin._values * np.log1p(deviations**2 / twin._values))
         return statistic
 
-    def _deviations(self, features: Floats) -> Floats:
-        s: Floats = ((features - self._middle) * self._weights).sum(axis=1)
-        return np.abs(s) if self.settings.senses == "amplitude" else s
+    def _deviations(self, off: Floats, surprise: Floats) -> Floats:
+        """Of residuals (n, 4) and their Mahalanobis distances (n,): deviations toward a contact, shape (n,)."""
+        if self.settings.stiffness == "either":
+            return _normal(surprise**2, off.shape[1])
+        s: Floats = (off * self._weights).sum(axis=1)
+        if self.settings.senses == "amplitude":
+            return np.abs(s)
+        return -s if self.settings.stiffness == "falls" else s
+
+    def _over_noise(self, s: Floats, surprise: Floats) -> Floats:
+        """The same over the noise of the last moments, where that is louder than the baseline's."""
+        assert self._envelope is not None
+        keep = math.exp(-self._envelope.hop_s / NOISE_S)
+        scale = np.empty(len(s))
+        # a single knock is no noise
+        power = np.minimum(surprise**2 / len(self._middle), QUIET**2)
+        for i in range(len(s)):
+            scale[i] = math.sqrt(self._noise) if self._noise > LOUDER**2 else 1.0
+            self._recent.append(float(power[i]))
+            if math.isnan(self._contact_s):
+                self._noise += (1.0 - keep) * (self._recent[0] - self._noise)
+            del self._recent[0]
+        return s / scale
 
     def _follow(self, times_s: Floats, levels: Floats, phases: Floats) -> list[Detected]:
         """Events from new values of the envelope."""
@@ -314,34 +367,36 @@ class ResonanceDetector:
             return []
         self._past = np.concatenate([self._past, np.column_stack([times_s, levels, phases])])
         events: list[Detected] = []
-        plain, seen = _features(self._past)
+        plain, seen = _features(self._past, self._periods)
         if len(plain):
             new = min(fresh, len(plain))
             features = _residuals(plain[-new:], seen[-new:], self._teach)
             events = self._decide(self._past[-new:], features, _rates_hz(self._past, HOPS)[-new:])
-        self._past = self._past[-(MEMORY + HORIZONS[-1]) :]
+        self._past = self._past[-(self._memory + HORIZONS[-1]) :]
         return events
 
     def _decide(self, past: Floats, features: Floats, rates_hz: Floats) -> list[Detected]:
         assert self._envelope is not None
-        s = self._deviations(features)
-        self.readings = np.concatenate([self.readings, decisions(past[:, 0], s, self._limit)])
         off = features - self._middle
         surprise = np.sqrt((off * (off[:, :, None] * self._inverse).sum(axis=1)).sum(axis=1))
+        s = self._over_noise(self._deviations(off, surprise), surprise)
+        self.readings = np.concatenate([self.readings, decisions(past[:, 0], s, self._limit)])
         rate_hz = self._envelope.free_hz + rates_hz
         keep = math.exp(-self._envelope.hop_s / self.settings.follow_s)
-        slow_keep = math.exp(-1.0 / MEMORY)
+        slow_keep = math.exp(-1.0 / self._memory)
+        way = {"rises": (1.0,), "falls": (-1.0,), "either": (1.0, -1.0)}[self.settings.stiffness]
         events: list[Detected] = []
         for i in range(len(s)):
             self._slow_hz += (1.0 - slow_keep) * (float(rate_hz[i]) - self._slow_hz)
             t_s, free = float(past[i, 0]), math.isnan(self._contact_s)
-            crept = self._slow_hz > self._reference_hz + self._creep_hz
+            crept = any(sign * (self._slow_hz - self._reference_hz) > self._creep_hz for sign in way)
             if free:
                 if s[i] > self._limit or crept:
                     self._contact_s, self._held_reported, self._quiet_hops = t_s, False, 0
                     value, limit = (float(s[i]), self._limit)
                     if s[i] <= self._limit:
-                        value, limit = self._slow_hz, self._reference_hz + self._creep_hz
+                        side = math.copysign(self._creep_hz, self._slow_hz - self._reference_hz)
+                        value, limit = self._slow_hz, self._reference_hz + side
                     events.append(Contact(t_s, self.name, value, limit))
                 else:
                     self._reference_hz += (1.0 - keep) * float(rate_hz[i] - self._reference_hz)
@@ -365,35 +420,36 @@ class ResonanceDetector:
         return events
 
 
-def _features(past: Floats) -> tuple[Floats, Floats]:
+def _features(past: Floats, periods: int) -> tuple[Floats, Floats]:
     """Deviations from a steady oscillation, and the features that predict them.
 
     Args:
-        past: Time, logarithm of the amplitude and phase, shape (n + MEMORY + HORIZONS[-1], 3).
+        past: Time, logarithm of the amplitude and phase, shape (n + periods * HOPS + HORIZONS[-1], 3).
+        periods: That the prediction looks back.
 
     Returns:
         Logarithm of the amplitude and phase for each horizon, shape (n, 4); and for each horizon how the last periods'
         frequencies and amplitudes differ from their means, so that slow drift changes nothing, shape (n, horizons,
-        PERIODS + LEVELS).
+        periods + amplitudes).
     """
-    n = max(0, len(past) - MEMORY - HORIZONS[-1])
-    found, seen = np.empty((n, 2 * len(HORIZONS))), np.empty((n, len(HORIZONS), PERIODS + LEVELS))
-    first = MEMORY + HORIZONS[-1]
+    first = periods * HOPS + HORIZONS[-1]
+    n, levelled = max(0, len(past) - first), min(LEVELS, periods)
+    found, seen = np.empty((n, 2 * len(HORIZONS))), np.empty((n, len(HORIZONS), periods + levelled))
     for place, horizon in enumerate(HORIZONS if n else ()):
-        ends = [slice(first - horizon - k * HOPS, first - horizon - k * HOPS + n) for k in range(PERIODS + 1)]
+        ends = [slice(first - horizon - k * HOPS, first - horizon - k * HOPS + n) for k in range(periods + 1)]
         phases = np.array([past[end, 2] for end in ends])
-        levels = np.array([past[end, 1] for end in ends[:LEVELS]])
+        levels = np.array([past[end, 1] for end in ends[:levelled]])
         turned = phases[:-1] - phases[1:]
         steady = turned.mean(axis=0)
         found[:, 2 * place] = past[first:, 1] - levels[0]
         found[:, 2 * place + 1] = past[first:, 2] - phases[0] - steady * (horizon / HOPS)
-        seen[:, place, :PERIODS] = (turned - steady).T
-        seen[:, place, PERIODS:] = (levels - levels.mean(axis=0)).T
+        seen[:, place, :periods] = (turned - steady).T
+        seen[:, place, periods:] = (levels - levels.mean(axis=0)).T
     return found, seen
 
 
 def _regression(plain: Floats, seen: Floats, prior: float) -> Floats:
-    """Weights of the prediction, shrunk toward zero by a share `prior`, shape (horizons, PERIODS + LEVELS, 2)."""
+    """Weights of the prediction, shrunk toward zero by a share `prior`, shape (horizons, features, 2)."""
     weights = np.empty((*seen.shape[1:], 2))
     for place in range(seen.shape[1]):
         x = seen[:, place]
@@ -417,15 +473,50 @@ def _rates_hz(past: Floats, hops: int) -> Floats:
     return gained / (past[hops:, 0] - past[:-hops, 0])
 
 
-def _frequency(x: Floats, rate_hz: float) -> float:
-    """Centroid of the largest peak of the spectrum, Hz."""
+def _frequency(x: Floats, rate_hz: float, from_hz: float, to_hz: float) -> float:
+    """Centroid of the largest peak of the spectrum between two frequencies, Hz; 0 where there is none."""
     power = np.abs(np.fft.rfft(x * np.hanning(len(x)), 4 * len(x))) ** 2
-    peak = int(np.argmax(power))
+    first, last = (round(hz * 4 * len(x) / rate_hz) for hz in (from_hz, to_hz))
+    if not power[first : last + 1].any():
+        return 0.0
+    peak = first + int(np.argmax(power[first : last + 1]))
     near = slice(max(0, peak - 8), peak + 9)
     weight = power[near]
-    if not weight.sum() > 0.0:
-        return 0.0
     return float((np.arange(len(power))[near] * weight).sum() / weight.sum() * rate_hz / (4 * len(x)))
+
+
+def _hum(x: Floats, rate_hz: float, free_hz: float) -> str:
+    """What is said of a baseline with a line of the mains in it; "" where there is none that disturbs."""
+    n = np.arange(len(x))
+    resolved_hz = max(LINE_HZ, 2.0 * rate_hz / len(x))
+    window = np.hanning(len(x))
+
+    def line(hz: float) -> float:
+        return float(np.abs((x * window * np.exp(-2j * math.pi * hz / rate_hz * n)).sum()) / window.sum())
+
+    for hz in MAINS_HZ:
+        # a line stands above both sides, where broad noise does not
+        beside = max(line(hz - 1.5 * resolved_hz), line(hz + 1.5 * resolved_hz))
+        share = line(hz) / max(line(free_hz), 1e-300)
+        if abs(hz - free_hz) > 2.0 * resolved_hz and share > HUM and line(hz) > 3.0 * beside:
+            return (
+                f"mains hum at {hz:g} Hz, {share:.0%} of the oscillation: it beats with the finger; ground or shield"
+                " the sensor"
+            )
+    return ""
+
+
+def _normal(chi2: Floats, freedom: int) -> Floats:
+    """Normal deviates as rare as values of chi square, shape (n,) (E. B. Wilson and M. M. Hilferty, PNAS 17, 1931)."""
+    part = 2.0 / (9.0 * freedom)
+    found: Floats = (np.cbrt(chi2 / freedom) - (1.0 - part)) / math.sqrt(part)
+    return found
+
+
+def _robust(values: Floats) -> tuple[Floats, Floats]:
+    """Medians, and standard deviations from the median's absolute ones, of columns, shape (columns,) each."""
+    middle = np.median(values, axis=0)
+    return middle, 1.4826 * np.median(np.abs(values - middle), axis=0)
 
 
 def _students(threshold: float, values: float) -> float:
@@ -441,13 +532,14 @@ class Envelope:
     Args:
         free_hz: The frequency.
         hops: Values wanted in a period; rounded so that a hop is whole samples.
+        smooth: Samples of a second average, against what is far above the oscillation.
 
     Attributes:
         free_hz: The frequency.
         hop_s: From one value to the next.
     """
 
-    def __init__(self, free_hz: float, rate_hz: float, hops: int) -> None:
+    def __init__(self, free_hz: float, rate_hz: float, hops: int, smooth: int = 1) -> None:
         self.free_hz = free_hz
         self._hop = max(1, round(rate_hz / free_hz / hops))
         self.hop_s = self._hop / rate_hz
@@ -456,6 +548,7 @@ class Envelope:
         whole = math.floor(period)
         self._window = np.full(whole + 1, 1.0 / period)
         self._window[0] = (period - whole) / period  # of the oldest sample, the part that is within a period
+        self._window = np.convolve(self._window, np.full(smooth, 1.0 / smooth))
         self.restart()
 
     def restart(self) -> None:

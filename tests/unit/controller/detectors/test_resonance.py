@@ -162,3 +162,34 @@ def test_its_statistic_is_what_its_threshold_is_compared_with():
 def test_its_statistic_decides_nothing_on_a_baseline_in_contact():
     detector = ResonanceDetector("contact", ResonanceSettings())
     assert np.isnan(detector.statistic(wave(bouncing(14.0))[:, None], RATE_HZ)).all()
+
+
+@pytest.mark.parametrize("stiffness", ["falls", "either"])
+def test_a_falling_stiffness_is_a_contact_by_choice_alone(stiffness):
+    frequency = np.concatenate([free(12.0), np.full(500, 25.0)])
+    assert names(events_of(wave(frequency)[:12_200])) == ["BaselineReady"]
+    contact = events_of(wave(frequency), stiffness=stiffness)[1]
+    assert isinstance(contact, Contact)
+    assert 12.0 < contact.t_s < 12.1
+
+
+def test_the_peak_is_looked_for_near_the_free_frequency_and_a_third_of_a_second_will_do():
+    """A tone of twice the amplitude at 333 Hz, as of a converter or of another mode, is none."""
+    frequency = np.concatenate([np.full(800, 28.0), np.full(400, 33.0)])
+    x = wave(frequency) + 3.6 * np.sin(2.0 * np.pi * 333.0 * np.arange(1200) / RATE_HZ)
+    ready, contact = events_of(x, baseline_s=0.3)[:2]
+    assert ready.t_s == pytest.approx(0.3, abs=0.002)
+    assert ready.value == pytest.approx(28.0, abs=0.5)
+    assert 0.8 < contact.t_s < 0.9
+
+
+def test_noise_without_an_oscillation_is_no_baseline():
+    events = events_of(np.random.default_rng(5).standard_normal(12_000))
+    assert names(events) == ["BaselineRefused"]
+
+
+@pytest.mark.parametrize("mains_hz", [50.0, 60.0])
+def test_mains_hum_in_a_baseline_is_refused_by_name(mains_hz):
+    hum = 0.36 * np.sin(2.0 * np.pi * mains_hz * np.arange(12_000) / RATE_HZ)
+    (refused,) = events_of(wave(free(12.0)) + hum)
+    assert f"mains hum at {mains_hz:g} Hz" in refused.reason
