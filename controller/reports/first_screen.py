@@ -131,7 +131,15 @@ def _number(own: Sequence[Row], line: Mapping[str, Any]) -> Headline | None:
     if paper is not None:
         beside += f", {_against(mean, paper, name)} the paper's {theirs}"
     return Headline(
-        line["what"], said(mean), f"mean of {n}", theirs, source, _interval(known, name), beside, rows, name
+        line["what"],
+        said(mean),
+        f"mean of {n}" if n > 1 else "one trial",
+        theirs,
+        source,
+        _interval(known, name),
+        beside,
+        rows,
+        name,
     )
 
 
@@ -149,7 +157,8 @@ def _interval(known: Sequence[float], name: str) -> str:
 
     half = float(stdtrit(len(known) - 1, 0.975)) * statistics.stdev(known) / math.sqrt(len(known))
     mean, scale = statistics.fmean(known), scale_of(name)
-    low, high = (_three(scale.factor * (mean + end)) for end in (-half, half))
+    least = 0.0 if min(known) >= 0.0 else -math.inf  # of what is never negative
+    low, high = (_three(scale.factor * max(least, mean + end)) for end in (-half, half))
     return f"{low} to {high} {scale.unit}".rstrip()
 
 
