@@ -1,4 +1,4 @@
-"""What other programs recorded: numbers by column, and their times, out of CSV, NPZ, MAT, MCAP and WAV files."""
+"""What other programs recorded: numbers by column, and their times, out of text, NPZ, MAT, MCAP, WAV and FLAC."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import os
 import re
 import struct
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,10 +38,18 @@ SEPARATORS = ("\t", ";", ",")
 NAMED = 20
 """How many columns are named at once."""
 
+PREAMBLE, PROOF = 500, 3
+"""Lines above a table at the most, and rows of numbers alike that make one (assumptions)."""
+
+LVM = "***End_of_Header***"
+"""What ends a header of LabVIEW's text files; the columns' names follow the last."""
+
 SCALES_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 """Seconds in a unit of time, as columns are named after them."""
 
-TIME = re.compile(rf"(?:t|time|timestamp|elapsed)(?:[ _]*[(\[]?({'|'.join(SCALES_S)})[)\]]?)?", re.IGNORECASE)
+TIME = re.compile(
+    rf"(?:t|time|timestamp|elapsed|x_value)(?:[ _]*[(\[]?({'|'.join(SCALES_S)})[)\]]?)?", re.IGNORECASE
+)
 """Names of a column of times; without a unit they are seconds, or those of a calendar clock."""
 
 CALENDAR = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
@@ -82,6 +90,7 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
         path: A file of one of the kinds in `READERS`.
         column: Names with commas between them; None is the only column there is besides the times. Columns of a WAV
             file are channels, from 0; of an array of two dimensions NAME.0, NAME.1 …; of an MCAP file TOPIC:FIELD.
+            FIRST..LAST are columns in the file's order that hold consecutive samples of one, row by row.
         count: How many columns there must be where none are named.
 
     Raises:
@@ -113,6 +122,8 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
     """The columns that are asked for and their times, out of a table."""
     clock = "t_s" if "t_s" in table else next((name for name in table if TIME.fullmatch(name)), None)
     names = [name for name in table if name != clock]
+    if column and ".." in column and column not in table:
+        return _unrolled(path, table, clock, names, column)
     wanted = column.split(",") if column else names
     listed = ", ".join([*names[:NAMED], *(["…"] if len(names) > NAMED else [])]) or "none besides the times"
     if not column and len(names) != count:
@@ -130,6 +141,24 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
         raise ReplayError(f"{path}: {wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
     values = np.column_stack([table[name].astype(np.float64) for name in wanted])
     return Chosen(wanted[0], values, *_times(path, clock, table))
+
+
+def _unrolled(
+    path: Path, table: Mapping[str, NDArray[Any]], clock: str | None, names: Sequence[str], column: str
+) -> Chosen:
+    """Columns that hold consecutive samples, as one; a row's time is that of its first sample."""
+    ends = column.split("..")
+    if len(ends) != 2 or any(end not in names for end in ends):
+        raise ReplayError(f"{path}: no columns {column}; FIRST..LAST are two of {', '.join(names[:NAMED])}")
+    wanted = names[names.index(ends[0]) : names.index(ends[1]) + 1]
+    if not wanted:
+        raise ReplayError(f"{path}: {ends[1]} stands before {ends[0]}; turn them round")
+    rows = _chosen(path, table, ",".join(wanted), len(wanted))
+    times_s, many = rows.times_s, len(wanted)
+    if times_s is not None and len(times_s) > 1:
+        steps_s = np.diff(times_s, append=2.0 * times_s[-1] - times_s[-2])
+        times_s = (times_s[:, None] + steps_s[:, None] * np.arange(many) / many).ravel()
+    return Chosen(ends[0], rows.values.reshape(-1, 1), times_s, clock=rows.clock)
 
 
 def _odd(cells: NDArray[Any]) -> str:
@@ -189,11 +218,14 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     if "\0" in text:
         raise ReplayError(f"{path}: byte {text.index(chr(0))}: no text; is it another kind of file?")
     lines = [line for line in text.splitlines() if line.strip()]
-    rows = [line for line in lines if not line.lstrip().startswith(COMMENT)]
+    rows: Sequence[str] = [line for line in lines if not line.lstrip().startswith(COMMENT)]
     if not rows:
         raise ReplayError(f"{path}: has no rows")
-    begin = lines.index(rows[0])
-    names, body, separator = _header(rows, lines[begin - 1].lstrip("#%/ \t") if begin else "")
+    rows = _below_preamble(path, rows)
+    begin = lines.index(rows[0]) if rows[0] in lines else 0
+    comment = lines[begin - 1].lstrip() if begin else ""
+    marked = comment.lstrip("#%/ \t") if comment.startswith(COMMENT) else ""
+    names, body, separator = _header(rows, marked)
     _check_names(path, names)
     if body and (fields := len(_fields(body[0], separator))) != len(names):
         raise ReplayError(
@@ -220,12 +252,58 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     return _chosen(path, {name: table[name].to_numpy() for name in names}, column, count)
 
 
+def _below_preamble(path: Path, rows: Sequence[str]) -> Sequence[str]:
+    """The table, with its line of names if it has one, without the unmarked lines that a program wrote above it.
+
+    Raises:
+        ReplayError: no rows of numbers begin; the first line that was not understood is named.
+    """
+    marks = [place for place, row in enumerate(rows) if row.strip().startswith(LVM)]
+    if marks:
+        rows = [row for row in rows[marks[-1] + 1 :] if row.strip()]
+        if not rows:
+            raise ReplayError(f"{path}: has no rows")
+        fields = len(rows[min(1, len(rows) - 1)].rstrip("\t").split("\t"))
+        names = rows[0].split("\t")[:fields]  # "Comment" has no cells
+        return ["\t".join(names), *(row.rstrip("\t") for row in rows[1:])]
+    if len(rows) <= PROOF or (len(_split(rows[0])) == len(_split(rows[1])) and not _wordy(rows[1])):
+        return rows
+    for place in range(min(PREAMBLE, len(rows) - PROOF + 1)):
+        proof = [_split(row) for row in rows[place : place + PROOF]]
+        counts = {len(fields) for fields in proof}
+        if len({(len(fields), sum(map(_numeric, fields))) for fields in proof}) > 1 or _wordy(rows[place]):
+            continue
+        # names stand next above, or above a line of units and one of scales
+        above = rows[max(0, place - 3) : place]
+        alike = [row for row in above if _separator(row) == _separator(rows[place])]
+        header = next((row for row in alike if {len(_split(row))} == counts and _wordy(row)), None)
+        return ([header] if header else []) + list(rows[place:])
+    odd = next((row for row in rows[1:] if _wordy(row)), rows[0])
+    if any(map(_numeric, _split(odd))):
+        return rows  # dates or words beside numbers: a table
+    raise ReplayError(
+        f"{path}: no table of numbers: the first line that was not understood is '{odd.strip()[:60]}'; mark what stands"
+        " above the table with #"
+    )
+
+
+def _separator(row: str) -> str:
+    separator = next((one for one in SEPARATORS if one in row), "")
+    return "" if separator == "," and _spaced(row) else separator
+
+
+def _split(row: str) -> list[str]:
+    return _fields(row, _separator(row))
+
+
+def _wordy(row: str) -> bool:
+    """Whether a line holds no number."""
+    return not any(field and _numeric(field) for field in _split(row))
+
+
 def _header(rows: Sequence[str], comment: str) -> tuple[list[str], Sequence[str], str]:
     """Names of the columns, the rows of numbers, and what stands between two fields ("" for spaces)."""
-    sample = rows[1] if len(rows) > 1 else rows[0]
-    separator = next((one for one in SEPARATORS if one in sample), "")
-    if separator == "," and _spaced(sample):
-        separator = ""
+    separator = _separator(rows[1] if len(rows) > 1 else rows[0])
     first = _fields(rows[0], separator)
     if not all(map(_numeric, first)):
         names, rows = first, rows[1:]
@@ -296,11 +374,19 @@ def _read_mat(path: Path, column: str | None, count: int) -> Chosen:
     from scipy.io import loadmat
 
     try:
-        loaded = loadmat(path)
+        loaded = loadmat(path, simplify_cells=True)
     except NotImplementedError:
         raise ReplayError(f"{path}: a MAT file of version 7.3; save it with -v7") from None
-    arrays = {name: np.squeeze(found) for name, found in loaded.items() if isinstance(found, np.ndarray)}
-    return _of_arrays(path, arrays, column, count)
+    return _of_arrays(path, dict(_arrays(loaded)), column, count)
+
+
+def _arrays(loaded: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
+    """Arrays of a MAT file and of the structures in it, by names with dots."""
+    for name, found in loaded.items():
+        if isinstance(found, Mapping):
+            yield from _arrays(found, f"{within}{name}.")
+        elif isinstance(found, np.ndarray):
+            yield f"{within}{name}", np.squeeze(found)
 
 
 def _of_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
@@ -335,6 +421,21 @@ def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
     elif np.issubdtype(samples.dtype, np.integer):
         values = values / float(np.iinfo(samples.dtype).max + 1)
     return Chosen(f"channel {column or 0}", values, rate_hz=float(rate_hz), clock="the file's rate")
+
+
+def _read_flac(path: Path, column: str | None, count: int) -> Chosen:
+    """As a WAV file."""
+    try:
+        import soundfile
+    except (ImportError, OSError) as error:
+        raise ReplayError(f"{path}: FLAC takes soundfile: install the extra 'sound' ({error})") from None
+    samples, rate_hz = soundfile.read(path, always_2d=True)
+    if column is None and samples.shape[1] != count:
+        raise ReplayError(f"{path}: {samples.shape[1]} channels; choose one with --column 0")
+    numbers = channel_numbers(f"{path}:", column or "0", samples.shape[1])
+    return Chosen(
+        f"channel {column or 0}", samples[:, numbers], rate_hz=float(rate_hz), clock="the file's rate"
+    )
 
 
 def _check_riff(path: Path) -> None:
@@ -468,9 +569,12 @@ READERS: Mapping[str, Callable[[Path, str | None, int], Chosen]] = {
     ".tsv": _read_text,
     ".txt": _read_text,
     ".dat": _read_text,
+    ".lvm": _read_text,
+    ".log": _read_text,
     ".npz": _read_npz,
     ".mat": _read_mat,
     ".wav": _read_wav,
+    ".flac": _read_flac,
     ".mcap": _read_mcap,
 }
 """By the end of a file's name."""

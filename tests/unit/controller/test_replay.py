@@ -8,6 +8,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
+import soundfile
 import zstandard
 from scipy.io import savemat, wavfile
 
@@ -519,3 +520,40 @@ def test_a_picture_of_periods_shows_the_frequency_and_what_is_held_against_the_t
     assert picture.count('<g id="axes_') == 2
     assert "board.period, Hz" in picture
     assert "contact: statistic" in picture
+
+
+def table(separator=",", rows=6):
+    return "".join(f"{0.01 * i:.2f}{separator}{0.5 * i:.3f}\n" for i in range(rows))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "column"),
+    [
+        ("preamble.csv", "Cell logger 2\nSerial: 5, channel 3\n2 Nov 2024\nt_s,force\ns,N\n" + table(), "force"),
+        ("no_names.txt", "a logger of mine\nrate 100\n" + table(" "), "1"),
+        ("labview.lvm", "LabVIEW\t\n***End_of_Header***\t\nDelta_X\t0.01\n***End_of_Header***\t\nX_Value\tF\tComment\n"
+         + table("\t"), "F"),
+        ("scales.txt", "Sampling - 100\nMon, Jul 9\nTime\tF\nSec\tV\n0 0 0\t0\n\n" + table("\t"), "F"),
+        ("packed.csv", "t_s,p0,p1\n0.00,0.0,0.5\n0.02,1.0,1.5\n0.04,2.0,2.5\n", "p0..p1"),
+    ],
+)  # fmt: skip
+def test_tables_below_a_preamble_and_samples_side_by_side_are_read(tmp_path, name, text, column):
+    (tmp_path / name).write_text(text)
+    found = read_columns(tmp_path / name, column)
+    assert found.values[:, 0] == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
+    assert found.times_s is None or found.times_s == pytest.approx(0.01 * np.arange(6))
+
+
+def test_the_first_line_that_was_not_understood_is_named(tmp_path):
+    (tmp_path / "a.txt").write_text("one\ntwo words\nthree of them\nand so on\n")
+    with pytest.raises(ReplayError, match="two words"):
+        read_columns(tmp_path / "a.txt", None)
+
+
+def test_structures_of_mat_files_and_flac_are_read(tmp_path):
+    wave = 0.1 * np.random.default_rng(1).standard_normal(500)
+    savemat(tmp_path / "a.mat", {"run": {"force": wave, "note": "x"}})
+    soundfile.write(tmp_path / "a.flac", wave, 8000)
+    assert read_columns(tmp_path / "a.mat", "run.force").values[:, 0] == pytest.approx(wave)
+    found = read_columns(tmp_path / "a.flac", None)
+    assert (found.rate_hz, found.values[:, 0]) == (8000.0, pytest.approx(wave, abs=1e-4))
