@@ -52,6 +52,13 @@ LEVEL_S = 0.5
 """How long a stream's level is measured before and after a tare. Assumption: hundreds of samples of a force sensor."""
 
 
+HOME_S = 120.0
+"""Longest way home. Assumption: twice a stage of 0.5 m at a slow 10 mm/s, and an arm that is unlocked before."""
+
+FORCES = ("N", "N m")
+"""Units of streams that can be tared."""
+
+
 class HandOperator(Protocol):
     """Who may interrupt."""
 

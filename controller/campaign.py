@@ -34,6 +34,7 @@ from drivers.core.errors import DeviceError, RefusedError
 from drivers.core.messages import DeviceInfo, StreamInfo
 
 if TYPE_CHECKING:
+    from controller.by_hand import HandResult, HandSession
     from controller.recording.joining import ResumedRun
     from controller.recording.mcap_file import Mirror
     from controller.recording.recorder import Recorder
@@ -143,6 +144,31 @@ class Watching(Protocol):
 
     def watch(self, view: LiveView) -> None:
         """After each trial's recording has begun."""
+
+
+class Held(Protocol):
+    """What holds a campaign between two trials: see `controller.watching.between`."""
+
+    possible: bool
+    hold: bool
+
+    def wait(self, session: HandSession) -> Iterator[tuple[str, HandResult]]:
+        """What was done by hand, until the person goes on."""
+
+    def poll(self) -> str | None:
+        """See `LoopOperator.poll`."""
+
+    def suspend(self) -> None:
+        """See `LoopOperator.suspend`."""
+
+
+@runtime_checkable
+class Holds(Protocol):
+    """A console at which a campaign can be held between two trials."""
+
+    @property
+    def between(self) -> Held:
+        """What holds it."""
 
 
 @dataclass(frozen=True)
@@ -333,6 +359,11 @@ class Campaign:
         offset_s = 0.0
         code, status, line = EXIT_DONE, "done", ""
         for trial in trials:
+            if isinstance(self._console, Holds) and (
+                stopped := self._held(self._console.between, trial, infos)
+            ):
+                code, status, line = stopped
+                break
             self._console.trial_started(trial.trial, trial.factors)
             outcome, reason, row, length_s = self._trial(trial, recorder, infos, offset_s)
             offset_s += length_s
@@ -348,6 +379,36 @@ class Campaign:
                 line = line or f"trial {trial.trial}"
                 break
         return code, status, line
+
+    def _held(
+        self, held: Held, trial: TrialPlan, infos: Mapping[str, DeviceInfo]
+    ) -> tuple[int, str, str] | None:
+        """Before a trial, where it is to be held: what a person does by hand, through the trial's guard; noted in the
+        manifest. What ended badly ends the campaign: its exit code, status and line."""
+        held.possible = True
+        if not held.hold:
+            return None
+        from controller.by_hand import HandSession
+
+        session = HandSession(
+            self._rig,
+            trial.guard.settings,
+            held,
+            self._plan.loop,
+            scene=trial.scene,
+            paced=True,
+            infos=dict(infos),
+        )
+        for did, result in held.wait(session):
+            note = {"before_trial": trial.trial, "did": did, "outcome": result.outcome}
+            self._manifest.setdefault("by_hand", []).append(note)
+            self._not_at_rest = list(dict.fromkeys([*self._not_at_rest, *result.not_at_rest]))
+            if result.outcome == "interrupted":
+                raise Aborted
+            if result.outcome != "done":
+                code = EXIT_GUARD if result.outcome == "guard" else EXIT_DEVICE
+                return code, result.outcome, f"{did}, by hand before trial {trial.trial}: {result.reason}"
+        return None
 
     def _trial(
         self, trial: TrialPlan, recorder: Recorder, infos: Mapping[str, DeviceInfo], offset_s: float

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from controller.rig import TrialScene
     from drivers.core.errors import DeviceError
 
-HOME_S = 120.0
-"""Longest way home. Assumption: twice a stage of 0.5 m at a slow 10 mm/s, and an arm that is unlocked before."""
-
 POSE_S = 2.0
 """How long an arm is given to tell its pose."""
 
@@ -212,7 +209,7 @@ def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
                     raise click.UsageError(f"{mover} has no home: it does not move by itself")
                 continue
             verbs.say(f"{mover}: going home")
-            result = by_hand.home(session, mover, HOME_S)
+            result = by_hand.home(session, mover, by_hand.HOME_S)
             if code := ended(result):
                 return code
             found = True
@@ -248,10 +245,10 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
             stream
             for info in session.infos.values()
             for stream in info.streams.values()
-            if stream.unit in FORCES
+            if stream.unit in by_hand.FORCES
         ]
         if not forces:
-            raise click.UsageError(f"{', '.join(asked)}: no stream in {' or '.join(FORCES)} to tare")
+            raise click.UsageError(f"{', '.join(asked)}: no stream in {' or '.join(by_hand.FORCES)} to tare")
         for stream in forces:
             result, levels = by_hand.tare(session, stream.name)
             codes.append(ended(result))
@@ -259,10 +256,6 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
                 before, after = (" ".join(f"{value:.4g}" for value in level) for level in levels)
                 verbs.say(f"{stream.name}: {before} {stream.unit} is zero now; it reads {after}")
     return max(codes)
-
-
-FORCES = ("N", "N m")
-"""Units of the streams that are tared."""
 
 
 @click.command(cls=verbs.Verb, short_help="Show a profile's streams as they come; nothing moves.")

@@ -23,6 +23,7 @@ from controller.live_view import Elapsed, LiveView
 from controller.outcomes import is_success
 from controller.recording.series import DETECTOR, extremes
 from controller.scales import displayed, scale_of
+from controller.watching.between import Between
 from drivers.core.clock import rest
 
 Floats = NDArray[np.float64]
@@ -62,6 +63,9 @@ REFUSAL_CHARACTERS = 200
 
 COMMANDS = ("pause", "resume", "stop")
 """What a client may press."""
+
+BY_HAND = ("hold", "home", "tare")
+"""What is done between two trials."""
 
 
 @dataclass
@@ -106,6 +110,7 @@ class Watched:
         self._elapsed = Elapsed()
         self._rows: list[list[Any]] = []
         self._feed: _Feed | None = None
+        self.between = Between(operator, self.poll, self.state)
 
     # on the loop's thread
 
@@ -166,7 +171,8 @@ class Watched:
     # on the publishing thread
 
     def receive(self, line: bytes) -> str:
-        """A client's command: `{"do": "stop"}`, `pause`, `resume`, or `answer` with `number` and `done`.
+        """A client's command: `{"do": "stop"}`, `pause`, `resume`, `hold` (before the next trial), there `home` and
+        `tare` with a `target`, or `answer` with `number` and `done`.
 
         Returns:
             Why it was refused; "" where it was not.
@@ -177,8 +183,10 @@ class Watched:
                 self._operator.reply(int(message["number"]), bool(message["done"]))
             elif message["do"] in COMMANDS:
                 self._operator.press(message["do"], "the live page")
+            elif message["do"] in BY_HAND:
+                return self.between.ask(message["do"], str(message.get("target", "")))
             else:
-                return f"do must be answer, {', '.join(COMMANDS)}"
+                return f"do must be answer, {', '.join((*COMMANDS, *BY_HAND))}"
         except (
             Exception
         ) as error:  # whatever a line holds, a number without end too: the next one may be a stop
@@ -191,6 +199,7 @@ class Watched:
         news: dict[str, Any] = dict(self._present)
         news["stopped"] = self._operator.stopped
         news["paused"] = news["state"] == PAUSED
+        news["between"] = self.between.news()
         news["pressed_by"] = self._operator.pressed_by
         counts = dict(self._counts)
         news["counts"] = [

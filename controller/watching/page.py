@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, ClassVar, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from tornado.httpserver import HTTPServer
 from tornado.web import Application, RequestHandler
@@ -112,8 +112,8 @@ class PageProcess:
 class _Guarded(RequestHandler):
     """Answers only requests with the link, by the name that is in it: no other site, no other host."""
 
-    def initialize(self, door: Door, place: asyncio.Future[Path | None]) -> None:
-        self.door, self.place = door, place
+    def initialize(self, door: Door, place: asyncio.Future[Path | None], looking: set[object]) -> None:
+        self.door, self.place, self.looking = door, place, looking
 
     def prepare(self) -> None:
         given = self.get_query_argument("token", "")
@@ -169,7 +169,6 @@ class _Wire(_Guarded, WebSocketHandler):
     """
 
     writer: asyncio.StreamWriter | None = None
-    open_ones: ClassVar[set[_Wire]] = set()
 
     def check_origin(self, origin: str) -> bool:
         """Looked at already."""
@@ -177,7 +176,7 @@ class _Wire(_Guarded, WebSocketHandler):
 
     async def open(self, *_: str, **__: str) -> None:
         self.set_nodelay(True)
-        self.open_ones.add(self)
+        self.looking.add(self)
         folder = await self.place
         if folder is None:
             return
@@ -188,9 +187,14 @@ class _Wire(_Guarded, WebSocketHandler):
 
     async def _relay(self, folder: Path, reader: asyncio.StreamReader | None) -> None:
         with suppress(WebSocketClosedError):
-            with suppress(OSError):
+            try:
                 while reader is not None and (line := await reader.readline()):
                     await self.write_message(line.decode())
+            except OSError:
+                pass
+            finally:
+                if self.writer is not None:
+                    self.writer.close()
             while not await asyncio.to_thread(alive, folder):  # else it is one too many
                 await self.write_message({"after": after(folder)})
                 await asyncio.sleep(ALIVE_S)
@@ -201,7 +205,7 @@ class _Wire(_Guarded, WebSocketHandler):
             self.writer.write(message.replace("\n", " ").encode() + b"\n")
 
     def on_close(self) -> None:
-        self.open_ones.discard(self)
+        self.looking.discard(self)
         if self.writer is not None:
             self.writer.close()
 
@@ -265,7 +269,8 @@ def serve(find: Callable[[], Path | None], door: Door, ready: Callable[[], Any] 
 
     async def run() -> None:
         finding = asyncio.ensure_future(asyncio.to_thread(find))
-        known = {"door": door, "place": finding}
+        looking = set[object]()
+        known = {"door": door, "place": finding, "looking": looking}
         places = {"/": _Page, "/wire": _Wire, "/report": _Report, "/trial": _Trial}
         handlers = [(place, handler, known) for place, handler in places.items()]
         server = HTTPServer(Application(handlers, websocket_ping_interval=PING_S))
@@ -275,7 +280,7 @@ def serve(find: Callable[[], Path | None], door: Door, ready: Callable[[], Any] 
         folder = await finding
         looked_s = monotonic_s()
         while folder is not None and monotonic_s() - looked_s < ABSENT_S:
-            if bool(_Wire.open_ones) or await asyncio.to_thread(alive, folder):
+            if bool(looking) or await asyncio.to_thread(alive, folder):
                 looked_s = monotonic_s()
             await asyncio.sleep(ALIVE_S)
         server.stop()

@@ -142,6 +142,24 @@ def test_a_click_on_a_trial_shows_its_signals_and_gaps_as_gaps(watching):
     page.wait_for_selector('[data-stream="detector.contact"] .bk-Figure')
 
 
+def test_held_between_trials_it_offers_home_and_tare_and_shows_a_refusal(watching, monkeypatch):
+    page = watching.look()
+    between = watching.run.watched.between
+    monkeypatch.setattr(between, "possible", True)
+    page.get_by_role("button", name="Hold after this trial").click()
+    page.get_by_role("button", name="Holds after this trial").wait_for()
+    assert between.hold
+    monkeypatch.setattr(between, "_offer", {"home": ["stage"], "tare": ["board.load_cell"]})
+    page.get_by_role("button", name="home stage").click()
+    page.get_by_text("home stage …").wait_for()
+    assert between.ask("tare", "board.load_cell") == "tare: home stage is still being done"
+    assert "HELD between two trials" in page.locator("#banner").inner_text()
+    monkeypatch.setattr(between, "_asked", None)
+    monkeypatch.setattr(between, "ask", lambda do, target: f"{do} {target}: not now")
+    page.get_by_role("button", name="tare board.load_cell").click()
+    page.get_by_text("Refused: tare board.load_cell: not now").wait_for()
+
+
 def test_a_question_of_the_bench_is_answered(watching):
     page = watching.look()
     watching.run.ask("hang 0.50 N on bridge Fx")

@@ -1,18 +1,23 @@
 """A run that is watched is the run that it would have been."""
 
+import json
 import os
 import socket
 from contextlib import closing
 from pathlib import Path
 
+import pytest
+
 from config.assemble import build_rig, plan_campaign
 from config.jobs import Silent
 from config.profile import load_profile
+from controller.by_hand import HandResult
 from controller.campaign import Campaign
 from controller.console import ConsoleOperator
 from controller.watching.feed import SOCKET, Watched, at
 from controller.watching.page import after, trial_signals
 from tests.scenarios.conftest import QUICK
+from tests.stub_run import Unattended
 
 
 def rows(out, watchers):
@@ -48,3 +53,72 @@ def rows(out, watchers):
 
 def test_rows_are_the_same_with_clients_that_do_not_read(tmp_path):
     assert rows(tmp_path / "alone", 0) == rows(tmp_path / "watched", 3)
+
+
+class Person(Unattended):
+    """Holds the run after its first trial, acts there as the page does, and goes on."""
+
+    def __init__(self, operator, acts):
+        super().__init__(operator)
+        self.acts, self.refused, self.watched = list(acts), [], None
+
+    def poll(self):
+        news = self.watched.between.news()
+        if news["offer"] and not news["doing"]:
+            self.act(self.acts.pop(0) if self.acts else {"do": "resume"})
+        return super().poll()
+
+    def trial_started(self, *_):
+        for act in ({"do": "home", "target": "stage"}, {"do": "hold"}):
+            self.act(act)
+
+    def act(self, act):
+        self.refused.append(self.watched.receive(json.dumps(act).encode()))
+
+
+def held(out, acts):
+    profile = load_profile("mock/transient", QUICK)
+    plan = plan_campaign(profile, profile.trials(0)[:2], 0)
+    with Path(os.devnull).open() as keyboard, closing(build_rig(profile)) as rig:
+        operator = ConsoleOperator(keyboard)
+        person = Person(operator, acts)
+        person.watched = Watched(person, operator)
+        outcome = Campaign(plan, rig, person.watched, out).run()
+    return outcome, person.refused, json.loads((outcome.folder / "manifest.json").read_text("utf-8"))
+
+
+def test_between_two_trials_a_mover_goes_home_and_a_force_is_tared_and_the_rows_stay(tmp_path):
+    acts = [
+        {"do": "home", "target": "stage"},
+        {"do": "tare", "target": "stage"},
+        {"do": "tare", "target": "board.load_cell"},
+    ]
+    outcome, refused, manifest = held(tmp_path / "held", acts)
+    assert outcome.exit_code == 0
+    second = 2 + len(acts) + 1  # what was answered before the second trial
+    assert [line.partition(":")[0] for line in refused[:second]] == ["home", "", "", "tare", "", ""]
+    assert "a trial runs" in refused[0]
+    assert "board.load_cell" in refused[3], "what can be tared"
+    assert [(note["did"], note["outcome"]) for note in manifest["by_hand"]] == [
+        ("home stage", "done"),
+        ("tare board.load_cell", "done"),
+    ]
+    assert (outcome.folder / "trials.csv").read_bytes() == rows(tmp_path / "alone", 0)
+
+
+@pytest.mark.parametrize(
+    ("act", "result", "code"),
+    [
+        ("home", HandResult("fault", "stage: does not answer"), 3),
+        ("home", HandResult("guard", "guard: force", not_at_rest=["stage"]), 4),
+        ("home", HandResult("interrupted", ""), 130),
+        ("stop", None, 130),
+    ],
+)
+def test_what_ends_badly_by_hand_ends_the_run_before_the_next_trial(tmp_path, monkeypatch, act, result, code):
+    monkeypatch.setattr("controller.by_hand.home", lambda *_: result)
+    outcome, _, manifest = held(tmp_path, [{"do": act, "target": "stage"}])
+    assert outcome.exit_code == code
+    assert list(outcome.not_at_rest) == list(result.not_at_rest if result else [])
+    assert result is None or result.reason in outcome.line
+    assert sum(manifest["outcomes"].values()) == 1

@@ -3,7 +3,7 @@
   const QUIET_MS = 2000;  // after this long without a message the run counts as lost
   const at = (id) => document.getElementById(id);
   const [stop, pause, alarm] = [at("stop"), at("pause"), at("alert")];
-  let [wire, now, signals, charts, question, last, after, past] = [null, {}, {}, {}, null, 0, null, null];
+  let [wire, now, signals, charts, question, last, after, past, refused, offered] = [null, {}, {}, {}, null, 0, null, null, "", ""];
 
   // --- the line to the run; a lost one is made anew
   const send = (message) => { if (wire?.readyState === WebSocket.OPEN) wire.send(JSON.stringify(message)); };
@@ -13,7 +13,7 @@
     wire.onmessage = (event) => {
       const message = JSON.parse(event.data);
       last = Date.now();
-      if (message.refused) return console.warn(message.refused);
+      if (message.refused) { refused = message.refused; setTimeout(() => { refused = ""; }, 6000); return; }
       if (message.after) { after = message.after; return ended(); }
       if (message.run) { at("rows").replaceChildren(); at("events").replaceChildren(); }
       update(message);
@@ -23,11 +23,12 @@
   setInterval(() => {
     const lost = !now.ended && !after && Date.now() - last > QUIET_MS;
     document.body.dataset.lost = lost;
-    stop.disabled = pause.disabled = wire.readyState !== WebSocket.OPEN || Boolean(now.ended || after);
-    warn(lost ? "No message from the run: this page can stop nothing now. Use the robot’s emergency stop." : "");
+    stop.disabled = pause.disabled = at("hold").disabled = wire.readyState !== WebSocket.OPEN || Boolean(now.ended || after);
+    warn(lost ? "No message from the run: this page can stop nothing now. Use the robot’s emergency stop." : refused ? `Refused: ${refused}` : "");
   }, 500);
   stop.addEventListener("click", () => send({do: "stop"}));
   pause.addEventListener("click", () => send({do: now.paused ? "resume" : "pause"}));
+  at("hold").addEventListener("click", () => send({do: "hold"}));
   for (const button of at("question").querySelectorAll("button"))
     button.addEventListener("click", () => send({do: "answer", number: question.number, done: Boolean(button.dataset.done)}));
 
@@ -50,6 +51,19 @@
     at("banner").firstElementChild.textContent = text;
     at("next").hidden = !after;
   };
+  const held = () => Boolean(now.between?.offer?.home);
+  const byHand = () => {  // the buttons stay while they are the same: a click takes longer than a message
+    const {possible, hold, offer, doing, said} = now.between ?? {};
+    at("hold").hidden = !possible || held();
+    at("hold").setAttribute("aria-pressed", Boolean(hold));
+    at("hold").textContent = hold ? "Holds after this trial" : "Hold after this trial";
+    at("hand").hidden = !held();
+    const key = JSON.stringify([offer, doing, said]);
+    if (!held() || key === offered) return;
+    offered = key;
+    const buttons = Object.entries(offer).flatMap(([what, targets]) => targets.map((target) => Object.assign(document.createElement("button"), {type: "button", textContent: `${what} ${target}`, disabled: Boolean(doing), onclick: () => send({do: what, target})})));
+    at("hand").replaceChildren(...buttons.flatMap((each) => [each, " "]), doing ? `${doing} …` : said);
+  };
   const verdict = () => {
     const counts = now.counts ?? [], done = counts.reduce((sum, [, number]) => sum + number, 0);
     const said = counts.map(([name, number, good]) => part(`${number} ${words(name)}`, good ? "good" : "missed"));
@@ -66,8 +80,10 @@
     document.body.dataset.state = now.ended ? "ended" : now.state;
     document.title = `${at("state").textContent}: ${now.run.title}`;
     if (now.ended) banner(now.by ? `The run was ${now.by}: ${now.ended}` : `The run has ended: ${now.ended}`, now.by ? "broken" : "done");
+    else if (held()) banner("HELD between two trials: nothing moves, but for what is asked for here, under the guard. Resume begins the next trial.", "paused");
     else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves, all is watched.${now.resumes_in ? ` Resume goes on in ${now.resumes_in}.` : ""}`, "paused");
     else banner("", "running");
+    byHand();
     pause.textContent = now.paused ? "Resume" : "Pause";
     stop.setAttribute("aria-pressed", now.stopped);
     stop.textContent = now.stopped ? "Stopped" : "Stop";
@@ -76,7 +92,7 @@
     at("question").firstElementChild.textContent = question?.text ?? "";
     for (const state of at("diagram").querySelectorAll("[data-state]")) {
       state.classList.toggle("here", state.dataset.state === now.state);
-      state.classList.toggle("next", Boolean(now.paused) && state.dataset.state === now.resumes_in);
+      state.classList.toggle("next", Boolean(now.paused) && !held() && state.dataset.state === now.resumes_in);
     }
     bars("thresholds", now.thresholds);
     bars("margins", now.margins);
