@@ -214,7 +214,9 @@ class RtdeClient:
         # The watchdog counts from here, and this thread looks at the clock again within the calls of a cycle.
         self._clock.hold(self._clock.monotonic_s() + CALLS_S)
         if not self._control.setWatchdog(self._settings.watchdog_hz):
-            self._control.stopScript()  # left running without one, it would have the next opening refused
+            # The script did not answer and takes no order to end: left running, it would have the next opening
+            # refused.
+            self.halt()
             advice = "is it in remote control, and this machine not overloaded?"
             raise LinkError(RefusedError, "the controller takes no watchdog", advice)
 
