@@ -63,6 +63,12 @@ class UrLink:
         self._connect()
         self._check_readiness(dashboard, again)
         model, serial = dashboard.ask("get robot model"), dashboard.ask("get serial number")
+        if self._settings.model not in ("", model):
+            raise LinkError(
+                RefusedError,
+                f"it is a {model}, the profile's model is {self._settings.model}",
+                "is it the right arm? correct port or model",
+            )
         self.client = RtdeClient(self._settings, dashboard, self._clock, lambda: self._row, self._sockets)
         self._await_row(lambda: self._row.running)
         details = {

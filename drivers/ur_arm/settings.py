@@ -17,6 +17,9 @@ class UrArmSettings(ArmSettings):
 
     rate_hz: float = Field(CYCLES_HZ, ge=25.0, le=CYCLES_HZ)
     """Rows a second: the controller's cycle (e-Series 500 Hz, RTDE guide), or every second, third … of them."""
+    model: str = ""
+    """What its dashboard answers to `get robot model`, as "UR3", "UR5" or "UR10" (an e-Series too): another arm is
+    refused before anything moves; "" compares nothing."""
     tcp_offset: Pose | None = None
     """The tool's point in the flange's frame: metres and rotation vector, as the pendant's TCP page shows it. An arm
     whose controller has another one is refused, or given this one (`tool`); None records the controller's, and

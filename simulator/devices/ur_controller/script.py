@@ -39,6 +39,15 @@ STREAMING = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70,
 
 STOP_SCRIPT, CONTACT_FOUND = 255, 254
 
+NOT_EMULATED = {
+    12: "servoC: servoJ and servoL are",
+    45: "movePath, and moveJ and moveL along a path: one pose after the other is",
+    56: "ftRtdeInputEnable: the arm's own force sensor is",
+    57: "enableExternalFtSensor: the arm's own force sensor is",
+    59: "setGravity: an upright arm is",
+}
+"""Commands of the client's script that end the program, and what is emulated in their place."""
+
 CONTACT_STOP_M_S2 = 3.0
 """How `stopl` stops after a contact, and `jog` uses 1.2 (control script)."""
 
@@ -199,7 +208,8 @@ class ControlScript:
 
     def _obey(self, command: int) -> Thread:
         if command not in self._handlers:
-            raise ScriptError(f"command {command} is not emulated")
+            name = NOT_EMULATED.get(command, "unknown to the client's script")
+            raise ScriptError(f"command {command} is not emulated ({name})")
         self._controller.obeyed[command] += 1
         rest = self._handlers[command]()
         if rest is not None:

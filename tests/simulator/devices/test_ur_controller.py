@@ -198,11 +198,25 @@ def test_a_pose_out_of_reach_ends_the_program(make: Callable[..., Desk]) -> None
     assert desk.controller.runtime is Runtime.STOPPED
 
 
-def test_a_command_that_is_not_emulated_ends_the_program_with_its_number(make: Callable[..., Desk]) -> None:
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (12, "servoC"),
+        (45, "movePath"),
+        (56, "ftRtdeInput"),
+        (57, "ExternalFt"),
+        (59, "setGravity"),
+        (99, "unknown"),
+    ],
+)
+def test_a_command_that_is_not_emulated_ends_the_program_with_its_name(
+    make: Callable[..., Desk], command: int, name: str
+) -> None:
     desk = make()
-    desk.write(12)
+    desk.write(command)
     desk.run(5)
-    assert "command 12 is not emulated" in desk.controller.log[-1]
+    assert f"command {command} is not emulated" in desk.controller.log[-1]
+    assert name in desk.controller.log[-1]
 
 
 def test_a_speed_that_is_no_number_is_a_protective_stop(make: Callable[..., Desk]) -> None:

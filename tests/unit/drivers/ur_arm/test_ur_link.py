@@ -290,6 +290,15 @@ def test_an_arm_with_another_tool_than_the_profile_states_is_refused_and_its_pro
     assert opening.left == 1
 
 
+def test_an_arm_of_another_model_than_the_profile_states_is_refused_before_its_program_starts(opening):
+    opening.link._settings = SETTINGS.model_copy(update={"model": "UR10"})
+    with refused(LinkError, "it is a UR5", "UR10", "correct port or model"):
+        opening.link.open(False)
+    assert opening.left == 0
+    opening.link._settings = SETTINGS.model_copy(update={"model": "UR5"})
+    assert opening.opens().model == "UR5"
+
+
 FOUND = Tool(TCP, 1.25, (0.0, 0.01, 0.06))
 
 
