@@ -35,7 +35,7 @@ class Drawn(NamedTuple):
     """A trial in the first figure.
 
     Attributes:
-        name: What it is: `typical`, `worst` or `failed`.
+        name: What it is: `typical`, `worst`, `largest` or `failed`.
         key: Of the trial on the page.
         trial: Its number.
         said: Its factors and outcome.
@@ -208,9 +208,11 @@ def again(run: Run) -> str:
 def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
     """The typical trial and the worst, each from before its event to where it stood; empty where no detector decided.
 
-    Typical is the success whose first number is the median's; worst is a failed trial, else the farthest from it.
+    Typical is the success whose number is the median; beside it stands a failed trial, else that of the largest number:
+    the worst where less is better.
     """
-    column = next((row["column"] for row in table("headlines") if row["experiment"] == experiment), None)
+    line = next((row for row in table("headlines") if row["experiment"] == experiment), None)
+    column: str | None = line["column"] if line else None
     recorded = {id(run): set(run.recorded_trials) for run in runs}
     seen = [
         (run, row)
@@ -229,7 +231,7 @@ def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
     if bad:
         chosen.append(("failed", bad[0]))
     elif len(good) > 1:
-        chosen.append(("worst", good[-1]))
+        chosen.append(("worst" if line and line["less"] else "largest", good[-1]))
     drawn = [_drawn(name, runs, run, row) for name, (run, row) in chosen]
     return [each for each in drawn if each is not None]
 

@@ -9,7 +9,7 @@ from controller.recording.reader import Run
 from controller.reports.counts import Mean, Row, grouped, is_number, mean_of, rate, title, under
 from controller.reports.figures import OURS, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Figure, Result, Section
+from controller.reports.section import ROWS, Figure, Result, Section, rows_where
 from controller.scales import NOTHING, figure, scale_of
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def _shown(rows: Sequence[Row], name: str) -> str:
 
 
 def _line(own: Sequence[Row], factors: Sequence[str], numbers: Sequence[str]) -> Row:
-    line: dict[str, Any] = {}
+    line: dict[str, Any] = {ROWS: rows_where(own[0], *factors)}
     for name in factors:
         line |= under(name, own[0].get(name))
     line["n"] = len(own)

@@ -146,6 +146,7 @@ class Table(NamedTuple):
         looks: Of the columns: `left`, `wrap` (long text), `mine`, `theirs`, or "".
         rows: A cell a column; True, False or None is a verdict.
         foot: A last row, over all others.
+        filters: Of each row what leaves its trials in the table of trials, by its key `ROWS`; "" for none.
     """
 
     groups: Sequence[tuple[str, int]]
@@ -153,6 +154,16 @@ class Table(NamedTuple):
     looks: Sequence[str]
     rows: Sequence[Sequence[Any]]
     foot: Sequence[Any] = ()
+    filters: Sequence[str] = ()
+
+
+ROWS = "@rows"
+"""Key of a row whose cell is no column, but leads to its trials: see `rows_where`."""
+
+
+def rows_where(row: Row, *names: str) -> str:
+    """What leaves the trials in the table of trials that are as this one: `location=f speed_m_s=0.00254`."""
+    return " ".join(f"{name}={row[name]}" for name in names if row.get(name) is not None)
 
 
 def laid_out(rows: Sequence[Row], foot: Row | None = None) -> Table:
@@ -166,11 +177,14 @@ def laid_out(rows: Sequence[Row], foot: Row | None = None) -> Table:
     ]
     heads = [head for _, head in columns]
     last = [lines[-1].get(column, "") for column in columns] if foot else ()
-    return Table(groups if any(name for name, _ in groups) else [], heads, looks, cells, last)
+    filters = [str(row.get(ROWS, "")) for row in rows]
+    return Table(groups if any(name for name, _ in groups) else [], heads, looks, cells, last, filters)
 
 
 def _cells(row: Row) -> Iterator[tuple[tuple[str, str], Any]]:
     for key, value in row.items():
+        if key == ROWS:
+            continue
         for head, cell in value.items() if isinstance(value, Mapping) else [(None, value)]:
             yield (("", key) if head is None else (key, head)), cell
 

@@ -46,7 +46,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import OURS, PAPER, Figures
 from controller.reports.run_account import acting_of, criterion_of, setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import ROWS, Kind, Result, Section, rows_where
 from controller.reports.settings import shown
 from controller.scales import NOTHING, scale_of
 
@@ -106,6 +106,7 @@ def _table_row(row: TableRow, other: str, terminal: bool = False) -> Row:
     """A row of Table I, with another detector on its approaches beside it; in a terminal without spreads."""
     paper = row.paper
     line: dict[str, Any] = {"where": f"{paper['side'] if paper else ''} {row.location}".strip()}
+    line[ROWS] = rows_where(row.approaches[0].row, "location", "speed_m_s")
     if not terminal:
         line |= under("position_m", paper and paper["micrometer_m"], digits=2)
     line |= under("speed_m_s", row.speed_m_s, "" if terminal else None, 2 if terminal else 3)

@@ -75,6 +75,22 @@ def test_the_table_is_filtered_by_text_and_by_comparisons(page):
     assert len(shown(page)) == 7
 
 
+def test_a_number_leads_to_its_rows(page):
+    page.locator("#part1 td a", has_text="pad f").click()
+    assert shown(page) == ["5"], "the one trial of that place and speed"
+
+
+def test_a_trial_has_an_address_and_the_arrow_keys_lead_to_its_neighbours(page, report):
+    page.goto(f"{report.as_uri()}?trial=2")
+    page.wait_for_selector('#signals-shown[data-ready="r0t2"]')
+    assert "Trial 2: " in page.locator("#trial").inner_text()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector('#signals-shown[data-ready="r0t3"]')
+    assert page.url.endswith("?trial=3")
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_selector('#signals-shown[data-ready="r0t2"]')
+
+
 def test_two_trials_stand_side_by_side(page):
     page.set_viewport_size({"width": 1400, "height": 900})
     rows = page.locator("table.trials tbody tr")
