@@ -95,3 +95,10 @@ def test_each_public_class_has_a_name_of_its_own() -> None:
             for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
                 places[name].append(str(path.relative_to(ROOT)))
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
+def test_every_page_begins_with_what_it_is_for() -> None:
+    pages = sorted((ROOT / "docs").rglob("*.md"))
+    firsts = {page.name: page.read_text("utf-8").split("\n\n")[1] for page in pages}
+    assert {name: first for name, first in firsts.items() if not re.match(r"For [^\n]+[.:?]", first)} == {}
+    assert len((ROOT / "docs/reference/glossary.md").read_text("utf-8").splitlines()) <= 50, "one screen"

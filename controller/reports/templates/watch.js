@@ -54,7 +54,7 @@
   const held = () => Boolean(now.between?.offer?.home);
   const byHand = () => {  // the buttons stay while they are the same: a click takes longer than a message
     const {possible, hold, offer, doing, said} = now.between ?? {};
-    at("hold").hidden = !possible || held();
+    at("hold").hidden = !possible || held() || Boolean(now.ended);
     at("hold").setAttribute("aria-pressed", Boolean(hold));
     at("hold").textContent = hold ? "Holds after this trial" : "Hold after this trial";
     at("hand").hidden = !held();
@@ -75,8 +75,8 @@
     at("title").textContent = `${now.run.title} · ${now.run.folder}`;
     verdict();
     const left = Number.isFinite(now.left_s) && !now.ended ? `, about ${clock(now.left_s)} left` : "";
-    at("now").textContent = now.ended ? now.ended : `Trial ${now.trial ?? "–"}, ${now.factors ?? ""}: ${Number((now.t_s ?? 0).toPrecision(4))} s${left}`;
-    at("state").textContent = now.ended ? "ENDED" : now.state || "begins";
+    at("now").textContent = now.ended ? "" : `Trial ${now.trial ?? "–"}, ${now.factors ?? ""}: ${Number((now.t_s ?? 0).toPrecision(4))} s${left}`;
+    at("state").textContent = now.ended ? "ENDED" : held() ? "HELD" : now.state || "begins";
     document.body.dataset.state = now.ended ? "ended" : now.state;
     document.title = `${at("state").textContent}: ${now.run.title}`;
     if (now.ended) banner(now.by ? `The run was ${now.by}: ${now.ended}` : `The run has ended: ${now.ended}`, now.by ? "broken" : "done");
@@ -181,7 +181,7 @@
     box.dataset.stream = stream;
     at("panels").append(box);
     Bokeh.Plotting.show(plot, box);
-    return {source, limit, range};
+    return {source, limit, range, box};
   };
   const spanOf = (shown) => {
     const ends = Object.values(shown).flatMap(({t}) => t.length ? [t[0], t.at(-1)] : []);
@@ -190,7 +190,11 @@
   const paint = () => {  // a slow machine draws more seldom: clicks come first
     const begun = performance.now();
     const shown = past ?? signals, span = spanOf(shown);
-    if (!document.hidden) for (const [stream, seen] of Object.entries(shown)) show(stream, seen, span);
+    const order = Object.keys((past ? null : now.signals) ?? shown);  // what decides comes first, whenever it came
+    if (!document.hidden) for (const [stream, seen] of Object.entries(shown)) {
+      show(stream, seen, span);
+      if (charts[stream]) charts[stream].box.style.order = order.indexOf(stream);
+    }
     setTimeout(paint, Math.max(200, 4 * (performance.now() - begun)));
   };
   paint();
