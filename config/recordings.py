@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from config.assemble import make_detector
+from config.assemble import calibratable, make_detector
 from config.hints import near_or_all
 from config.source import ProfileError, given_value
 from config.validation import validated
+from controller.characterize import Recorded, Truth, certificate
+from controller.detectors.calibration import Statistic
 from controller.detectors.protocol import Detector, envelope_of
 from controller.own_modules import is_own, own_folders
 from controller.recording.reader import open_run
@@ -18,7 +22,7 @@ from controller.recording.run_folder import RunFolder
 from controller.recording.series import TrialRecording
 from controller.recording.tables import ReplayError
 from controller.registry import KINDS
-from controller.replay import between, enveloped, own_detectors, read_inputs, read_trial
+from controller.replay import between, enveloped, own_detectors, read_blocks, read_inputs, read_trial
 from controller.signals.iq import IqSettings
 from drivers.core.messages import SampleBlock
 
@@ -130,6 +134,58 @@ def load_quiet(
                     raise ReplayError(f"{path}: no sample from {span[0]:g} to {span[1]:g} s")
             loaded += [whole._replace(blocks=blocks) for blocks in cut]
     return loaded
+
+
+def certified(
+    recordings: Sequence[Path],
+    overrides: Mapping[str, str],
+    *,
+    column: str | None,
+    stream: str,
+    rate_hz: float | None,
+    quiet: Sequence[tuple[float, float]],
+    touches: Sequence[float],
+    slips: Sequence[tuple[float, float]],
+    reference: str | None,
+    per_newton: float | None,
+    unit: str | None,
+    detectors: Sequence[str],
+    name: str | None,
+) -> tuple[dict[str, Any], Sequence[str]]:
+    """A sensor's certificate, and a line for each recording: what was read; see `verbs.recordings.characterize`.
+
+    Raises:
+        ProfileError, ReplayError, RunFolderError: as `load`.
+    """
+    kinds = detectors or ("slip", "force.threshold")
+    made: dict[str, Callable[[], Statistic]] = {}
+    for kind in kinds:
+        own = overrides if len(kinds) == 1 else {}
+        one = make_detector(kind, own, None, ())
+        if not isinstance(one, Statistic):
+            raise ReplayError(
+                f"--detector {kind}: no threshold that a recording could set; try {', '.join(calibratable())}"
+            )
+        made[kind] = partial(make_detector, kind, own, None, ())  # type: ignore[assignment]
+    if overrides and len(kinds) != 1:
+        raise ProfileError(f"--set {min(overrides)}: of which detector? name one with --detector")
+    notes: list[str] = []
+    given: list[Recorded] = []
+    for path in recordings:
+        where = path if path.exists() or path.suffix else RunFolder.find(path).path
+        blocks = read_blocks(where, stream, column=column, rate_hz=rate_hz, notes=notes)
+        second = (
+            read_blocks(where, stream, column=reference, rate_hz=rate_hz, notes=notes) if reference else ()
+        )
+        if unit is not None:
+            blocks = [replace(block, unit=unit) for block in blocks]
+        given.append(Recorded(path.name, blocks, second))
+    title = name or recordings[0].stem
+    try:
+        found = certificate(given, Truth(quiet, touches, slips), made, name=title, per_newton=per_newton)
+    except ValueError as error:
+        raise ReplayError(f"{recordings[0]}: {error}") from None
+    return found, notes
 
 
 def _in_run(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -118,12 +119,27 @@ def compare(first: str, second: str, out: Path) -> None:
     """Show which settings differ between two runs, and the mean difference of each result, second less first.
 
     Trials are paired by number and factors; behind a mean stands its 95 % interval (Student's). A page beside the
-    second run's report has tables and figures of both side by side.
+    second run's report has tables and figures of both side by side. Two JSON files of `characterize` are set beside
+    each other, a line for each quantity.
 
     \b
     Example:
+      run.py compare mine.json theirs.json
       run.py compare 2026-11-20T12-00-00Z latest
     """
+    if first.endswith(".json") and second.endswith(".json"):
+        from controller.characterize import differences
+
+        pages = []
+        for path in (first, second):
+            try:
+                pages.append(json.loads(Path(path).read_text("utf-8")))
+                pages[-1]["rows"], pages[-1]["sensor"]
+            except (OSError, ValueError, LookupError, TypeError) as error:
+                reason = f"{path}: no certificate of `{PROGRAM} characterize` ({error})"
+                raise click.BadParameter(reason, param_hint="RUN") from None
+        click.echo("\n".join(differences(*pages)))
+        return
     from controller.comparing import compared, side_by_side
     from controller.recording.reader import open_run
     from controller.reports.report import build_report

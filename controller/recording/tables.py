@@ -293,7 +293,7 @@ def _separator(row: str) -> str:
 
 
 def _split(row: str) -> list[str]:
-    return _fields(row, _separator(row))
+    return _fields(row.rstrip(" ,;\t"), _separator(row))
 
 
 def _wordy(row: str) -> bool:

@@ -1,0 +1,450 @@
+"""What a sensor can do, from its recordings: one page and one JSON, in the same words and units for every sensor."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
+from controller.replay import between
+from controller.reports.counts import wilson
+from drivers.core.messages import SampleBlock
+
+Floats = NDArray[np.float64]
+Span = tuple[float, float]
+
+AN_HOUR = (1.0, 10.0, 100.0)
+"""False alarms an hour at which delays are told."""
+
+AFTER_S, DELAY_S = 1.0, 1.0
+"""How long after an event it is looked for, and how late a detection still counts for it."""
+
+EARLY_S = 0.05
+"""What is above the threshold so long before an event is not of it."""
+
+REFERENCE_SIGMA, REST_S, APART_S = 8.0, 0.5, 0.5
+"""An event of the reference is beyond so many deviations of its first half second; the next one is as far away."""
+
+OUTLIER = 5.0
+"""Robust standard deviations beyond which a sample is an outlier; of a normal one 6 in ten million."""
+
+MAINS_HZ = (50.0, 60.0)
+DENSITY_HZ = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
+
+
+class Recorded(NamedTuple):
+    """A recording: its name, the sensor's blocks, and those of a second channel that shows the touches (or none)."""
+
+    name: str
+    blocks: Sequence[SampleBlock]
+    reference: Sequence[SampleBlock] = ()
+
+
+class Truth(NamedTuple):
+    """What is known of each recording, s: what is quiet, when something touched, from when to when it slid."""
+
+    quiet: Sequence[Span]
+    touches: Sequence[float] = ()
+    slips: Sequence[Span] = ()
+
+
+Row = dict[str, Any]
+"""`quantity`, `value`, `unit`, `low` and `high` (95 % interval, None where there is none), `n`, `how`."""
+
+
+def row(quantity: str, value: float, unit: str, how: str, **more: Any) -> Row:
+    """A row of a certificate; what is no finite number is None."""
+    found = {
+        "quantity": quantity,
+        "value": value,
+        "unit": unit,
+        "low": None,
+        "high": None,
+        "n": None,
+        "how": how,
+    }
+    return {
+        key: None if isinstance(each, float) and not math.isfinite(each) else each
+        for key, each in (found | more).items()
+    }
+
+
+def certificate(
+    recordings: Sequence[Recorded],
+    truth: Truth,
+    detectors: Mapping[str, Callable[[], Statistic]],
+    *,
+    name: str,
+    per_newton: float | None = None,
+) -> dict[str, Any]:
+    """A sensor's certificate.
+
+    Args:
+        recordings: Of one sensor, all at one rate; the first column counts.
+        truth: Of every recording. Touches are taken from a reference where there is one.
+        detectors: A fresh one of each kind.
+        name: The sensor's.
+        per_newton: Its reading for a newton, in its unit.
+
+    Raises:
+        ValueError: no quiet, or samples at irregular times.
+    """
+    rate_hz = recordings[0].blocks[0].rate_hz
+    if rate_hz is None:
+        raise ValueError("samples at irregular times; give --rate HZ if the samples are regular")
+    quiet = [part for each in recordings for part in _parts(each.blocks, truth.quiet)]
+    if not quiet:
+        raise ValueError("no quiet in it: name seconds in which nothing happens with --quiet T0:T1")
+    unit = recordings[0].blocks[0].unit or "unit"
+    rows = list(_at_rest([_values(part) for part in quiet], rate_hz, unit))
+    gaps: list[str] = []
+    touches = [_touches(each, truth) for each in recordings]
+    rows += _against_reference(recordings, touches, rate_hz)
+    rows += _spectrum_of_touches(recordings, touches, quiet, rate_hz)
+    for kind, make in detectors.items():
+        try:
+            rows += _detector(kind, make, recordings, quiet, truth, touches, unit, per_newton)
+        except ValueError as error:
+            gaps.append(f"{kind}: {error}")
+    return {
+        "sensor": name,
+        "recordings": [each.name for each in recordings],
+        "rate_hz": rate_hz,
+        "unit": unit,
+        "quiet_s": sum(len(_values(part)) for part in quiet) / rate_hz,
+        "touches": sum(map(len, touches)),
+        "slips": len(truth.slips) * len(recordings),
+        "rows": rows,
+        "cannot_say": gaps + list(_unsaid(rows, touches, truth, per_newton, quiet, rate_hz)),
+    }
+
+
+def _parts(blocks: Sequence[SampleBlock], spans: Sequence[Span]) -> Iterator[Sequence[SampleBlock]]:
+    for span in spans or [(-math.inf, math.inf)]:
+        found = between(blocks, max(span[0], -1e18), span[1])
+        if found:
+            yield found
+
+
+def _values(blocks: Sequence[SampleBlock]) -> Floats:
+    return np.concatenate([block.physical[:, 0] for block in blocks])
+
+
+def _times(blocks: Sequence[SampleBlock]) -> Floats:
+    return np.concatenate([block.times for block in blocks])
+
+
+# --- at rest -------------------------------------------------------------------------------------
+
+
+def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row]:
+    from scipy.signal import welch
+
+    finite = [part[np.isfinite(part)] for part in parts]
+    away = np.concatenate([part - np.median(part) for part in finite])
+    n = len(away)
+    sigma = float(away.std())
+    spread = 1.0 / math.sqrt(2.0 * n)
+    interval = {"low": sigma * (1.0 - 1.96 * spread), "high": sigma * (1.0 + 1.96 * spread), "n": n}
+    yield row("noise, standard deviation", sigma, unit, "of a sample in quiet", **interval)
+    longest = max(finite, key=len)
+    size = min(len(longest), max(64, round(2.0 * rate_hz)))
+    hz, power = welch(longest, rate_hz, nperseg=size, detrend="constant")
+    segments = max(1, 2 * len(longest) // size - 1)
+    for at_hz in DENSITY_HZ:
+        near = (hz > 0.7 * at_hz) & (hz < 1.4 * at_hz)
+        if at_hz < 0.5 * rate_hz and near.any():
+            density = math.sqrt(float(np.median(power[near])))
+            few = int(near.sum()) * segments
+            width = {
+                "low": density * (1 - 1 / math.sqrt(few)),
+                "high": density * (1 + 1 / math.sqrt(few)),
+                "n": few,
+            }
+            yield row(
+                f"noise density at {at_hz:g} Hz", density, f"{unit}/√Hz", "median of half an octave", **width
+            )
+    steps = np.concatenate([np.abs(np.diff(part)) for part in finite])
+    moved = steps[steps > 0.0]
+    if len(moved):
+        least = float(np.quantile(moved, 0.001))
+        whole = np.abs(moved / least - np.round(moved / least))
+        seen = bool(np.mean(whole[moved < 50 * least] < 0.02) > 0.9) if len(moved) > 20 else False
+        how = "least step" if seen else "below what can be seen in the noise"
+        yield row("quantisation", least if seen else math.nan, unit, how, n=len(moved))
+    second = round(rate_hz)
+    means = [part[: len(part) // second * second].reshape(-1, second).mean(axis=1) for part in finite]
+    long = [each for each in means if len(each) > 2]
+    if long:
+        slopes = [float(np.polyfit(np.arange(len(each)), each, 1)[0]) * 60.0 for each in long]
+        yield row(
+            "drift", float(np.median(slopes)), f"{unit}/min", "line through means of 1 s", n=len(slopes)
+        )
+    robust = 1.4826 * float(np.median(np.abs(away)))
+    if robust > 0.0:
+        count = int(np.sum(np.abs(away) > OUTLIER * robust))
+        low, high = wilson(count, n)
+        how = f"beyond {OUTLIER:g} robust standard deviations"
+        yield row("outliers, share of samples", count / n, "", how, low=low, high=high, n=n)
+    for mains_hz in MAINS_HZ:
+        if 2.5 * mains_hz < rate_hz and len(longest) > rate_hz:
+            turns = np.exp(-2j * math.pi * mains_hz / rate_hz * np.arange(len(longest)))
+            window = np.hanning(len(longest))
+            line = (
+                2.0 * abs(complex(((longest - longest.mean()) * window * turns).sum())) / float(window.sum())
+            )
+            near = (np.abs(hz - mains_hz) > 3.0) & (np.abs(hz - mains_hz) < 12.0)
+            floor = (
+                math.sqrt(float(np.median(power[near])) * 3.0 * rate_hz / len(longest)) if near.any() else 0.0
+            )
+            if line > 3.0 * floor:
+                yield row(
+                    f"mains at {mains_hz:g} Hz, amplitude", line, unit, "line above the noise beside it"
+                )
+            else:
+                yield row(
+                    f"mains at {mains_hz:g} Hz, amplitude", math.nan, unit, f"none above {3.0 * floor:.3g}"
+                )
+
+
+# --- touches -------------------------------------------------------------------------------------
+
+
+def _touches(each: Recorded, truth: Truth) -> Sequence[float]:
+    return onsets(each.reference) if each.reference else truth.touches
+
+
+def onsets(blocks: Sequence[SampleBlock]) -> Sequence[float]:
+    """When a channel leaves its rest, s: each first sample beyond `REFERENCE_SIGMA`, `APART_S` after the last one."""
+    x, t_s = _values(blocks), _times(blocks)
+    rest = x[t_s < t_s[0] + REST_S]
+    middle = float(np.median(rest))
+    sigma = max(1.4826 * float(np.median(np.abs(rest - middle))), float(rest.std()), 1e-12)
+    beyond = t_s[np.abs(x - middle) > REFERENCE_SIGMA * sigma]
+    return [float(t) for t in beyond[np.diff(beyond, prepend=-math.inf) > APART_S]]
+
+
+def _against_reference(
+    recordings: Sequence[Recorded], touches: Sequence[Sequence[float]], rate_hz: float
+) -> Iterator[Row]:
+    late = []
+    for each, at_s in zip(recordings, touches, strict=True):
+        for t_s in at_s if each.reference else ():
+            near = between(each.blocks, t_s - REST_S - 0.05, t_s + 0.2)
+            own = [found for found in onsets(near) if found > t_s - 0.05] if near else []
+            late += [found - t_s for found in own[:1]]
+    if len(late) < 3:
+        return
+    jitter = float(np.std(late, ddof=1))
+    half = 1.96 * jitter / math.sqrt(len(late))
+    middle = float(np.median(late))
+    how = "sensor's first reaction less the reference's"
+    yield row(
+        "latency", 1e3 * middle, "ms", how, low=1e3 * (middle - half), high=1e3 * (middle + half), n=len(late)
+    )
+    how = f"standard deviation of the latency; a sample is {1e3 / rate_hz:.3g} ms"
+    yield row("jitter", 1e3 * jitter, "ms", how, n=len(late))
+
+
+def _spectrum_of_touches(
+    recordings: Sequence[Recorded],
+    touches: Sequence[Sequence[float]],
+    quiet: Sequence[Sequence[SampleBlock]],
+    rate_hz: float,
+) -> Iterator[Row]:
+    size = round(0.1 * rate_hz)
+    rest = max((_values(part) for part in quiet), key=len)
+    if size < 16 or len(rest) < 4 * size:
+        return
+    window = np.hanning(size)
+
+    def power(x: Floats) -> Floats:
+        return np.abs(np.fft.rfft((x - x.mean()) * window)) ** 2
+
+    floor = np.mean([power(rest[k : k + size]) for k in range(0, len(rest) - size, size)], axis=0)
+    seen = []
+    for each, at_s in zip(recordings, touches, strict=True):
+        for t_s in at_s:
+            part = _values(between(each.blocks, t_s, t_s + 0.1) or each.blocks[:1])
+            if len(part) == size:
+                seen.append(power(part))
+    if seen:
+        hz = np.fft.rfftfreq(size, 1.0 / rate_hz)
+        above = hz[np.mean(seen, axis=0) > 4.0 * floor]
+        highest = float(above.max()) if len(above) else math.nan
+        how = "highest frequency at which a touch has four times the power of quiet"
+        yield row("bandwidth of touches", highest, "Hz", how, n=len(seen))
+
+
+# --- detectors -----------------------------------------------------------------------------------
+
+
+def _as_input(blocks: Sequence[SampleBlock], detector: Statistic) -> Sequence[SampleBlock]:
+    return [replace(block, stream=detector.inputs[0]) for block in blocks]
+
+
+def _detector(
+    kind: str,
+    make: Callable[[], Statistic],
+    recordings: Sequence[Recorded],
+    quiet: Sequence[Sequence[SampleBlock]],
+    truth: Truth,
+    touches: Sequence[Sequence[float]],
+    unit: str,
+    per_newton: float | None,
+) -> Iterator[Row]:
+    pieces = []
+    for part in quiet:
+        detector = make()
+        pieces.append((detector, _as_input(part, detector)))
+    slides = kind.startswith("slip")
+    word = "slip" if slides else "contact"
+    events = [
+        (each, t_s)
+        for each, at_s in zip(recordings, touches, strict=True)
+        for t_s in ([begin for begin, _ in truth.slips] if slides else at_s)
+    ]
+    courses = [_before(make, each, t_s, truth.quiet) for each, t_s in events]
+    for an_hour in AN_HOUR:
+        found = calibrate_pieces(pieces, 3600.0 / an_hour)
+        at = f"{kind} at {an_hour:g} false alarms an hour"
+        sure = "extrapolated" if found.extrapolated else "counted"
+        how = f"{sure} from {found.recording_s:.3g} s of quiet; paste: threshold = {found.threshold:.4g}"
+        if math.isfinite(found.checked_expected):
+            how += f"; left out: {found.checked_found:.0f} alarms for {found.checked_expected:.0f}"
+        yield row(f"{at}: threshold", found.threshold, "", how, low=found.low, high=found.high, n=len(quiet))
+        if kind == "force.threshold" and per_newton:
+            least = [value / abs(per_newton) for value in (found.threshold, found.low, found.high)]
+            how = "the threshold, as a force that lasts for its average"
+            yield row(f"{at}: smallest touch", least[0], "N", how, low=least[1], high=least[2])
+        if events:
+            yield from _delays(f"{at}: {word}", courses, found.threshold)
+
+
+def _before(
+    make: Callable[[], Statistic], each: Recorded, t_s: float, quiet: Sequence[Span]
+) -> tuple[Floats, Floats]:
+    """Times since an event, from `EARLY_S` before it on, and the statistic; it learns in the quiet before the event."""
+    detector = make()
+    begins_s = max((span[0] for span in quiet if span[1] <= t_s + 0.1), default=-1e18)
+    blocks = _as_input(between(each.blocks, begins_s, t_s + AFTER_S), detector)
+    courses = courses_of(detector, blocks) if blocks else []
+    times_s = np.concatenate([course.times_s for course in courses]) if courses else np.empty(0)
+    statistic = np.concatenate([course.statistic for course in courses]) if courses else np.empty(0)
+    late = times_s >= t_s - EARLY_S
+    return times_s[late] - t_s, statistic[late]
+
+
+def _delays(what: str, courses: Sequence[tuple[Floats, Floats]], threshold: float) -> Iterator[Row]:
+    delays, early = [], 0
+    for since_s, statistic in courses:
+        above = since_s[np.nan_to_num(statistic, nan=-math.inf) > threshold]
+        known = len(above) and above[0] >= 0.0
+        early += bool(len(above)) and not known
+        delays.append(float(above[0]) if known else math.inf)
+    ordered, n = np.sort(delays), len(delays)
+    told = int(np.sum(ordered <= DELAY_S))
+    low, high = wilson(told, n)
+    how = f"within {DELAY_S:g} s; {early} were above before, and count as missed"
+    yield row(f"{what} told", told / n, "", how, low=low, high=high, n=n)
+    for name, share in (("median", 0.5), ("90 %", 0.9)):
+        rank = 1.96 * math.sqrt(n * share * (1.0 - share))
+        places = [math.ceil(n * share + side * rank) - 1 for side in (0, -1, 1)]
+        ends = [1e3 * float(ordered[place]) if 0 <= place < n else math.nan for place in places]
+        yield row(
+            f"{what} delay, {name}", ends[0], "ms", "of all, missed ones last", low=ends[1], high=ends[2], n=n
+        )
+
+
+# --- what it cannot say, and the page -------------------------------------------------------------
+
+
+def _unsaid(
+    rows: Sequence[Row],
+    touches: Sequence[Sequence[float]],
+    truth: Truth,
+    per_newton: float | None,
+    quiet: Sequence[Sequence[SampleBlock]],
+    rate_hz: float,
+) -> Iterator[str]:
+    seconds = sum(len(_values(part)) for part in quiet) / rate_hz
+    if seconds < 5 * 3600.0 / AN_HOUR[-1]:
+        yield (
+            f"rare false alarms: {seconds:.3g} s of quiet are extrapolated at every rate; 100 an hour take 180 s,"
+            " one an hour five hours, with the robot moving as in use"
+        )
+    if len(quiet) < 3:
+        yield f"how recordings differ: {len(quiet)} stretches of quiet; record three, on other days and mountings"
+    count = sum(map(len, touches))
+    if count < 20:
+        yield f"touches: {count}; twenty tell a miss rate to 15 %: tap with a second sensor, --reference COLUMN"
+    if not any(each["quantity"] == "latency" for each in rows):
+        yield "latency and jitter: three taps seen by a second channel are needed, --reference COLUMN"
+    if not truth.slips:
+        yield "slip: none in it; drag it with an encoder and name when it slides, --slip T0:T1"
+    if per_newton is None:
+        yield "newtons: hang a weight on it and give --per-newton, its reading for 1 N"
+
+
+HEADS = ("quantity", "value", "95 % interval", "unit", "n", "how")
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"
+
+
+def cells(each: Row) -> Sequence[str]:
+    """A row as text, under `HEADS`."""
+    ends = (each["low"], each["high"])
+    interval = "" if ends == (None, None) else " to ".join(map(_number, ends))
+    return (
+        each["quantity"],
+        _number(each["value"]),
+        interval,
+        each["unit"],
+        str(each["n"] or ""),
+        each["how"],
+    )
+
+
+def page(found: Mapping[str, Any]) -> str:
+    """The certificate as one HTML file."""
+
+    def table(lines: Sequence[Sequence[str]]) -> str:
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in line) + "</tr>" for line in lines
+        )
+        return f"<table><tr>{''.join(f'<th>{head}</th>' for head in HEADS)}</tr>{body}</table>"
+
+    about = (
+        f"{', '.join(found['recordings'])}: {found['rate_hz']:g} Hz, {found['quiet_s']:.4g} s of quiet,"
+        f" {found['touches']} touches, {found['slips']} slips."
+    )
+    unsaid = "".join(f"<li>{html.escape(line)}</li>" for line in found["cannot_say"])
+    title = html.escape(str(found["sensor"]))
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>body{{font:14px/1.45'
+        " system-ui;max-width:70em;margin:2em auto;padding:0 1em}td,th{text-align:left;padding:.15em .8em .15em 0;"
+        f"border-bottom:1px solid #ccc;vertical-align:top}}</style><h1>{title}</h1><p>{html.escape(about)}</p>"
+        f"{table([cells(each) for each in found['rows']])}<h2>What it cannot say, and what to record next</h2>"
+        f"<ul>{unsaid}</ul></html>\n"
+    )
+
+
+def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[str]:
+    """Two certificates, a line for each quantity that both have."""
+    others = {(each["quantity"], each["unit"]): each for each in second["rows"]}
+    yield f"{first['sensor']} | {second['sensor']}"
+    for each in first["rows"]:
+        other = others.get((each["quantity"], each["unit"]))
+        if other is None:
+            continue
+        one, two = each["value"], other["value"]
+        ratio = f", x {two / one:.3g}" if one and two else ""
+        yield f"{each['quantity']}: {_number(one)} | {_number(two)} {each['unit']}{ratio}".rstrip()

@@ -1,0 +1,80 @@
+"""What a certificate says of a sensor whose truth is known."""
+
+import json
+
+import numpy as np
+import pytest
+
+from config.assemble import make_detector
+from controller.characterize import Recorded, Truth, certificate, differences, page
+from drivers.core.messages import SampleBlock
+
+RATE_HZ = 500.0
+TOUCHES_S = 21.0 + 1.7 * np.arange(22)
+
+
+def load_cell(seed=1):
+    """A minute of a cell: 6 mN of noise in steps of 5 mN, drift of 6 mN a minute, hum of 20 mN at 50 Hz, touches of
+    0.2 N that it shows 4 ms after a hammer."""
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(30_000) / RATE_HZ
+    force = 0.006 * rng.standard_normal(len(t_s)) + 1e-4 * t_s + 0.02 * np.sin(2.0 * np.pi * 50.0 * t_s)
+    hammer = 2e-3 * rng.standard_normal(len(t_s))
+    for at_s in TOUCHES_S:
+        force[(t_s > at_s + 0.003) & (t_s < at_s + 0.3)] += 0.2
+        hammer[(t_s > at_s - 0.001) & (t_s < at_s + 0.02)] += 1.0
+    return t_s, np.round(force / 0.005) * 0.005, hammer
+
+
+def block_of(values):
+    return [SampleBlock("sensor", 0, 0.0, values[:, None], rate_hz=RATE_HZ, unit="N")]
+
+
+def certified(name="cell", seed=1):
+    _, force, hammer = load_cell(seed)
+    detectors = {"force.threshold": lambda: make_detector("force.threshold", {})}
+    recorded = [Recorded("cell.log", block_of(force), block_of(hammer))]
+    return certificate(recorded, Truth([(0.0, 20.0)]), detectors, name=name, per_newton=2.0)
+
+
+def test_a_certificate_finds_what_was_put_into_a_signal():
+    found = certified()
+    rows = {row["quantity"]: row for row in found["rows"]}
+    assert rows["quantisation"]["value"] == pytest.approx(0.005, rel=0.01)
+    assert rows["drift"]["value"] == pytest.approx(0.006, abs=0.003)
+    assert rows["mains at 50 Hz, amplitude"]["value"] == pytest.approx(0.02, rel=0.05)
+    assert rows["mains at 60 Hz, amplitude"]["value"] is None
+    # noise of 6 mN and its rounding, in a band of 250 Hz
+    expected = np.hypot(0.006, 0.005 / np.sqrt(12.0)) / np.sqrt(250.0)
+    assert rows["noise density at 10 Hz"]["value"] == pytest.approx(expected, rel=0.15)
+    assert rows["latency"]["value"] == pytest.approx(4.0, abs=0.1)
+    assert rows["latency"]["n"] == found["touches"] == 22
+    assert rows["jitter"]["value"] < 1.0
+    at = "force.threshold at 100 false alarms an hour: "
+    assert rows[f"{at}smallest touch"]["value"] == pytest.approx(rows[f"{at}threshold"]["value"] / 2.0)
+    assert rows[f"{at}contact told"]["value"] >= 0.9
+    assert 4.0 <= rows[f"{at}contact delay, median"]["value"] <= 12.0
+    assert any("slip" in line for line in found["cannot_say"])
+
+
+def test_two_certificates_are_compared_in_the_same_words():
+    lines = list(differences(certified(), certified("other", seed=2)))
+    assert lines[0] == "cell | other"
+    assert any(line.startswith("latency: 4 | 4 ms, x 1") for line in lines)
+    assert "<td>latency</td>" in page(certified("<cell>"))
+    assert "&lt;cell&gt;" in page(certified("<cell>"))
+
+
+def test_from_a_loggers_file_to_a_page(verb, tmp_path):
+    t_s, force, hammer = load_cell()
+    lines = (f"{1e3 * t:.0f}\t{f:.3f}\t{h:.4f}\n" for t, f, h in zip(t_s, force, hammer, strict=True))
+    log = tmp_path / "cell.log"
+    log.write_text("Logger 3.2\nSerial: 4411, B\n\nTime [ms]\tForce\tHammer\nms\tN\tV\n" + "".join(lines))
+    given = ("--column", "Force", "--reference", "Hammer", "--quiet", "0:20", "--out", tmp_path / "cell")
+    code, out, err = verb("characterize", log, *given, "--detector", "force.threshold")
+    assert code == 0, err
+    assert (tmp_path / "cell.html").is_file()
+    stored = json.loads((tmp_path / "cell.json").read_text())
+    assert stored["touches"] == 22
+    assert "cannot say: newtons" in out
+    assert "latency: 4 | 4 ms, x 1" in verb("compare", tmp_path / "cell.json", tmp_path / "cell.json")[1]
