@@ -8,6 +8,7 @@ import os
 import platform
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -273,9 +274,9 @@ class Campaign:
             line = f"{line}; NOT seen standing still: {', '.join(self._not_at_rest)}: look at the bench"
         elif status == "aborted":
             line = f"{line}: the bench is still"
-        warnings = [
-            account["warning"] for account in self._manifest["signals"].values() if "warning" in account
-        ]
+        accounts = self._manifest["signals"].values()
+        counts_of = Counter(account["warning"] for account in accounts if "warning" in account)
+        warnings = [f"{text} ({n} signals)" if n > 1 else text for text, n in counts_of.items()]
         line = "; ".join(part for part in (line, *warnings) if part)
         self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
         if counts:
