@@ -747,7 +747,8 @@ class Certifier:
             isinstance(each, GuardStopped) for each in result.events
         )
         sound = said in result.reason and not let_through
-        return proof.judged(sound, still, "guard refused" if sound else "the guard let it through")
+        otherwise = f"the guard did not refuse it: {result.reason or 'it was carried out'}"
+        return proof.judged(sound, still, "guard refused" if sound else otherwise)
 
     def _moving(self, mover: Mover, wrong: Wrong, proof: Proof) -> Proof:
         """Let something go wrong while a mover creeps: what must act says so; else it is the mover's own standstill."""

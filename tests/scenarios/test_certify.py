@@ -13,8 +13,9 @@ import pytest
 from config.certificate import certified, certifier_of
 from config.profile import load_profile
 from controller.certify import NOT_AT_REST, Certifier
-from controller.guard import Guard, GuardSettings
+from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.limits import Bounds, MoverLimits
+from drivers.core.errors import SilentError
 from simulator.mocks.ur_arm import MockUrArm
 from simulator.mocks.zaber_stage import MockZaberStage
 
@@ -112,6 +113,21 @@ def test_a_limit_that_does_not_act_fails_the_certificate(monkeypatch, name, kind
     proofs = proved(name)
     assert not certified(proofs)
     assert {proof.limit for proof in proofs if proof.verdict == "failed"} == limits
+
+
+def test_what_kept_a_command_from_being_refused_is_named(monkeypatch):
+    admit = Bounds.admit_speed
+
+    def silent(*given):
+        try:
+            admit(*given)
+        except GuardRefusal:
+            raise SilentError("board", "reading", "board.period is silent", "look at its cable") from None
+
+    monkeypatch.setattr(Bounds, "admit_speed", silent)
+    (failed,) = [proof for proof in proved("mock/transient") if proof.verdict == "failed"]
+    assert failed.limit == "limits.speed_m_s"
+    assert "board.period is silent" in failed.acted
 
 
 def test_silence_and_lateness_that_nobody_notices_fail_it(monkeypatch):
