@@ -21,7 +21,7 @@ from controller.recording.series import TrialRecording
 from controller.recording.tables import Chosen, ReplayError, channel_numbers, read_columns
 from controller.scales import si_unit
 from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import SampleBlock, Saturated
 
 ENVELOPES = ("FS", "V", "")
 """Units that an envelope may be in; a file's columns need not name one."""
@@ -29,6 +29,10 @@ ENVELOPES = ("FS", "V", "")
 SLOW_HZ = 5.0
 """Below this rate a recording's times may be in another unit than its column says (assumption)."""
 
+
+RAIL, RAIL_LEVELS, RAIL_LOOK = 5, 16, 100_000
+"""Samples in a row at the least or the largest value that are a converter at its rail, and of how many different values
+in how many samples at least. Assumptions: noise of an unclipped sensor does not hold its extreme so long."""
 
 LEAST_STEP_S, LATEST_S = 1e-9, 2.0**32
 """Between two rows of a file at least, and the latest time of one: a nanosecond, and the year 2106 where seconds count
@@ -195,11 +199,16 @@ def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) 
                 f"{stream}: {block.values.shape[1]} channels of sound; choose one finger's, for example --column 0"
             )
         try:
-            # full scale is reported on the bench, where it stops the arm; here there is nothing to stop
-            parts = [part for part in chain.push(block) if isinstance(part, SampleBlock)]
+            parts = chain.push(block)
         except ValueError as error:
             raise ReplayError(str(error)) from None
-        made += [replace(part, stream=stream) for part in parts]
+        full = next((part for part in parts if isinstance(part, Saturated)), None)
+        if full is not None:  # what stops the arm on the bench is no envelope here
+            raise ReplayError(
+                f"{stream}: the converter is at full scale at {full.t_s:.6g} s; turn the gain down and record again,"
+                " or cut the recording there"
+            )
+        made += [replace(part, stream=stream) for part in parts if isinstance(part, SampleBlock)]
     if blocks and not any(block.stream == stream for block in made):
         raise ReplayError(f"{stream}: the sound is too short for an envelope; it takes some milliseconds")
     return sorted(made, key=lambda block: block.last_s)
@@ -327,13 +336,33 @@ def _check_values(path: Path, name: str, blocks: Sequence[SampleBlock]) -> str:
     lost = [block.times[~np.isfinite(block.physical).all(axis=1)] for block in blocks]
     count = sum(map(len, lost))
     if not count:
-        return ""
+        return _at_rail(blocks)
     if count == sum(len(block) for block in blocks):
         raise ReplayError(
             f"{path}: {name}: no value is a finite number; is it the right column, is the sensor alive?"
         )
     first_s = next(float(times_s[0]) for times_s in lost if len(times_s))
     return f"; {count} samples are no finite numbers, the first at {first_s:.6g} s"
+
+
+def _at_rail(blocks: Sequence[SampleBlock]) -> str:
+    """What is said of a converter that stands at an end of its range for `RAIL` samples in a row; "" where none does.
+
+    A channel of a few values alone, as a switch, has no rails."""
+    x = np.concatenate([block.physical[:, 0] for block in blocks])
+    if len(np.unique(x[:RAIL_LOOK])) <= RAIL_LEVELS:
+        return ""
+    for end in (float(x.max()), float(x.min())):
+        edges = np.flatnonzero(np.diff((x == end).astype(np.int8), prepend=0, append=0))
+        begins, lengths = edges[::2], edges[1::2] - edges[::2]
+        if (lengths >= RAIL).any():
+            times_s = np.concatenate([block.times for block in blocks])
+            first_s = float(times_s[begins[lengths >= RAIL][0]])
+            many = int(lengths[lengths >= RAIL].sum())
+            return (
+                f"; the converter is at its rail ({end:.6g}) in {many} samples, the first at {first_s:.6g} s"
+            )
+    return ""
 
 
 def _summary(blocks: Sequence[SampleBlock]) -> str:

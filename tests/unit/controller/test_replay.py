@@ -18,8 +18,9 @@ from controller.detectors.calibration import calibrate
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.recording.tables import ReplayError, read_columns
-from controller.replay import between, calibration_line, read_blocks, replay
+from controller.replay import between, calibration_line, enveloped, read_blocks, replay
 from controller.replay_plot import draw
+from controller.signals.iq import IqSettings
 from drivers.core.messages import SampleBlock
 from tests.refusals import refused
 
@@ -557,3 +558,21 @@ def test_structures_of_mat_files_and_flac_are_read(tmp_path):
     assert read_columns(tmp_path / "a.mat", "run.force").values[:, 0] == pytest.approx(wave)
     found = read_columns(tmp_path / "a.flac", None)
     assert (found.rate_hz, found.values[:, 0]) == (8000.0, pytest.approx(wave, abs=1e-4))
+
+
+@pytest.mark.parametrize(("limit", "said"), [(0.02, True), (1.0, False)])
+def test_a_converter_at_its_rail_is_named(tmp_path, limit, said):
+    """A touch that clips, and the same in a wider range."""
+    t_s = np.arange(2000) / 1000.0
+    values = np.clip(0.003 * np.random.default_rng(1).standard_normal(2000) + 0.05 * (t_s > 1.5), -1.0, limit)
+    notes = []
+    read_blocks(csv(tmp_path / "a.csv", t_s, values), STREAM, notes=notes)
+    assert ("at its rail (0.02)" in notes[0] and "1.501 s" in notes[0]) == said
+
+
+def test_sound_at_full_scale_is_no_envelope():
+    tone = 1.2 * np.sin(2.0 * np.pi * 40_000.0 / 96_000.0 * np.arange(48_000))
+    counts = np.clip(tone * 2**23, -(2**23), 2**23 - 1).astype(np.int32)[:, None]
+    block = SampleBlock("signals.right", 0, 0.0, counts, rate_hz=96_000.0, scale=2.0**-23, unit="FS")
+    with pytest.raises(ReplayError, match="at full scale"):
+        enveloped([block], "signals.right", IqSettings(channel=0))
