@@ -67,6 +67,8 @@ def headline_of(
     met = sum(mark in ("same", "met") for mark in marks)
     judged = f"; {met} of {len(marks)} checks against paper and goals pass" if marks else ""
     beside = f"; {found.verdict}" if found.verdict else ""
+    listed = any(line["experiment"] == experiment for line in table("headlines"))
+    beside += "; no paper has this figure" if listed and not found.paper else ""
     state = "none" if not good else "all" if good == n else "some"
     return found._replace(verdict=f"{count}{missed}{beside}{judged}.", state=state)
 
@@ -224,13 +226,15 @@ def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
         rows = [row for _, row in seen]
         found = _measured(runs, rows)
         column = found and found.column
+    asked = [each for each in seen if line and _holds(str(line["where"] or ""), each[1])]
+    seen = asked or seen
     good = [each for each in seen if each[0].succeeded(each[1])]
     good.sort(key=lambda each: abs(_value(each[1], column)))
     bad = [each for each in seen if not each[0].succeeded(each[1])]
     chosen = [("typical", good[(len(good) - 1) // 2])] if good else []
     if bad:
         chosen.append(("failed", bad[0]))
-    elif len(good) > 1:
+    elif len(good) > 1 and column:
         chosen.append(("worst" if line and line["less"] else "largest", good[-1]))
     drawn = [_drawn(name, runs, run, row) for name, (run, row) in chosen]
     return [each for each in drawn if each is not None]
@@ -323,7 +327,8 @@ class Panel(NamedTuple):
         for tick in _ticks(1e3 * (start - zero), 1e3 * (end - zero), 4):
             at = x(zero + tick / 1e3)
             parts.append(f'<text class="x" x="{at:.1f}" y="{TOP + HIGH + 14:.0f}">{figure(tick)}</text>')
-        marks = (("zero", moments.zero_s), ("decided", moments.decided_s), ("stood", moments.stood_s))
+        event_s = moments.zero_s if moments.zero_s != moments.decided_s else None
+        marks = (("zero", event_s), ("decided", moments.decided_s), ("stood", moments.stood_s))
         for look, t in marks:
             if t is not None and start <= t <= end:
                 parts.append(f'<path class="{look}" d="M{x(t):.1f} {TOP:.0f}V{TOP + HIGH:.0f}"/>')
