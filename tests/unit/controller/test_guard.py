@@ -534,8 +534,9 @@ def stopped(*before, **changes):
         Excite("board", True),
     ],
 )
-def test_after_a_stop_what_takes_load_away_is_admitted(command):
-    assert stopped(MoveAt("stage", 0.01, 0.012)).admit(command) == command
+@pytest.mark.parametrize("before", [[MoveAt("stage", 0.01, 0.012)], []], ids=["forward", "never moved"])
+def test_after_a_stop_what_takes_load_away_is_admitted(before, command):
+    assert stopped(*before).admit(command) == command
 
 
 @pytest.mark.parametrize(
