@@ -379,8 +379,18 @@ def _unsaid(
             f"rare false alarms: {seconds:.3g} s of quiet are extrapolated at every rate; 100 an hour take 180 s,"
             " one an hour five hours, with the robot moving as in use"
         )
+    if not truth.quiet:
+        yield "which part is quiet: all of it was taken for quiet, touches as well; name it with --quiet T0:T1"
+    early = sum(
+        "; 0 were above before" not in each["how"] for each in rows if each["quantity"].endswith(" told")
+    )
+    if early:
+        yield (
+            "what was above a threshold already before an event: it drifts, or the last event still lasts; name quiet"
+            " shortly before the events too, so that it is learned there"
+        )
     if len(quiet) < 3:
-        yield f"how recordings differ: {len(quiet)} stretches of quiet; record three, on other days and mountings"
+        yield f"how recordings differ: stretches of quiet: {len(quiet)}; record three, on other days and mountings"
     count = sum(map(len, touches))
     if count < 20:
         yield f"touches: {count}; twenty tell a miss rate to 15 %: tap with a second sensor, --reference COLUMN"

@@ -55,6 +55,7 @@ def test_a_certificate_finds_what_was_put_into_a_signal():
     assert rows[f"{at}contact told"]["value"] >= 0.9
     assert 4.0 <= rows[f"{at}contact delay, median"]["value"] <= 12.0
     assert any("slip" in line for line in found["cannot_say"])
+    assert not any("all of it was taken for quiet" in line for line in found["cannot_say"])
 
 
 def test_two_certificates_are_compared_in_the_same_words():
