@@ -59,7 +59,7 @@ NAMES = {
     "truth_contact_s": "touched",
     "touch_truth_s": "touched",
     "truth_release_s": "released",
-    "onset_s": "first 0.005 N",
+    "onset_s": "first force seen",
     "detect_s": "detected",
     "touch_s": "touch detected",
     "command_s": "stop sent",
