@@ -41,6 +41,9 @@ MOVES_V, STANDS_S = 0.02, 0.5
 MOTOR_S = 0.05
 """The motor shakes the beam before the position shows that it moves: time before a step that is no rest."""
 
+FRESH = 1000
+"""First of the approaches judged here: no constant was chosen on these."""
+
 HARMONIC = 0.71
 """The oscillation's own share of the simulated waveform's deviation; the rest is noise and harmonics."""
 
@@ -236,7 +239,7 @@ def disturbed(finger: str, count: int) -> dict[str, dict[str, int]]:
     for trial in range(count):
         for name, (noise, hum, later) in DISTURBED.items():
             row = rows()[trial % len(rows())]
-            scene = approach(level(finger), SEED_JUDGED, trial, row, hold_s=0.0, noise=noise)
+            scene = approach(level(finger), SEED_JUDGED, FRESH + trial, row, hold_s=0.0, noise=noise)
             t_s, x = scene.times_s, scene.accelerometer
             amplitude = hum * math.sqrt(2.0) * HARMONIC * float(x[:10_000].std())
             begins_s = scene.starts_s if later else 0.0
