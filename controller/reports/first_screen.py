@@ -252,7 +252,9 @@ def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row) -> Drawn | None:
     instants = [t for t in (moments.zero_s, moments.decided_s, moments.stood_s) if t is not None]
     margin = max(0.5 * (max(instants) - min(instants)), LEAST_S / 2.0)
     start, end = min(instants) - margin, min(max(instants) + margin, min(instants) + MOST_S)
-    panels = [Panel(*each).svg(moments, start, end) for each in _panels(run, recording, moments, start, end)]
+    panels = [
+        SignalPanel(*each).svg(moments, start, end) for each in _panels(run, recording, moments, start, end)
+    ]
     return Drawn(
         name, key_of(runs, run, int(row["trial"])), int(row["trial"]), said_of(run, row), moments, panels
     )
@@ -299,7 +301,7 @@ WIDE, HIGH, LEFT, TOP, BELOW = 380.0, 92.0, 50.0, 20.0, 20.0
 """A plot, and the room for numbers on its left, its heading and its time axis, in the page's dots."""
 
 
-class Panel(NamedTuple):
+class SignalPanel(NamedTuple):
     """A plot: its heading, and curves by (look, times in s, values)."""
 
     heading: str
