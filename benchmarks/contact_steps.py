@@ -51,7 +51,7 @@ RATE = 0.02
 """Rests with an alarm."""
 
 
-class Step(NamedTuple):
+class RollerStep(NamedTuple):
     """A rest and the step that ends it: run, the signal from the rest's start on (n,), the step's sample in it (None:
     the recording ends), and whether the frequency rises."""
 
@@ -61,7 +61,7 @@ class Step(NamedTuple):
     rises: bool
 
 
-def steps() -> Iterator[Step]:
+def steps() -> Iterator[RollerStep]:
     """All rests in which the beam swings, and what follows."""
     for run, columns in (load("beam") or {}).items():
         position = columns[:, 1].copy()
@@ -82,7 +82,7 @@ def steps() -> Iterator[Step]:
         for end, begin in rests:
             start = end + round(AFTER_S * RATE_HZ)
             if begin is None:  # as long as the others
-                yield Step(run, x[start : start + round(RATE_HZ)], None, False)
+                yield RollerStep(run, x[start : start + round(RATE_HZ)], None, False)
                 continue
             before, way = way, math.copysign(1.0, mean[begin + 500] - mean[begin])
             if way < before:
@@ -91,7 +91,7 @@ def steps() -> Iterator[Step]:
             off = np.abs(np.convolve(near, np.full(25, 0.04), "valid") - near[:300].mean())
             onset = begin - 400 + 100 + int(np.argmax(off[100:] > 0.012)) + 12
             stop = onset + round(IN_TIME_S * RATE_HZ)
-            yield Step(run, x[start:stop], onset - start, way > 0.0)
+            yield RollerStep(run, x[start:stop], onset - start, way > 0.0)
 
 
 Tracker = Callable[[Floats], Floats]
@@ -190,12 +190,12 @@ TRACKERS: Mapping[str, Mapping[str, Tracker]] = {
 }
 
 
-def _rest(step: Step, statistic: Floats) -> Floats:
+def _rest(step: RollerStep, statistic: Floats) -> Floats:
     """The part of a statistic that is judged for false alarms."""
     return statistic if step.step is None else statistic[: step.step - round(MOTOR_S * RATE_HZ)]
 
 
-def judged(found: list[tuple[Step, Floats]], wanted: Callable[[Step], bool]) -> dict[str, Any]:
+def judged(found: list[tuple[RollerStep, Floats]], wanted: Callable[[RollerStep], bool]) -> dict[str, Any]:
     """Steps found in time at thresholds from the rests of the other runs."""
     highest = {
         i: float(np.nanmax(np.nan_to_num(_rest(step, s), nan=-1e9))) for i, (step, s) in enumerate(found)

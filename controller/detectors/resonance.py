@@ -345,19 +345,17 @@ class ResonanceDetector:
             return np.abs(s)
         return -s if self.settings.stiffness == "falls" else s
 
-    def _over_noise(self, s: Floats, surprise: Floats) -> Floats:
-        """The same over the noise of the last moments, where that is louder than the baseline's."""
+    def _over_noise(self, s: float, surprise: float, free: bool) -> float:
+        """The same over the noise of the last moments, where that is louder than the baseline's; not learned in
+        contact."""
         assert self._envelope is not None
-        keep = math.exp(-self._envelope.hop_s / NOISE_S)
-        scale = np.empty(len(s))
+        scale = math.sqrt(self._noise) if self._noise > LOUDER**2 else 1.0
         # a single knock is no noise
-        power = np.minimum(surprise**2 / len(self._middle), QUIET**2)
-        for i in range(len(s)):
-            scale[i] = math.sqrt(self._noise) if self._noise > LOUDER**2 else 1.0
-            self._recent.append(float(power[i]))
-            if math.isnan(self._contact_s):
-                self._noise += (1.0 - keep) * (self._recent[0] - self._noise)
-            del self._recent[0]
+        self._recent.append(min(surprise**2 / len(self._middle), QUIET**2))
+        oldest = self._recent.pop(0)
+        if free:
+            keep = math.exp(-self._envelope.hop_s / NOISE_S)
+            self._noise += (1.0 - keep) * (oldest - self._noise)
         return s / scale
 
     def _follow(self, times_s: Floats, levels: Floats, phases: Floats) -> list[Detected]:
@@ -379,8 +377,7 @@ class ResonanceDetector:
         assert self._envelope is not None
         off = features - self._middle
         surprise = np.sqrt((off * (off[:, :, None] * self._inverse).sum(axis=1)).sum(axis=1))
-        s = self._over_noise(self._deviations(off, surprise), surprise)
-        self.readings = np.concatenate([self.readings, decisions(past[:, 0], s, self._limit)])
+        s = self._deviations(off, surprise)
         rate_hz = self._envelope.free_hz + rates_hz
         keep = math.exp(-self._envelope.hop_s / self.settings.follow_s)
         slow_keep = math.exp(-1.0 / self._memory)
@@ -389,6 +386,7 @@ class ResonanceDetector:
         for i in range(len(s)):
             self._slow_hz += (1.0 - slow_keep) * (float(rate_hz[i]) - self._slow_hz)
             t_s, free = float(past[i, 0]), math.isnan(self._contact_s)
+            s[i] = self._over_noise(float(s[i]), float(surprise[i]), free)
             crept = any(sign * (self._slow_hz - self._reference_hz) > self._creep_hz for sign in way)
             if free:
                 if s[i] > self._limit or crept:
@@ -417,6 +415,7 @@ class ResonanceDetector:
                 self._contact_s = math.nan
                 self._slow_hz = self._reference_hz
                 events.append(ContactLost(t_s, self.name, float(s[i]), self._limit))
+        self.readings = np.concatenate([self.readings, decisions(past[:, 0], s, self._limit)])
         return events
 
 

@@ -36,14 +36,16 @@ class Unread:
 def test_a_terminal_that_takes_nothing_holds_neither_the_loop_nor_the_end_up(monkeypatch, how):
     monkeypatch.setattr(live, "REFRESH_S", -1.0)
     terminal = Unread()
-    operator = SimpleNamespace(poll=lambda: None, question=None)
+    operator = SimpleNamespace(poll=lambda: None, pressed_yet=lambda: "", question=None)
     console = LiveConsole(operator, Terminal(file=terminal.file, force_terminal=True, width=72, height=24))
     if how == "stopped":
         termios.tcflow(terminal.file.fileno(), termios.TCOOFF)  # what Ctrl+S does
     console.campaign_started("mock/transient", 42, Path("runs/x"))
     thread, pictures = console._drawer._thread, console._drawer._pictures
+    console.trial_started(1, {})
     hung = turns = 0
     while hung < 60:  # turns in one drawing of its thread's
+        console.state("MOVING", 0.005 * turns)  # what has not changed is not drawn
         console.poll()
         time.sleep(0.005)
         turns += 1
