@@ -198,12 +198,21 @@ class Killer(Script):
         super().trial_ended(trial, outcome, row)
 
 
-def threads():
-    return Crew(2, lambda: ThreadPoolExecutor(2), lambda executor: executor.shutdown(cancel_futures=True))
+class InTurn(Executor):
+    """Runs each batch as it is submitted, on a copy of its order: two workers share no object of the program."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        done = Future()
+        done.set_result(fn(*pickle.loads(pickle.dumps(args)), **kwargs))
+        return done
 
 
-def in_two(tmp_path, console, crew=threads, **sets):
-    """A short campaign by two workers, threads where a test does not ask for others."""
+def in_turn():
+    return Crew(2, InTurn, lambda _: None)
+
+
+def in_two(tmp_path, console, crew=in_turn, **sets):
+    """A short campaign by two workers, in this process where a test does not ask for others."""
     profile = load_profile("mock/transient", {**SETS, **sets})
     plan = plan_campaign(profile, profile.trials(0), 0)
     with closing(crew()) as workers:
