@@ -114,6 +114,37 @@ def changes(
         yield i, bool(above[i])
 
 
+class Holding:
+    """A comparator that lets go only where the statistic has stayed down for some samples.
+
+    Attributes:
+        on: Its state after the last sample.
+    """
+
+    def __init__(self) -> None:
+        self.on = False
+        self._below = 0
+
+    def changes(
+        self, statistic: Floats, threshold: float, release: float, hold: int
+    ) -> Iterator[tuple[int, bool]]:
+        """Samples at which the state changes, and the new state.
+
+        Args:
+            statistic: After each sample, shape (n,).
+            threshold: It is on above.
+            release: It is off where the statistic has been at this value, or below,
+            hold: for so many samples in a row, at least one.
+        """
+        if not self.on and not (statistic > threshold).any():
+            return
+        for i, value in enumerate(statistic.tolist()):
+            self._below = self._below + 1 if self.on and value <= release else 0
+            if self._below >= max(1, hold) if self.on else value > threshold:
+                self.on, self._below = not self.on, 0
+                yield i, self.on
+
+
 def rate_of(block: SampleBlock, doing: str) -> float:
     """The block's sample rate, Hz.
 

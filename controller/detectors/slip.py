@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, SlipEnded, SlipStarted
-from controller.detectors.protocol import NOTHING, Quantity, changes, channels_of, decisions, rate_of
+from controller.detectors.protocol import (
+    NOTHING,
+    Holding,
+    Quantity,
+    changes,
+    channels_of,
+    decisions,
+    rate_of,
+)
 from controller.signals.cusum import (
     CREDIT,
     MISSING,
@@ -255,8 +263,7 @@ class SlipDetector:
         self.readings = NOTHING
         self._channels: list[_Channel] = []
         self._next_seq: int | None = None
-        self._slipping = False
-        self._below = 0
+        self._slip = Holding()
         self._received = 0
         self._ready_reported = False
         self._refusal_reported = False
@@ -285,7 +292,7 @@ class SlipDetector:
         rate_hz, threshold = rate_of(block, DOING), self.settings.threshold
         events: list[Detected] = []
         if self._restarts(block, rate_hz):
-            slipping = self._slipping
+            slipping = self._slip.on
             self.reset()
             if slipping:
                 events.append(SlipEnded(float(block.times[0]), self.name, 0.0, threshold))
@@ -294,23 +301,12 @@ class SlipDetector:
             events += self._baseline(block, rate_hz)
         times_s = block.times
         self.readings = decisions(times_s, scores, threshold)
-        if self._slipping or (len(scores) and scores.max() > threshold):
-            for i in self._changes(scores, max(1, round(self.settings.hold_s * rate_hz))):
-                kind = SlipStarted if scores[i] > threshold else SlipEnded
-                events.append(kind(float(times_s[i]), self.name, float(scores[i]), threshold))
-        return sorted(events, key=lambda event: event.t_s)
-
-    def _changes(self, scores: Floats, hold: int) -> list[int]:
-        """Samples at which slip begins: above the threshold; and ends: one knock's worth below, for so many samples."""
-        threshold = self.settings.threshold
         ending = max(0.5 * threshold, threshold - self._channels[0].cusum.cap)
-        found = []
-        for i, score in enumerate(scores.tolist()):
-            self._below = self._below + 1 if self._slipping and score <= ending else 0
-            if self._below >= hold if self._slipping else score > threshold:
-                self._slipping = not self._slipping
-                found.append(i)
-        return found
+        hold = round(self.settings.hold_s * rate_hz)
+        for i, slipping in self._slip.changes(scores, threshold, ending, hold):
+            kind = SlipStarted if slipping else SlipEnded
+            events.append(kind(float(times_s[i]), self.name, float(scores[i]), threshold))
+        return sorted(events, key=lambda event: event.t_s)
 
     def _restarts(self, block: SampleBlock, rate_hz: float) -> bool:
         """Whether a long gap, or a stream that begins anew, comes before the block."""

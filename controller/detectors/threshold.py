@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
-from controller.detectors.protocol import NOTHING, Quantity, changes, channels_of, decisions, rate_of
+from controller.detectors.protocol import NOTHING, Holding, Quantity, channels_of, decisions, rate_of
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import BaselineS, Settings, StreamName
 
@@ -22,6 +22,9 @@ DOING = "waiting for contact"
 NOISE_SIGMA = 8.0
 """Default threshold, in standard deviations of the running mean at rest. Assumption: half a second gives the noise to
 a seventh, and six sigma never happen in a day."""
+
+LEAST_STEPS = 2.0
+"""A baseline without a threshold of its own may stray by so many steps of its converter, whatever its noise."""
 
 
 class ForceThresholdSettings(Settings):
@@ -49,7 +52,11 @@ class ForceThresholdSettings(Settings):
     refused."""
 
     release_ratio: float = Field(default=0.5, gt=0.0, le=1.0)
-    """Share of the threshold below which the contact has ended."""
+    """Share of the threshold below which the contact has ended,"""
+
+    hold_s: float = Field(default=0.05, ge=0.0, le=60.0)
+    """where the mean has stayed there for so long, s: a tip that bounces is one contact. Assumption: bounces of an arm
+    on a plate are closer together."""
 
 
 class ForceThresholdDetector:
@@ -57,8 +64,8 @@ class ForceThresholdDetector:
 
     Emits `BaselineReady` once the level at rest is known (`value`: largest distance of a running mean from it), or
     `BaselineRefused` where that exceeds the threshold, a value is not finite or there is no noise to derive a threshold
-    from; then `Contact` and `ContactLost` in turn. A gap begins a new running mean; samples that are not finite are
-    ignored.
+    from; then `Contact` and `ContactLost` in turn, the latter where the mean has stayed below the release for `hold_s`.
+    A gap begins a new running mean; samples that are not finite are ignored.
 
     Example:
         >>> detector = ForceThresholdDetector("touch", ForceThresholdSettings(baseline_s=0.1, threshold=0.3))
@@ -83,7 +90,7 @@ class ForceThresholdDetector:
         self._threshold = math.nan if self.settings.threshold is None else self.settings.threshold
         self._refused = False
         self._next_seq: int | None = None
-        self._touching = False
+        self._contact = Holding()
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Process the next samples.
@@ -117,12 +124,15 @@ class ForceThresholdDetector:
         level, worst = samples[0], math.nan
         if np.isfinite(samples).all():
             level = samples.mean(axis=0)
-            distances = np.linalg.norm(
-                _running(samples, min(self._size(rate_hz), len(samples))) - level, axis=1
-            )
+            means = _running(samples, min(self._size(rate_hz), len(samples)))
+            distances = np.linalg.norm(means - level, axis=1)
             worst = float(distances.max())
             if self.settings.threshold is None:
                 self._threshold = NOISE_SIGMA * math.sqrt(float(np.mean(distances**2)))
+                # a contact is noise to itself: how far rest may stray, means side by side say
+                rest = NOISE_SIGMA * _noise_beside(means, self._size(rate_hz))
+                if worst > max(rest, LEAST_STEPS * _step(samples)):
+                    self._threshold = rest
         reason = self._unfit(worst, float(np.linalg.norm(level)))
         if reason:
             self._refused = True
@@ -171,8 +181,8 @@ class ForceThresholdDetector:
         times_s = times_s[len(times_s) - len(distances) :]
         self.readings = decisions(times_s, distances, self._threshold)
         events: list[Detected] = []
-        for i, touching in changes(distances, self._threshold, self._touching, settings.release_ratio):
-            self._touching = touching
+        release, hold = settings.release_ratio * self._threshold, round(settings.hold_s * rate_hz)
+        for i, touching in self._contact.changes(distances, self._threshold, release, hold):
             kind = Contact if touching else ContactLost
             events.append(kind(float(times_s[i]), self.name, float(distances[i]), self._threshold))
         return events
@@ -187,6 +197,23 @@ def _running(values: Floats, size: int) -> Floats:
     # one sum for each window, in the same order each time: a cumulative sum would depend on where it began
     means: Floats = np.ascontiguousarray(windows).sum(axis=-1) / size
     return means
+
+
+def _noise_beside(means: Floats, size: int) -> float:
+    """Standard deviation of running means, shape (n, channels), by those `size` samples apart, which share no sample; a
+    step among them does nothing. Infinite where there are too few."""
+    if len(means) < 4 * size:
+        return math.inf
+    apart = ((means[size:] - means[:-size]) ** 2).sum(axis=1)
+    # the median of a chi-square variable over its mean (E. B. Wilson, M. M. Hilferty, PNAS 17, 1931)
+    middle = (1.0 - 2.0 / (9.0 * means.shape[1])) ** 3
+    return math.sqrt(0.5 * float(np.median(apart)) / middle)
+
+
+def _step(samples: Floats) -> float:
+    """Least difference of two neighbours: the converter's step where it can be seen."""
+    steps = np.abs(np.diff(samples, axis=0))
+    return float(steps.min(initial=math.inf, where=steps > 0.0))
 
 
 def _lengths(vectors: Floats) -> Floats:

@@ -7,7 +7,7 @@ from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLos
 from controller.detectors.threshold import ForceThresholdDetector, ForceThresholdSettings
 from drivers.core.messages import SampleBlock
 
-SETTINGS = {"baseline_s": 0.1, "average_s": 0.01, "threshold": 1.0, "release_ratio": 0.5}
+SETTINGS = {"baseline_s": 0.1, "average_s": 0.01, "threshold": 1.0, "release_ratio": 0.5, "hold_s": 0.0}
 
 
 def detector(**settings):
@@ -105,3 +105,28 @@ def test_its_statistic_is_what_is_held_against_the_threshold():
     first = int(np.argmax(np.nan_to_num(found) > 0.3))
     assert contact.t_s == pytest.approx(first / 1000.0)
     assert contact.value == pytest.approx(found[first])
+
+
+@pytest.mark.parametrize(("touch_n", "kind"), [(0.0, BaselineReady), (0.3, BaselineRefused)])
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
+def test_a_threshold_from_the_noise_refuses_a_contact_within_its_baseline(part, touch_n, kind):
+    rng = np.random.default_rng(11)
+    values = 0.02 * rng.standard_normal((600, 3))
+    values[500 - round(500 * part) :, 2] += touch_n
+    event = detector(threshold=None, baseline_s=0.5).push(block(values))[0]
+    assert type(event) is kind
+    assert kind is BaselineReady or "is something touching" in event.reason
+
+
+def test_a_coarse_converter_at_rest_is_no_contact():
+    values = np.zeros(600)
+    values[300:320] = 0.05
+    event = detector(threshold=None, baseline_s=0.5).push(block(values))[0]
+    assert isinstance(event, BaselineReady)
+
+
+def test_a_tip_that_bounces_is_one_contact_where_the_hold_is_longer_than_the_bounces():
+    bounces = np.concatenate([np.zeros(200), np.tile(np.repeat([3.0, 0.0], 30), 5), np.zeros(300)])
+    kinds = [type(event) for event in detector(hold_s=0.05).push(block(bounces))]
+    assert kinds == [BaselineReady, Contact, ContactLost]
+    assert [type(event) for event in detector().push(block(bounces))].count(Contact) == 5
