@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Detected
-from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
+from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of, proposed
 from controller.detectors.protocol import Detector, readings_of
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
@@ -74,24 +74,29 @@ def _decided(detector: Detector, blocks: Sequence[SampleBlock], read: bool) -> b
 
 
 def calibration_line(
-    pieces: Sequence[tuple[Statistic, Sequence[SampleBlock]]], kind: str, false_alarm_interval_s: float
+    pieces: Sequence[tuple[Statistic, Sequence[SampleBlock]]],
+    kind: str,
+    false_alarm_interval_s: float,
+    fixed: Container[str] = (),
 ) -> dict[str, Any]:
     """The threshold that recordings without events ask for, as one JSON object.
 
     Args:
         pieces: Recordings, each with the detector whose threshold is wanted, as it was set up for it.
         kind: Of detector, as it was asked for.
+        fixed: Settings that are not proposed.
 
     Raises:
         ReplayError: recordings that allow no estimate: too short, at irregular times, not finite, dead.
     """
     try:
+        others, pieces = proposed(pieces, fixed)
         found = calibrate_pieces(pieces, false_alarm_interval_s)
     except ValueError as error:
         raise ReplayError(f"{kind}: {error}") from None
     named = {"low": "threshold_low", "high": "threshold_high"}
     plain = {name: value if math.isfinite(value) else None for name, value in found._asdict().items()}
-    return {"detector": kind, **{named.get(name, name): value for name, value in plain.items()}}
+    return {"detector": kind, **others, **{named.get(name, name): value for name, value in plain.items()}}
 
 
 def as_line(event: Detected, kind: str) -> dict[str, Any]:

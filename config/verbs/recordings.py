@@ -77,7 +77,8 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
     A RECORDING is one in which nothing happens that the detector shall report, but everything that it shall not: a run
     folder (all its trials), a part of its name or `latest`, or a file as `replay` takes it. Prints one JSON line: the
     threshold, its 95 % interval, whether the recordings were so short that it was extrapolated, and the false alarms
-    that thresholds gave on pieces which were left out when they were set.
+    that thresholds gave on pieces which were left out when they were set. Of `pretouch` it proposes `background_fs`
+    too, unless --set gives it: the threshold holds with that.
 
     \b
     Example:
@@ -97,7 +98,7 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
         raise ReplayError(
             f"--detector {detector}: no threshold that a recording could set; try {', '.join(calibratable())}"
         )
-    line = calibration_line(pieces, detector, interval_s)
+    line = calibration_line(pieces, detector, interval_s, given["overrides"])
     verbs.complain("\n".join(dict.fromkeys(note for one in loaded for note in one.notes)))
     click.echo(json.dumps(line))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -71,6 +71,17 @@ class Joined(Statistic, Protocol):
             values: The first input, NaN where samples were lost, shape (n, channels).
             times_s: Their times, NaN likewise, shape (n,).
         """
+
+
+@runtime_checkable
+class Proposing(Joined, Protocol):
+    """A detector with further settings that a recording without events decides."""
+
+    def proposed(self, values: Floats, rate_hz: float) -> Mapping[str, float]:
+        """The settings that this recording asks for; of several recordings the largest counts."""
+
+    def set_to(self, **settings: float) -> Proposing:
+        """The same detector in its initial state, set otherwise."""
 
 
 class Calibration(NamedTuple):
@@ -146,6 +157,28 @@ def calibrate_pieces(
     return _checked(found._replace(pieces=len(spans)), spans, span_s)
 
 
+def proposed(
+    pieces: Sequence[tuple[Statistic, Sequence[SampleBlock]]], fixed: Container[str] = ()
+) -> tuple[Mapping[str, float], Sequence[tuple[Statistic, Sequence[SampleBlock]]]]:
+    """The other settings that recordings without events ask for, but those that are `fixed`; and the pieces with
+    detectors set to them.
+
+    Raises:
+        ValueError: as `calibrate_pieces`.
+    """
+    found: dict[str, float] = {}
+    for detector, blocks in pieces:
+        if isinstance(detector, Proposing):
+            for columns, _, _, rate_hz in _inputs_of(detector, blocks):
+                for name, value in detector.proposed(columns, rate_hz).items():
+                    if name not in fixed:
+                        found[name] = max(value, found.get(name, value))
+    return found, [
+        (detector.set_to(**found) if found and isinstance(detector, Proposing) else detector, blocks)
+        for detector, blocks in pieces
+    ]
+
+
 class StatisticCourse(NamedTuple):
     """A stretch of a recording with the detector's statistic; NaN where samples were lost.
 
@@ -173,12 +206,21 @@ def courses_of(detector: Statistic, blocks: Sequence[SampleBlock]) -> Sequence[S
     Raises:
         ValueError: values that are not finite, irregular times, more than half lost.
     """
-    courses = []
+    return [
+        StatisticCourse(times_s, values, detector.statistic(columns, rate_hz), rate_hz)
+        for columns, values, times_s, rate_hz in _inputs_of(detector, blocks)
+    ]
+
+
+def _inputs_of(
+    detector: Statistic, blocks: Sequence[SampleBlock]
+) -> Iterator[tuple[Floats, Floats, Floats, float]]:
+    """For each stretch of a recording without a long gap: what the statistic is computed from, the first input, its
+    times and its rate."""
     for stretch in _stretches([b for b in blocks if len(b) and b.stream == detector.inputs[0]]):
         values, times_s, rate_hz = _joined(stretch)
         columns = detector.columns(values, times_s, blocks) if isinstance(detector, Joined) else values
-        courses.append(StatisticCourse(times_s, values, detector.statistic(columns, rate_hz), rate_hz))
-    return courses
+        yield columns, values, times_s, rate_hz
 
 
 def _dead(values: Floats) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -25,6 +25,9 @@ CELLS_PER_TURN = 16
 
 LONGEST_CELL_S = 0.5
 """Longest time over which a cell averages, s: limits the effect of drift on a creeping mover. Assumption."""
+
+CERTAIN = 20.0
+"""F ratio of a wave that noise does not make. Chosen on simulated rooms."""
 
 DOING = "detecting pre-touch"
 
@@ -66,11 +69,16 @@ class PreTouchSettings(Settings):
 
     background_fs: float = Field(default=1.5e-4, ge=0.0, le=1.0)
     """Amplitude that walls, a table or gears may have in the envelope. A wave that was there `learn_m` ago counts as
-    background up to this; before, all of it is granted. 0 for a room without echoes: longest range."""
+    background up to four times this; before, this is granted. 0 for a room without echoes: longest range.
+    `run.py calibrate` proposes it."""
 
     learn_m: float = Field(default=0.015, gt=0.0, le=1.0)
     """Distance after which an echo counts as background. An echo that doubles in it, as an object's within some 4 cm
     does, stands out. Chosen on simulated rooms."""
+
+    stretch_m: float = Field(default=0.006, ge=0.0, le=1.0)
+    """Stretch of the way over which a background is learned at the least: waves of two walls cancel here and add there.
+    Chosen on simulated rooms."""
 
     release_ratio: float = Field(default=0.5, gt=0.0, le=1.0)
     """Share of the threshold below which the object is lost."""
@@ -113,7 +121,8 @@ class PreTouchDetector(OnEnvelope):
     """Pre-touch while a wave of the reflected sound's wavelength is in the envelope along the way.
 
     Amplitude, phase, decay, offset and slow drift are fitted; from the residual it learns the
-    noise, and from the path so far the static background of the room: that hardly grows, an object's echo does. Emits
+    noise, and from the path so far the static background of the room: that hardly grows, an object's echo does. The
+    statistic is the better of two: the best wave against the best so far, the one straight ahead against its own. Emits
     `PreTouch` at the sample that completes the first cell (a sixteenth of an undulation) whose F ratio is above the
     threshold, and `PreTouchLost` at the first one below `release_ratio` of it; `value` is the ratio.
     At standstill there are no events. A bad sample, or a gap, costs a cell; a jump of the level, as at contact,
@@ -173,6 +182,17 @@ class PreTouchDetector(OnEnvelope):
         # contiguous, as live samples are: a strided column would compile another specialization
         return self.traced(as_complex(values[:, :2]), values[:, 2].copy(), rate_hz)[0]
 
+    def proposed(self, values: Floats, rate_hz: float) -> Mapping[str, float]:
+        """`background_fs` for a room of which this is a recording without an object: the largest wave in it that noise
+        does not make, 0 where there is none; `values` as for `statistic`."""
+        bare = self.set_to(background_fs=0.0)
+        ratios, sizes_fs = bare.traced(as_complex(values[:, :2]), values[:, 2].copy(), rate_hz)
+        return {"background_fs": float(np.max(sizes_fs, where=ratios > CERTAIN, initial=0.0))}
+
+    def set_to(self, **settings: float) -> PreTouchDetector:
+        """The same detector in its initial state, set otherwise."""
+        return PreTouchDetector(self.name, self.settings.model_copy(update=settings))
+
     def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
         """I, Q and the mover's position (m, NaN where unknown) as input of `statistic`, shape (n, 3).
 
@@ -212,14 +232,18 @@ class PreTouchDetector(OnEnvelope):
     def _begun(self, rate_hz: float) -> WaveFit:
         settings = self.settings
         shares = np.array(settings.obliquity, dtype=np.float64)
+        ahead = int(np.argmin(np.abs(shares - 1.0)))
+        cell_m = settings.undulation_m / CELLS_PER_TURN
         return wave_fit(
             kappa_rad_m=2.0 * math.pi / settings.undulation_m * np.concatenate((shares, -shares)),
-            cell_m=settings.undulation_m / CELLS_PER_TURN,
+            straight=np.array([ahead, ahead + len(shares)]),
+            cell_m=cell_m,
             memory_m=settings.memory_m,
             least_m=settings.least_m,
             longest=max(1, round(LONGEST_CELL_S * rate_hz)),
             background_fs=settings.background_fs,
-            lag=max(1, round(settings.learn_m * CELLS_PER_TURN / settings.undulation_m)),
+            lag=max(1, round(settings.learn_m / cell_m)),
+            stretch=round(settings.stretch_m / cell_m),
             pause=max(1, round(settings.pause_s * rate_hz)),
             patience=max(1, round(settings.max_gap_s * rate_hz)),
         )

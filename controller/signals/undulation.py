@@ -6,8 +6,10 @@ envelope is gathered in cells of distance, and to the last cells is fitted
     z(x) = offset + slope s + a exp(± j kappa x),   weights exp(-(s_now - s) / memory),
 
 x the mover's position, s the way it has gone. What stands still in the room sends a wave of that length as well, but
-one that hardly grows: its size is learned along the way, and the object's wave must exceed it. The sums behind the fit
-are carried along from cell to cell, so a sample costs the same after a minute as after a day.
+one that hardly grows: its size is learned along a stretch of the way, and the object's wave must exceed it. The best of
+all waves is held against the best that was there, the wave straight ahead in either sense against its own past: where
+oblique walls send much, the second still shows a weak echo. The sums behind the fit are carried along from cell to
+cell, so a sample costs the same after a minute as after a day.
 docs/explanation/pretouch.md derives it.
 """
 
@@ -45,6 +47,14 @@ STILL = 0.125
 """Share of a still background's power that counts as its spread. With a threshold of some ten an object's wave must
 be a little larger than the background's. Chosen on simulated rooms (benchmarks/pretouch_rooms.py)."""
 
+LEARNED = 4.0
+"""A background that was learned may be so many times larger than one that is granted: the wave of a wall ahead grows
+beyond what one would grant, but slower than that of an object. Chosen on simulated rooms: 2 to 13 do as well."""
+
+FORGET_M = 0.025
+"""Distance after which what was learned beyond that counts for 1/e: an object that was near is not background at the
+next approach. Chosen on simulated rooms: 0.05 does as well."""
+
 
 WEIGHT, SLOPE, SQUARE, ENERGY, WEIGHT_2, LAST_M, GONE_M, CELL_FROM_M, CELL_X_M, REFERENCE_M = range(10)
 """Places among the scalars: sums of w, w s, w s^2, w |z|^2 and w^2; place of the last cell and way gone since the fit
@@ -68,8 +78,10 @@ class WaveFit(NamedTuple):
         memory_m: Distance at which a cell's weight has fallen to 1/e.
         least_m: Way to go before the fit is believed.
         longest: Samples that a cell averages at most: the last ones, when the mover creeps.
-        background_fs: Largest amplitude that a still background may have.
+        background_fs: Largest amplitude that a still background may have before it is learned.
+        straight: Which of the spatial frequencies are of an object straight ahead; each has a background of its own.
         lag: Cells after which a wave's size counts as background.
+        stretch: Cells over which a background is learned at the least.
         pause: Samples after which a cell begun is forgotten and the fit begins anew: the offset has drifted.
         patience: Lost or bad samples in a row after which the fit begins anew.
         scalars: Shape (10,).
@@ -77,16 +89,20 @@ class WaveFit(NamedTuple):
         levels: Complex scalars, shape (6,).
         waves: For each spatial frequency the sums of w e, w s e and w conj(e) z, shape (k, 3).
         middle_m: Position of the sample in the middle of the median filter, shape (1,).
-        largest_fs: Largest amplitude up to each of the last cells, in turn, shape (lag,).
+        fitted: Of each spatial frequency the F ratio, NaN where there is none, and the amplitude, shape (k, 2).
+        largest_fs: Largest amplitude up to each of the last cells, in turn, of all waves and of each straight one; what
+            of it is beyond `background_fs` fades. Shape (1 + straight, lag).
     """
 
     kappa_rad_m: Floats
+    straight: Ints
     cell_m: float
     memory_m: float
     least_m: float
     longest: int
     background_fs: float
     lag: int
+    stretch: int
     pause: int
     patience: int
     scalars: Floats
@@ -94,13 +110,15 @@ class WaveFit(NamedTuple):
     levels: Complexes
     waves: Complexes
     middle_m: Floats
+    fitted: Floats
     largest_fs: Floats
 
 
-def wave_fit(kappa_rad_m: Floats, lag: int, **constants: Any) -> WaveFit:
+def wave_fit(kappa_rad_m: Floats, straight: Ints, lag: int, **constants: Any) -> WaveFit:
     """A fit in its initial state; arguments are the constants of `WaveFit`."""
     fit = WaveFit(
         kappa_rad_m,
+        straight,
         lag=lag,
         **constants,
         scalars=np.zeros(10),
@@ -108,7 +126,8 @@ def wave_fit(kappa_rad_m: Floats, lag: int, **constants: Any) -> WaveFit:
         levels=np.zeros(6, np.complex128),
         waves=np.zeros((len(kappa_rad_m), 3), np.complex128),
         middle_m=np.full(1, np.nan),
-        largest_fs=np.zeros(lag),
+        fitted=np.zeros((len(kappa_rad_m), 2)),
+        largest_fs=np.zeros((1 + len(straight), lag)),
     )
     fit.scalars[CELL_FROM_M] = np.nan
     return fit
@@ -155,10 +174,17 @@ def _travel(f: WaveFit, step_m: float) -> None:
 
 
 @compiled()
+def _variance(kept: float, weight: float, freedom: float) -> float:
+    """Of a cell, from a weighted sum of squares: a weighted mean, brought to an unbiased one."""
+    return kept / weight * (freedom + NUISANCES) / freedom + FLOOR_FS * FLOOR_FS
+
+
+@compiled()
 def _judge(f: WaveFit) -> tuple[float, complex, complex, float]:
     """The best spatial frequency's F ratio, its amplitude at the reference, the offset that goes with it, and the
-    residual's variance of a cell."""
+    residual's variance of a cell; those of each frequency go to `fitted`."""
     v, waves = f.scalars, f.waves
+    f.fitted[:] = math.nan
     s0, s1, s2 = v[WEIGHT], v[SLOPE], v[SQUARE]
     t0, t1 = f.levels[LEVEL], f.levels[RAMP]
     freedom = s0 * s0 / v[WEIGHT_2] - NUISANCES if v[WEIGHT_2] > 0.0 else 0.0
@@ -168,7 +194,7 @@ def _judge(f: WaveFit) -> tuple[float, complex, complex, float]:
     # G^-1 [t0, t1]
     level, ramp = (s2 * t0 - s1 * t1) / determinant, (s0 * t1 - s1 * t0) / determinant
     left = v[ENERGY] - (level.conjugate() * t0 + ramp.conjugate() * t1).real
-    best, amplitude, at_level, kept = -1.0, 0j, level, max(left, 0.0)
+    best, amplitude, at_level, kept = -1.0, 0j, level, math.nan
     for k in range(waves.shape[0]):
         c0, c1 = waves[k, 0], waves[k, 1]
         e_level, e_ramp = (s2 * c0 - s1 * c1) / determinant, (s0 * c1 - s1 * c0) / determinant
@@ -177,30 +203,34 @@ def _judge(f: WaveFit) -> tuple[float, complex, complex, float]:
             continue
         across = waves[k, 2] - (e_level.conjugate() * t0 + e_ramp.conjugate() * t1)
         explained = (across.real * across.real + across.imag * across.imag) / size
+        rest = _variance(max(left - explained, 0.0), s0, freedom)
+        f.fitted[k, 0] = explained / s0 * (freedom + NUISANCES) / rest
+        f.fitted[k, 1] = abs(across) / size
         if explained > best:
-            best = explained
+            best, kept = explained, rest
             amplitude = across / size
             at_level = level - amplitude * e_level
-            kept = max(left - explained, 0.0)
             f.counts[CANDIDATE] = k
     if best < 0.0:
         return math.nan, 0j, 0j, math.nan
-    # a weighted mean of squares, brought to an unbiased one
-    variance = kept / s0 * (freedom + NUISANCES) / freedom + FLOOR_FS * FLOOR_FS
-    return best / s0 * (freedom + NUISANCES) / variance, amplitude, at_level, variance
+    return f.fitted[f.counts[CANDIDATE], 0], amplitude, at_level, kept
 
 
 @compiled()
-def _background(f: WaveFit, size_fs: float) -> float:
-    """Amplitude that is granted to a still background: the largest that was there a lag ago, or the largest that one
-    may have while the way is short. Takes note of the present one."""
-    at = f.counts[SIZED]
+def _above_background(f: WaveFit, row: int, ratio: float, size_fs: float) -> float:
+    """An F ratio with a still background's share added to what is left. Takes note of the wave's size.
+
+    The background is the largest wave that was there a lag ago, or the largest that one may have until a stretch of the
+    way has been seen: of two walls whose waves cancel at one place it knows nothing yet.
+    """
+    at, largest_fs = f.counts[SIZED], f.largest_fs[row]
     place = at % f.lag
-    still_fs = min(f.largest_fs[place], f.background_fs) if at >= f.lag else f.background_fs
-    before_fs = f.largest_fs[(at - 1) % f.lag] if at > 0 else 0.0
-    f.largest_fs[place] = max(before_fs, size_fs)
-    f.counts[SIZED] += 1
-    return still_fs
+    learned = at >= f.lag + f.stretch
+    still_fs = min(largest_fs[place], LEARNED * f.background_fs) if learned else f.background_fs
+    before_fs = largest_fs[(at - 1) % f.lag] if at > 0 else 0.0
+    kept_fs = max(min(before_fs, f.background_fs), before_fs * math.exp(-f.cell_m / FORGET_M))
+    largest_fs[place] = max(kept_fs, size_fs)
+    return ratio / (1.0 + STILL * ratio * (still_fs / size_fs) ** 2) if size_fs > 0.0 else ratio
 
 
 @compiled()
@@ -242,8 +272,13 @@ def _add(f: WaveFit, z: complex, x_m: float) -> tuple[float, float]:
     size_fs = abs(amplitude)
     if not math.isfinite(ratio) or size_fs == 0.0:
         return ratio, size_fs
-    still_fs = _background(f, size_fs)
-    return ratio / (1.0 + STILL * ratio * (still_fs / size_fs) ** 2), size_fs
+    best = _above_background(f, 0, ratio, size_fs)
+    for row in range(f.straight.size):
+        own, own_fs = f.fitted[f.straight[row]]
+        if math.isfinite(own):
+            best = max(best, _above_background(f, 1 + row, own, own_fs))
+    f.counts[SIZED] += 1
+    return best, size_fs
 
 
 @compiled()

@@ -112,12 +112,21 @@ def test_pre_touch_is_calibrated_on_i_q_and_position(verb, way):
     assert (code, err.count("no gaps")) == (0, err.count("\n"))
     found = json.loads(out)
     assert found["recording_s"] == 120.0
-    code, out, _ = verb("replay", *recording, "--set", f"threshold={found['threshold']}")
+    assert found["background_fs"] < 5e-5  # of full scale: there is no wave but noise
+    own = [f"--set={name}={found[name]}" for name in ("threshold", "background_fs")]
+    code, out, _ = verb("replay", *recording, *own)
     seen = [json.loads(line) for line in out.splitlines()]
     alarms = {int(line["t_s"]) for line in seen if line["event"] == "PreTouch"}
     # ten are asked for; the tenth is the threshold itself, and one alarm may outlast the next second's
     assert code == 0
     assert 5 <= len(alarms) <= 9
+
+
+def test_a_background_that_is_given_is_not_proposed(verb, way):
+    asked = [*way, "--column", "x_m", "--detector", "pretouch", "--false-alarm-interval", 12]
+    given = json.loads(verb("calibrate", *asked, "--set", "background_fs=1e-4")[1])
+    assert "background_fs" not in given
+    assert given["threshold"] < json.loads(verb("calibrate", *asked)[1])["threshold"]
 
 
 def test_a_quiet_level_is_not_called_a_dead_sensor(verb, way):

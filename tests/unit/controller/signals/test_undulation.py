@@ -12,12 +12,14 @@ CELL_M = 0.00027
 def way(**changes):
     given = {
         "kappa_rad_m": np.array([KAPPA_RAD_M, -KAPPA_RAD_M]),
+        "straight": np.array([0, 1]),
         "cell_m": CELL_M,
         "memory_m": 0.008,
         "least_m": 0.005,
         "longest": 200,
         "background_fs": 0.0,
         "lag": 56,
+        "stretch": 0,
         "pause": 5000,
         "patience": 500,
     }
@@ -46,7 +48,7 @@ def test_the_sums_give_what_plain_weighted_least_squares_give():
     """Independent of the recursion: a design matrix, weights, numpy's solver."""
     x_m = np.arange(120) * 0.0003  # each sample is longer than a cell
     z = 0.1 - 0.05j + 3.0 * x_m * (0.01 + 0.02j) + echo(x_m) + noise(120)
-    ratios, amplitudes = fitted(z, x_m, way(kappa_rad_m=np.array([KAPPA_RAD_M])))
+    ratios, amplitudes = fitted(z, x_m, way(kappa_rad_m=np.array([KAPPA_RAD_M]), straight=np.array([0])))
     # the median of three lags by one sample, a cell's mean is of the one sample in it, the first only starts the way
     middle = np.median([z.real[:-2], z.real[1:-1], z.real[2:]], axis=0) + 1j * np.median(
         [z.imag[:-2], z.imag[1:-1], z.imag[2:]], axis=0
@@ -159,6 +161,40 @@ def test_once_the_room_has_proved_quiet_a_wave_below_the_largest_background_is_d
         ratios, _ = fitted(z, x_m, way(background_fs=1.5e-4, lag=lag))
         gap_m[lag] = 0.055 - x_m[np.flatnonzero(ratios > 18.0)[0]]
     assert gap_m[56] > gap_m[10_000] + 0.003
+
+
+def test_two_walls_whose_waves_cancel_where_a_room_is_learned_are_learned_over_a_stretch():
+    x_m = np.arange(170) * 0.0003
+    z = 0.1 + 0.1 * noise(170) + still(x_m, 1e-4) * np.where(x_m < 0.007, 0.3, 1.0)
+    largest = {
+        stretch: np.nanmax(fitted(z, x_m, way(background_fs=1.5e-4, stretch=stretch))[0])
+        for stretch in (0, 40)
+    }
+    assert largest[0] > 18.0 > largest[40]
+
+
+@pytest.mark.parametrize(("away_m", "object_near"), [(0.15, False), (0.12, False), (0.055, True)])
+def test_a_wall_far_ahead_grows_beyond_what_is_granted_and_is_no_object(away_m, object_near):
+    x_m = np.arange(150) * 0.0003
+    size = 1e-4 * (1.0 + away_m / 0.01) ** 2  # 1e-4 at the start, whatever its distance
+    z = 0.1 + 0.1 * noise(150) + echo(x_m, surface_m=away_m, size=size)
+    ratios, amplitudes = fitted(z, x_m, way(background_fs=1.5e-4, stretch=22))
+    assert np.nanmax(amplitudes) > 1.5e-4
+    assert (np.nanmax(ratios) > 18.0) == object_near
+
+
+def test_a_weak_echo_straight_ahead_is_seen_beside_a_louder_wall_that_is_not():
+    """Held against the loudest wave of all it would be background; against its own past it grows."""
+    x_m = np.arange(170) * 0.0003
+    kappas = KAPPA_RAD_M * np.array([1.0, 0.7, -1.0, -0.7])
+    wall = 1.2e-4 * np.exp(0.7j * KAPPA_RAD_M * x_m)
+    z = 0.1 + 0.05 * noise(170) + wall + echo(x_m, size=0.0008)
+    gap_m = {}
+    for straight in ([0, 2], []):
+        about = way(background_fs=1.5e-4, kappa_rad_m=kappas, straight=np.array(straight, dtype=np.int64))
+        seen = np.flatnonzero(fitted(z, x_m, about)[0] > 18.0)
+        gap_m[len(straight)] = 0.055 - x_m[seen[0]] if len(seen) else 0.0
+    assert gap_m[2] > gap_m[0] + 0.002
 
 
 def test_what_was_learned_of_a_room_is_forgotten_with_the_fit():
