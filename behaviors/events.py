@@ -80,6 +80,13 @@ class SlipEnded(Detected):
 
 
 @dataclass(frozen=True, slots=True)
+class Impact(Detected):
+    """Something struck the sensor, and it is over: it began at `began_s`."""
+
+    began_s: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
 class GuardStopped:
     """The guard stopped every mover at `t_s`."""
 

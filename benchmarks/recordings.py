@@ -1,15 +1,17 @@
 """Public recordings with truth, and the slip detectors on them.
 
 `make recordings`, or `python -m benchmarks.recordings [NAME=GIT_DIR ...]`, fetches them by git into build/recordings.
-They are never committed: none of the repositories states a licence. A local copy may be given instead, as in
+They are never committed: most of the repositories state no licence. A local copy may be given instead, as in
 `biotac=/data/BioTac_slide_20_50`. Studies run without them and report the missing rows.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from io import BytesIO, StringIO
 from pathlib import Path
@@ -103,6 +105,53 @@ def beam(show: Callable[[str], bytes]) -> dict[str, Floats]:
     return found
 
 
+ARM_HZ = 1250.0
+
+MOST_POINTS = 1000
+"""A path of a figure with more points is a curve, not an axis."""
+
+
+def arm(show: Callable[[str], bytes]) -> dict[str, Floats]:
+    """An arm that presses against a force sensor: impact, six seconds of contact, retreat; nothing slides. Eight runs,
+    the force in its figures' unit, taken from vector figures (the longest path is the sensor's), at 1,250 Hz.
+
+    S. Gadringer, H. Gattringer, A. Mueller, Assessment of force control for surface finishing, Mechanical Sciences 2022
+    (GPL v3).
+    """
+    found = {}
+    for kind, name in (
+        ("ACF", "ACF_control_F_100N_t_ramp_{}_v_{}_1"),
+        ("UR", "UR_control_F_100N_damping_0_gain_scaling_{}_v_{}_1"),
+    ):
+        for setting in ("0.0s-F_zero_0N", "0.1s-F_zero_10N") if kind == "ACF" else ("0.5", "1"):
+            for speed in ("0.10", "0.25"):
+                about = name.format(setting, speed)
+                figure = show(
+                    "Test_scenarios/3_Direct_sensor_contact/2_Measurements-UR10e_ACF/TcpUR_FzATI/"
+                    f"{kind}/m_6.86_direct_sensor_contact_{about}_forceATI-TcpUR_FzATI.pdf"
+                )
+                found[f"{kind} {setting} {speed}"] = _curve(figure)
+    return found
+
+
+def _curve(figure: bytes) -> Floats:
+    """Heights of the first curve of a PDF figure, shape (n,).
+
+    Raises:
+        ValueError: it has none.
+    """
+    for stream in re.finditer(rb"stream\r?\n(.*?)endstream", figure, re.DOTALL):
+        try:
+            drawn = zlib.decompress(stream[1])
+        except zlib.error:
+            continue
+        for path in re.split(rb" m\s", drawn):
+            heights = re.findall(rb"^\S+ (\S+) l\s*$", path, re.MULTILINE)
+            if len(heights) > MOST_POINTS:
+                return np.array(heights, dtype=np.float64)
+    raise ValueError("the figure has no curve")
+
+
 SOURCES: Mapping[str, tuple[str, str, Callable[[Callable[[str], bytes]], dict[str, Floats]]]] = {
     "biotac": ("dexrob/BioTac_slide_20_50", "c19638b", biotac),
     "tribometer": (
@@ -119,6 +168,11 @@ SOURCES: Mapping[str, tuple[str, str, Callable[[Callable[[str], bytes]], dict[st
         "High-Rate-SHM-Working-Group/Dataset-8-DROPBEAR-Acceleration-vs-Roller-Displacement",
         "28955a7",
         beam,
+    ),
+    "arm": (
+        "JKU-Linz-Institute-of-Robotics/ur10e_force_control_comparison",
+        "3b9b1b2",
+        arm,
     ),
 }
 """Repository on GitHub, commit, and what reads the arrays to keep by a function that returns a file's bytes."""

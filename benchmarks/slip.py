@@ -393,7 +393,7 @@ def called(name: str, values: Floats, statistic: Floats, rate_hz: float, thresho
     held = np.nan_to_num(statistic[known])
     if name.endswith("CUSUM"):
         held = _held(held, 1.01 * threshold)
-    last = np.maximum.accumulate(np.where(held > threshold, places, -len(places)))
+    last = np.maximum.accumulate(np.where(held > threshold, places, -(10**9)))
     found: Bools = places - last <= HOLD_S * rate_hz
     return found
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from behaviors.events import BaselineReady, BaselineRefused, Detected, SlipEnded, SlipStarted
+from behaviors.events import BaselineReady, BaselineRefused, Detected, Impact, SlipEnded, SlipStarted
 from controller.detectors.protocol import (
     NOTHING,
     Holding,
@@ -21,9 +22,12 @@ from controller.detectors.protocol import (
 )
 from controller.signals.cusum import (
     CREDIT,
+    IMPACT,
+    LASTING,
     MISSING,
     MOST_VIBRATION_NAT,
     QUIET,
+    STRIKE,
     SUM,
     USED,
     Cusum,
@@ -155,6 +159,13 @@ FOLLOWED_DENSE_NAT, FOLLOWED_RARE_NAT, DENSE = math.log(2.25), math.log(9.0), 0.
 noise three times as strong is followed. Where they are dense, slip lifts the median itself, and a slip that lasts
 would be followed as noise; in between by proportion."""
 
+TAIL_HZ, MOST_TAIL_SHARE = 20.0, 0.02
+"""The tail of the quiet with which knocks are compared is what so many innovations a second are beyond, a fiftieth at
+most: knocks count by the second, and so do outliers."""
+
+IMPACT_S = 0.1
+"""An impact is over within this time, s."""
+
 PATIENCE = 2.0
 """A detector that has learned nothing after this many times its learning time reports so."""
 
@@ -164,9 +175,9 @@ class SlipSettings(SlipStreamSettings):
 
     threshold: float = Field(default=25.0, gt=0.0, le=1e12)
     """Evidence that means slip, nats; calibrate it on a recording without slip. Beyond 15, as by default, only several
-    knocks reach it, so bumps do not: the simulated sensors ask for 17.0 to 23.5 for one false alarm an hour among
-    bumps (six hours each, benchmarks/results/slip_thresholds.md), and none of 64 recorded blows reaches it. Below 15
-    vibration alone reaches it, too: slip is detected sooner, but so is a single blow."""
+    knocks reach it, or vibration that lasts, so bumps do not: the simulated sensors ask for 17.0 to 23.5 for one false
+    alarm an hour among bumps (six hours each, benchmarks/results/slip_thresholds.md), and none of 64 recorded blows
+    reaches it. Below 15 any vibration reaches it: slip is detected sooner."""
 
     quiet_rms: float | None = Field(default=None, gt=0.0, le=1e300)
     """Vibration above 15 Hz in quiet, in the input's unit: `value` of an earlier `BaselineReady`. Where it is given, a
@@ -213,8 +224,9 @@ class SlipSettings(SlipStreamSettings):
     learn_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """Time of the first noise estimate, s; armed after twice this time."""
 
-    hold_s: float = Field(default=0.05, ge=0.0, le=10.0)
-    """The evidence must have stayed one knock's worth below the threshold for so long before a slip is over, s."""
+    hold_s: float = Field(default=0.2, ge=0.0, le=10.0)
+    """The evidence must have stayed one knock's worth below the threshold for so long before a slip is over, s. With
+    0.05, slips of a soft sensor at 10 to 80 Hz come and go twice in the mean, at 12 nats."""
 
     max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """A longer gap restarts learning. Assumption: a slip is over or lost by then, and the quiet level may have
@@ -222,9 +234,9 @@ class SlipSettings(SlipStreamSettings):
 
 
 class SlipDetector:
-    """Slip when knocks come faster than bumps do, or when the whole spectrum rises at once.
+    """Slip when knocks come faster than bumps do, or when the whole spectrum rises at once; an impact is none.
 
-    Three opinions on one scale, nats; the evidence is the larger of knocks and vibration.
+    Three opinions on one scale, nats; the evidence is the largest of knocks, vibration and vibration that lasts.
 
     *Knocks*: the signal's second difference is predicted from its own past, so that offset, load ramps, rolling and
     the ringing of the structure are predicted. The innovation, over noise whose running median is followed, is judged
@@ -234,7 +246,10 @@ class SlipDetector:
 
     *Vibration*: the smaller of what three neighbouring octaves from 15 Hz together exceed their own quiet by, and of
     the likelihood ratio of a larger innovation. Hum shakes one octave; a starting arm makes no innovation. It
-    is worth 15 nats at most: one blow rings as a slip does.
+    is worth 15 nats at most: one blow rings as a slip does. *Lasting* vibration adds up, and is worth more after 0.1 s.
+
+    An innovation of 40 deviations begins an *impact*: for 0.1 s vibration counts as its own, and what is left then is
+    quiet until it has died away. `Impact` tells of it at its end, if no other as strong has followed.
 
     It needs `2 * learn_s` to arm after a reset or a gap beyond `max_gap_s`, and emits `BaselineReady` (`value`: the
     vibration in quiet, root mean square) or `BaselineRefused`. Of several channels the one with the
@@ -303,6 +318,10 @@ class SlipDetector:
         self.readings = decisions(times_s, scores, threshold)
         ending = max(0.5 * threshold, threshold - self._channels[0].cusum.cap)
         hold = round(self.settings.hold_s * rate_hz)
+        impacts = {place: size for channel in self._channels for place, size in channel.impacts}
+        for i, size in impacts.items():
+            t_s = float(times_s[i])
+            events.append(Impact(t_s, self.name, size, math.sqrt(STRIKE), t_s - IMPACT_S))
         for i, slipping in self._slip.changes(scores, threshold, ending, hold):
             kind = SlipStarted if slipping else SlipEnded
             events.append(kind(float(times_s[i]), self.name, float(scores[i]), threshold))
@@ -387,6 +406,7 @@ class _Channel:
         armed: The sample of the last block at which the quiet level was learned; None in other blocks.
         quiet: The vibration in quiet.
         refused: Samples of the last block at which the learned level exceeded the stored quiet, and that level.
+        impacts: Samples of the last block with which an impact was over, and its size in deviations of noise.
     """
 
     def __init__(self, settings: SlipSettings, rate_hz: float) -> None:
@@ -404,17 +424,21 @@ class _Channel:
         self.quiet = 0.0
         self.armed: int | None = None
         self.refused: list[tuple[int, float]] = []
+        self.impacts: list[tuple[int, float]] = []
 
     def scores(self, x: Floats, ceiling: float) -> Floats:
         """Evidence after each sample, shape (n,); NaN while it learns."""
         out, state = np.empty(x.size), self.cusum.state
-        self.armed, self.refused = None, []
+        self.armed, self.refused, self.impacts = None, [], []
         begin = 0
         while begin < x.size:
             knew = state[USED] > 0.0
             begin += accumulate(self.cusum, self._predictor, self._octaves, x[begin:], ceiling, out[begin:])
             if not knew and state[USED] > 0.0:
                 self._judge(begin - 1, out)
+            if state[IMPACT] > 0.0:
+                self.impacts.append((begin - 1, math.sqrt(state[IMPACT])))
+                state[IMPACT] = 0.0
         return out
 
     def _judge(self, place: int, out: Floats) -> None:
@@ -426,7 +450,7 @@ class _Channel:
             return
         self.refused.append((place, self.quiet))
         self._predictor.counts[COUNT] = 0
-        state[USED] = state[SUM] = 0.0
+        state[USED] = state[SUM] = state[LASTING] = 0.0
         out[place] = math.nan
 
     def skip(self, samples: int) -> None:
@@ -445,9 +469,10 @@ def _cusum(s: SlipSettings, rate_hz: float) -> Cusum:
     knock = min(0.3, s.knocks_hz / rate_hz)
     jump = min(0.2 * knock, s.jumps_hz / rate_hz)
     cap = math.log(knock / jump)
-    state = np.zeros(9)
+    state = np.zeros(16)
     state[CREDIT] = cap
     rare = max(0.0, 1.0 - knock / DENSE)
+    share = min(MOST_TAIL_SHARE, TAIL_HZ / rate_hz)
     return Cusum(
         knock,
         jump,
@@ -457,6 +482,10 @@ def _cusum(s: SlipSettings, rate_hz: float) -> Cusum:
         patience=round(s.max_gap_s * rate_hz) + s.order + 2,
         follow=1.0 / min(s.follow_s * rate_hz, FOLLOW_SAMPLES),
         most_followed=FOLLOWED_DENSE_NAT + (FOLLOWED_RARE_NAT - FOLLOWED_DENSE_NAT) * rare,
+        tail_share=share,
+        tail_normal=2.0 * math.log(NormalDist().inv_cdf(1.0 - 0.5 * share)),
+        strike=max(2, round(IMPACT_S * rate_hz)),
+        sample_s=1.0 / rate_hz,
         state=state,
         totals=np.zeros(max(2, round(s.vibration_s * rate_hz) + 1)),
     )

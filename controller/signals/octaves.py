@@ -48,9 +48,16 @@ DECIDES_HZ = 2000.0
 TREND, TREND_IN = range(2)
 """Places among the scalars: state of the high-pass ahead and its last input."""
 
-HIGH, LOW, LOW_IN, ENERGY, LEVEL, LATELY = range(6)
+HIGH, LOW, LOW_IN, ENERGY, LEVEL, LATELY, RAISED = range(7)
 """Places in an octave's state: its high-pass, its low-pass and that one's last input, its energy, its quiet level (the
-mean logarithm of the energy), and how far beyond that the log energy has lain lately."""
+mean logarithm of the energy), how far beyond that the log energy has lain lately, and how far an impact has raised what
+counts as quiet."""
+
+STRUCK_NATS = 2.5
+"""What an impact leaves counts as quiet up to so far below its peak: contact that bounces is then no slip."""
+
+RECOVER_NATS_S = 4.0
+"""How fast that sinks. An arm's bouncing contact dies away as fast; chosen on four of its runs."""
 
 
 class Octaves(NamedTuple):
@@ -59,7 +66,7 @@ class Octaves(NamedTuple):
     Attributes:
         trend: Pole of the high-pass ahead.
         poles: High-pass, low-pass and energy of each octave, shape (octaves, 3); a low-pass with pole -1 is none.
-        states: Shape (octaves, 6).
+        states: Shape (octaves, 7).
         scalars: Shape (2,).
         stride: Samples from one decision to the next.
         decision_s: The same as a time.
@@ -88,7 +95,7 @@ def octaves(rate_hz: float) -> Octaves:
     poles = np.array(rows).reshape(-1, 3)
     stride = max(1, int(rate_hz / DECIDES_HZ))
     trend = pole(min(TREND_HZ, 0.1 * rate_hz))
-    return Octaves(trend, poles, np.zeros((len(rows), 6)), np.zeros(2), stride, stride / rate_hz)
+    return Octaves(trend, poles, np.zeros((len(rows), 7)), np.zeros(2), stride, stride / rate_hz)
 
 
 @compiled()
@@ -117,6 +124,24 @@ def learn_octaves(o: Octaves, floor: float, count: int) -> None:
     for k in range(o.states.shape[0]):
         o.states[k, LEVEL] += (math.log(o.states[k, ENERGY] + floor) - o.states[k, LEVEL]) / count
         o.states[k, LATELY] = 0.0
+        o.states[k, RAISED] = 0.0
+
+
+@compiled()
+def strike_octaves(o: Octaves, floor: float) -> float:
+    """Takes the present energy for that of an impact; returns how far it is from its peak, nats, the octaves' mean."""
+    fallen = 0.0
+    for k in range(o.states.shape[0]):
+        beyond = math.log(o.states[k, ENERGY] + floor) - o.states[k, LEVEL]
+        o.states[k, RAISED] = max(o.states[k, RAISED], beyond - STRUCK_NATS)
+        fallen += (o.states[k, RAISED] + STRUCK_NATS - beyond) / o.states.shape[0]
+    return fallen
+
+
+@compiled()
+def spare_octaves(o: Octaves) -> None:
+    """It was no impact."""
+    o.states[:, RAISED] = 0.0
 
 
 @compiled()
@@ -146,7 +171,8 @@ def judge_octaves(o: Octaves, floor: float, louder: float) -> float:
         if o.states[k, LATELY] < -QUIETER_NAT:
             o.states[k, LEVEL] -= sink
             o.states[k, LATELY] += sink
-        counts = min(max(beyond - louder - DEAD_NATS, 0.0), MOST_NATS)
+        counts = min(max(beyond - o.states[k, RAISED] - louder - DEAD_NATS, 0.0), MOST_NATS)
+        o.states[k, RAISED] = max(0.0, o.states[k, RAISED] - RECOVER_NATS_S * o.decision_s)
         best = max(best, counts + last + second)
         second, last = last, counts
     return best

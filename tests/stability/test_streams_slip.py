@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from behaviors.events import BaselineReady, SlipEnded, SlipStarted
+from behaviors.events import SlipEnded, SlipStarted
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from drivers.core.messages import SampleBlock
 
@@ -25,7 +25,7 @@ def ringing(n, seed, knocks_hz, size):
 def slip_events(x):
     """Slip events of the detector."""
     events = SlipDetector("slip", SlipSettings(threshold=25.0)).push(block(x))
-    return [event for event in events if not isinstance(event, BaselineReady)]
+    return [event for event in events if isinstance(event, SlipStarted | SlipEnded)]
 
 
 def evidence(x):
@@ -51,7 +51,8 @@ def test_a_short_gap_keeps_the_sum_and_one_longer_than_half_a_second_does_not(lo
     found = evidence(x)
     assert found[3299] > 50.0
     assert (found[3300 + lost] > 50.0) == (lost < 500)
-    assert found[4500:].max() > 50.0
+    # a bump of fifty deviations just before is an impact: knocks count less for a moment
+    assert found[4500:].max() > 40.0
 
 
 def test_a_glitch_of_1e9_is_one_bump_and_forgotten_at_once():

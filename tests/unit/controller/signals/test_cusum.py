@@ -17,7 +17,7 @@ from controller.signals.whitening import predictor
 
 
 def cusum():
-    state = np.zeros(9)
+    state = np.zeros(16)
     state[CREDIT] = math.log(200.0)
     return Cusum(
         knock=0.2,
@@ -28,6 +28,10 @@ def cusum():
         patience=100,
         follow=0.02,
         most_followed=math.log(2.25),
+        tail_share=0.02,
+        tail_normal=1.6887,
+        strike=100,
+        sample_s=1e-3,
         state=state,
         totals=np.zeros(33),
     )
