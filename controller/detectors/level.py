@@ -114,6 +114,16 @@ class LevelSettings(Settings):
     input: StreamName = "signals.right"
     """Envelope of one finger: I and Q, full scales, at a fixed rate."""
 
+    position_input: StreamName | None = None
+    """The mover's encoder: a position (m), or a pose. With it a wave is expected to turn by the way gone, and what
+    rings after a stop is no touch; None: by time, and a braking mover hides small touches."""
+
+    direction: Annotated[tuple[float, float, float], Strict(False)] = (1.0, 0.0, 0.0)
+    """Along which a pose is measured; a position has its direction already."""
+
+    ring_s: float = Field(default=0.3, ge=0.0, le=10.0)
+    """How long a mover rings after a stop, s: in that time, and while it comes to stand, no jump is a touch."""
+
     threshold: float = Field(default=7.0, gt=0.0, le=1e9)
     """Jump that means contact, in root mean squares of the other jumps. White Gaussian noise would reach 3.8 once an
     hour, but a starting arm is not white: chosen on simulated approaches, of which some 1 % reach it
@@ -229,7 +239,7 @@ class LevelDetector(OnEnvelope):
 
     def __init__(self, name: str, settings: LevelSettings) -> None:
         self.settings = settings
-        super().__init__(name, settings.input, DOING)
+        super().__init__(name, settings.input, DOING, settings.position_input, settings.direction)
 
     def reset(self) -> None:
         """Clear levels, scales and contact."""
@@ -262,7 +272,7 @@ class LevelDetector(OnEnvelope):
         if self._search is None:
             self._search = self._begun(samples.rate_hz)
         scores, found = np.empty(len(samples.z)), np.empty(len(samples.z), np.int64)
-        find_steps(self._search, threshold, samples.z, samples.missing, scores, found)
+        find_steps(self._search, threshold, samples.z, samples.position_m, samples.missing, scores, found)
         return scores, found
 
     def _begun(self, rate_hz: float) -> StepSearch:
@@ -280,6 +290,7 @@ class LevelDetector(OnEnvelope):
             hops=hops,
             # in two spans a braking mover falls behind by a t^2 / 2, and the wave by 2 k times that
             bends=np.asarray(0.5 * kappa_rad_m * settings.acceleration_m_s2 * (2.0 * spans / rate_hz) ** 2),
+            kappa_rad_m=kappa_rad_m,
             keeps=np.exp(-hops[:, None] / memories),
             delays=np.maximum(3 * spans, samples(settings.rise_s)) // hops,
             settle=samples(settings.settle_s),
@@ -291,4 +302,5 @@ class LevelDetector(OnEnvelope):
             hold=samples(settings.hold_s),
             keep_level=math.exp(-1.0 / (settings.follow_s * rate_hz)),
             patience=round(settings.max_gap_s * rate_hz),
+            ringing=round(settings.ring_s * rate_hz),
         )

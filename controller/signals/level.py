@@ -117,6 +117,13 @@ SURE = 6.0
 """A change of level is so many times the standard deviation that the shortest span's mean has in white noise like
 that in which the level stays: the level before the jump is known no better."""
 
+STILL_M = 5e-5
+"""A mover that goes less far while the longest span passes stands still, one that goes twice as far moves. Assumption:
+several times an encoder's noise."""
+
+ENCODER_M = 3e-5
+"""How far from the truth a displacement is that an encoder says. Assumption: an arm's."""
+
 BACK = 0.5
 """Contact is over when this share of the step has gone back."""
 
@@ -127,10 +134,10 @@ detected."""
 NOTHING, BEGAN, HELD, ENDED = range(4)
 """Changes at a sample."""
 
-FILLED, SINCE, SEEN_BAD, RETURNING, LASTED, FRESH, AGE = range(7)
+FILLED, SINCE, SEEN_BAD, RETURNING, LASTED, FRESH, AGE, MOVING, STOOD = range(9)
 """Places among the counts: samples in the ring since its restart; samples since the beginning, up to `learn`; bad
 ones in a row; samples in a row that are back; samples since contact began, -1 while there is none; samples in the
-median filter; samples since the jump that is remembered."""
+median filter; samples since the jump that is remembered; whether the mover moves; samples since it last stopped."""
 
 AT, STEP, FIRST, LAST, BEFORE, LEFT, REST = range(7)
 """Places among the levels: the contact's own, now; from the level before to it; as it was at first; the last good
@@ -145,6 +152,7 @@ class StepSearch(NamedTuple):
         hops: Interval between looks at each, samples, shape (k,).
         bends: For each by how much a mover's acceleration bends the envelope, as a share of its distance from the
             level at rest, shape (k,).
+        kappa_rad_m: By how much a wave turns with the mover's way.
         keeps: Decay of the slow and the fast scale of each per look, shape (k, 2).
         delays: Looks after which a jump enters the scales, so that it is not compared with itself, shape (k,).
         settle: Samples for which a jump is remembered.
@@ -156,10 +164,12 @@ class StepSearch(NamedTuple):
         hold: Samples after which contact persists.
         keep_level: Decay of the contact's own level per sample.
         patience: Bad samples in a row that are bridged.
+        ringing: Samples after a stop of the mover in which no jump counts.
         ring: The last samples, twice, so that any run of them is in one piece, shape (2 * size,).
+        places_m: Of the mover at each of them, NaN where unknown, shape (2 * size,).
         scales: For each span the mean square of its deviation, slow and fast, 0 while unknown, shape (k, 2).
         late: Squared deviations still to enter the scales, shape (k, looks).
-        counts: Shape (7,).
+        counts: Shape (9,).
         looks: Looks at each span since the ring's restart, shape (k,).
         levels: Shape (7,).
         jump: The jump that is remembered, in scales; its square; one over its span; shape (3,).
@@ -168,6 +178,7 @@ class StepSearch(NamedTuple):
     spans: Ints
     hops: Ints
     bends: Floats
+    kappa_rad_m: float
     keeps: Floats
     delays: Ints
     settle: int
@@ -179,7 +190,9 @@ class StepSearch(NamedTuple):
     hold: int
     keep_level: float
     patience: int
+    ringing: int
     ring: Complexes
+    places_m: Floats
     scales: Floats
     late: Floats
     counts: Ints
@@ -190,8 +203,9 @@ class StepSearch(NamedTuple):
 
 def step_search(spans: Ints, delays: Ints, third: int, **constants: Any) -> StepSearch:
     """A search in its initial state; arguments are the constants of `StepSearch`."""
-    counts = np.zeros(7, np.int64)
+    counts = np.zeros(9, np.int64)
     counts[LASTED] = -1
+    counts[STOOD] = constants["ringing"]
     size = max((PAST + 3) * int(spans[-1]), 3 * third)
     return StepSearch(
         spans,
@@ -199,6 +213,7 @@ def step_search(spans: Ints, delays: Ints, third: int, **constants: Any) -> Step
         third=third,
         **constants,
         ring=np.zeros(2 * size, np.complex128),
+        places_m=np.full(2 * size, np.nan),
         scales=np.zeros((len(spans), 2)),
         late=np.zeros((len(spans), int(delays.max()))),
         counts=counts,
@@ -223,6 +238,33 @@ def _squared(z: complex) -> float:
 
 
 @compiled()
+def _spans_gone(f: StepSearch, end: int, m: int) -> float:
+    """How far the mover has gone in the last two spans of m samples, in mean spans before them; NaN where that is not
+    known, or where it went too slowly to say."""
+    newest, near = f.places_m[end - 1 - m // 2], f.places_m[end - 1 - 2 * m - m // 2]
+    oldest = f.places_m[end - 1 - (2 + PAST) * m - m // 2]
+    each_m = (near - oldest) / PAST
+    slow_m = STILL_M * m / f.spans[-1]
+    return (newest - near) / each_m if abs(each_m) > slow_m else math.nan
+
+
+@compiled()
+def _follow(f: StepSearch, end: int, x_m: float) -> None:
+    """Notice that the mover stops: a jump of the last span is its ringing, and so are those that come after."""
+    counts, still = f.counts, f.spans[-1]
+    counts[STOOD] = min(counts[STOOD] + 1, f.ringing)
+    if counts[FILLED] <= still:
+        return
+    gone_m = abs(x_m - f.places_m[end - 1 - still])
+    if gone_m > 2.0 * STILL_M:
+        counts[MOVING] = 1
+    elif gone_m < STILL_M and counts[MOVING] == 1:
+        counts[MOVING] = counts[STOOD] = 0
+        if counts[AGE] <= still:
+            f.jump[0] = 0.0
+
+
+@compiled()
 def _look(f: StepSearch, end: int) -> None:
     """Check all spans that are due, and keep the largest jump."""
     counts, scales = f.counts, f.scales
@@ -242,7 +284,14 @@ def _look(f: StepSearch, end: int) -> None:
         turn = across / (size + FLOOR_FS * FLOOR_FS)
         if _squared(turn) > GROWTH * GROWTH:
             turn *= GROWTH / abs(turn)
-        jump = _mean(f.ring, end, m) - rest - near * turn * turn
+        spans = _spans_gone(f, end, m)
+        known = math.isfinite(spans)
+        if known:
+            angle_rad = spans * math.atan2(turn.imag, turn.real)
+            turn = abs(turn) ** spans * complex(math.cos(angle_rad), math.sin(angle_rad))
+        else:
+            turn *= turn
+        jump = _mean(f.ring, end, m) - rest - near * turn
         squared = _squared(jump)
         place = f.looks[k] % f.delays[k]
         if f.looks[k] >= f.delays[k]:
@@ -257,10 +306,15 @@ def _look(f: StepSearch, end: int) -> None:
             # a braking mover turns the wave less than predicted, and hardly changes its size
             size = _squared(near)
             along = (near.real * jump.real + near.imag * jump.imag) ** 2 / (size + FLOOR_FS * FLOOR_FS)
-            bend = f.bends[k] * f.bends[k] * size
+            off = f.kappa_rad_m * ENCODER_M if known else f.bends[k]
+            bend = off * off * size
             noise = max(scales[k, 0], scales[k, 1]) + FLOOR_FS * FLOOR_FS
             score = math.sqrt(along / (noise + RADIAL * RADIAL * bend) + (squared - along) / (noise + bend))
-            if counts[SINCE] >= f.learn and (score > f.jump[0] or counts[AGE] > f.settle):
+            if (
+                counts[STOOD] >= f.ringing
+                and counts[SINCE] >= f.learn
+                and (score > f.jump[0] or counts[AGE] > f.settle)
+            ):
                 f.jump[0], f.jump[1], f.jump[2] = score, squared, 1.0 / m
                 f.levels[LEFT], counts[AGE] = near + rest, 0
         f.late[k, place] = squared
@@ -353,7 +407,7 @@ def _touch(f: StepSearch, z: complex) -> tuple[float, int]:
 
 @compiled()
 def find_steps(
-    f: StepSearch, threshold: float, z: Complexes, missing: Ints, scores: Floats, changes: Ints
+    f: StepSearch, threshold: float, z: Complexes, x_m: Floats, missing: Ints, scores: Floats, changes: Ints
 ) -> None:
     """Process n samples.
 
@@ -361,6 +415,7 @@ def find_steps(
         f: The search, advanced.
         threshold: Scales that a jump must have.
         z: Envelope, full scales, shape (n,).
+        x_m: Position of the mover, NaN where it is not known, shape (n,).
         missing: Samples lost just before each, shape (n,).
         scores: Written: without contact the jump, in scales, after which the level stays, NaN where it does not; in
             contact the share of the step that is left. Shape (n,).
@@ -393,9 +448,11 @@ def find_steps(
             continue
         place = counts[FILLED] % size
         ring[place] = ring[place + size] = sample
+        f.places_m[place] = f.places_m[place + size] = x_m[i]
         end = place + size + 1
         counts[FILLED] += 1
         counts[AGE] += 1
+        _follow(f, end, x_m[i])
         _rest(f, sample)
         _look(f, end)
         if f.jump[0] <= 0.0:

@@ -51,6 +51,10 @@ LEARNED = 4.0
 """A background that was learned may be so many times larger than one that is granted: the wave of a wall ahead grows
 beyond what one would grant, but slower than that of an object. Chosen on simulated rooms: 2 to 13 do as well."""
 
+SEVERAL = 0.87
+"""Weight of the best of all waves beside the one straight ahead: of many waves one is larger by chance. Chosen on
+simulated rooms with oblique walls."""
+
 FORGET_M = 0.025
 """Distance after which what was learned beyond that counts for 1/e: an object that was near is not background at the
 next approach. Chosen on simulated rooms: 0.05 does as well."""
@@ -272,7 +276,9 @@ def _add(f: WaveFit, z: complex, x_m: float) -> tuple[float, float]:
     size_fs = abs(amplitude)
     if not math.isfinite(ratio) or size_fs == 0.0:
         return ratio, size_fs
-    best = _above_background(f, 0, ratio, size_fs)
+    best = _above_background(f, 0, ratio, size_fs) * (
+        SEVERAL if f.kappa_rad_m.size > f.straight.size else 1.0
+    )
     for row in range(f.straight.size):
         own, own_fs = f.fitted[f.straight[row]]
         if math.isfinite(own):

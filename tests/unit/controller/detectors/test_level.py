@@ -1,5 +1,7 @@
 """Contact by level on envelopes that no plant made."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,32 @@ def approach(speed_m_s, end_m, size=0.015, seed=1, rest_s=1.5, hold_s=1.0):
     gap_m = 0.05 - way_m
     echo = size * (1.0 + gap_m / 0.01) ** -2 * np.exp(-1j * KAPPA_RAD_M * gap_m)
     return REST + echo + noise(len(way_m), 5e-5, seed)
+
+
+def ringing(way_m, seed=1, touched=None):
+    """A mover that goes towards an object quietly and rings at 1e-4 after each stop, and the encoder. It is touched
+    from sample `touched` on: the wave stands still, the level a sixth of the wave away."""
+    surface_m = way_m[-1] + 0.004 if touched is None else way_m[touched]
+    gap_m, n = np.maximum(surface_m - way_m, 0.0), len(way_m)
+    z = 0.006 * (1.0 + gap_m / 0.01) ** -2 * np.exp(-1j * KAPPA_RAD_M * gap_m)
+    stops = np.flatnonzero((np.diff(way_m[:-1]) != 0.0) & (np.diff(way_m[1:]) == 0.0)) + 2
+    for stop in stops:
+        t_s = np.arange(n - stop) / RATE_HZ
+        z[stop:] += 1e-4 * np.exp(-t_s / 0.15) * np.cos(2.0 * np.pi * 30.0 * t_s)
+    if touched is not None:
+        z[touched:] += 1e-3j
+    encoder = way_m[::2] + 1e-5 * np.random.default_rng(seed).standard_normal(len(way_m[::2]))
+    values = SampleBlock("arm.position", 0, 0.0, encoder[:, None], rate_hz=RATE_HZ / 2.0, unit="m")
+    return block(REST + z + noise(n, 1e-5, seed)), values
+
+
+def stop_and_go(*legs):
+    """Way of a mover: (speed in m/s, seconds) after each other, each begun and ended at 0.5 m/s2, shape (n,)."""
+    speeds = [np.zeros(1)]
+    for speed, seconds in legs:
+        ramp = np.linspace(0.0, speed, max(2, round(speed / 0.5 * RATE_HZ)))
+        speeds += [ramp, np.full(round(seconds * RATE_HZ), speed), ramp[::-1]]
+    return np.cumsum(np.concatenate(speeds)) / RATE_HZ
 
 
 # --- ours ----------------------------------------------------------------------------------------
@@ -141,6 +169,29 @@ def test_after_a_gap_over_which_the_drives_phase_stepped_small_contacts_are_seen
     assert kinds(events) == [Contact, ContactHeld, ContactLost]
     assert events[0].t_s == pytest.approx(5.0, abs=0.1)
     assert events[2].t_s == pytest.approx(7.0, abs=0.1)
+
+
+def test_what_rings_after_a_stop_is_a_touch_without_the_encoder_and_none_with_it():
+    way_m = stop_and_go((0.0, 1.0), (0.01, 2.0), (0.0, 1.0), (0.03, 1.0), (0.0, 1.0))
+    felt: dict[str | None, int] = dict.fromkeys((None, "arm.position"), 0)
+    for seed, name in itertools.product(range(5), felt):
+        felt[name] += len(kinds(events_of(ours(position_input=name), *ringing(way_m, seed))))
+    assert felt[None] > 0
+    assert felt["arm.position"] == 0
+
+
+def test_a_light_touch_on_the_way_is_felt_with_the_encoder_where_braking_would_hide_it():
+    way_m = stop_and_go((0.0, 1.0), (0.01, 3.0), (0.0, 1.0))
+    for seed in range(5):
+        signal, encoder = ringing(way_m, seed, touched=2500)
+        felt = {
+            name: [
+                event.t_s for event in events_of(ours(position_input=name, threshold=5.0), signal, encoder)
+            ]
+            for name in (None, "arm.position")
+        }
+        assert felt[None] == []
+        assert 2.5 < felt["arm.position"][0] < 2.7
 
 
 def test_noise_that_comes_at_once_is_no_contact():
