@@ -69,7 +69,7 @@ def approach(speed_m_s, end_m, size=0.015, seed=1, rest_s=1.5, hold_s=1.0):
 
 
 def ringing(way_m, seed=1):
-    """A mover that goes towards an object quietly, but not to it, and rings at 1e-4 after each stop; and the encoder."""
+    """A mover that goes towards an object quietly, but not to it, and rings at 1e-4 after each stop; its encoder."""
     gap_m, n = way_m[-1] + 0.004 - way_m, len(way_m)
     z = 0.006 * (1.0 + gap_m / 0.01) ** -2 * np.exp(-1j * KAPPA_RAD_M * gap_m)
     stops = np.flatnonzero((np.diff(way_m[:-1]) != 0.0) & (np.diff(way_m[1:]) == 0.0)) + 2
