@@ -219,6 +219,15 @@ def highpass_rms(values: Floats, rate_hz: float, *, window_s: float = 0.01) -> F
     return _armed(np.sqrt(_mean(above**2, round(window_s * rate_hz))), rate_hz)
 
 
+def own_quiet_rms(values: Floats, rate_hz: float) -> Floats:
+    """The same over that of the recording's own first second."""
+    root = highpass_rms(values, rate_hz)
+    sections = butter(2, 20.0, "highpass", fs=rate_hz, output="sos")
+    above, _ = sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])
+    quiet = float(np.sqrt(np.mean(above[: round(LEARN_S * rate_hz)] ** 2)))
+    return root / max(quiet, 1e-300)
+
+
 def difference_rms(values: Floats, rate_hz: float, *, window_s: float = 0.008) -> Floats:
     """Root mean square of the second difference."""
     second = np.diff(values, n=2, prepend=[values[0], values[0]])
@@ -302,6 +311,7 @@ def judges() -> Mapping[str, Rival]:
         "slip.paper, 64 ms": partial(paper, block_s=0.064),
         "slip.paper, 32 ms": partial(paper, block_s=0.032),
         "high-pass RMS, 10 ms": highpass_rms,
+        "high-pass RMS, 10 ms, over own quiet": own_quiet_rms,
         "second-difference RMS, 8 ms": difference_rms,
         "Teager-Kaiser, 10 ms": teager_kaiser,
         "AR(16) residual, GLR": residual_glr,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of, proposed
-from controller.detectors.protocol import Detector, readings_of
+from controller.detectors.protocol import NOTHING, Detector, quantity_of, readings_of
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
 from controller.recording.tables import Chosen, ReplayError, channel_numbers, read_columns
@@ -63,6 +63,31 @@ def replay(blocks: Sequence[SampleBlock], detector: Detector) -> Iterator[Detect
             f"{detector.name}: nothing was compared with the threshold in {sum(map(len, own))} samples"
             f" ({span_s:.6g} s): the recording is too short{still}{dead}"
         )
+
+
+ADVISED, NEAR = 0.8, 1.0 / 3.0
+"""Share of the largest statistic that is advised as a threshold where nothing reached the one there is; and share of
+that which the largest is at least. Assumption: what stays farther away may be noise."""
+
+
+def nearest(blocks: Sequence[SampleBlock], detector: Detector) -> str:
+    """How near a detector that reported no event came to its threshold, and what to do; "" where it does not show.
+
+    The detector is reset, and hears the blocks again."""
+    detector.reset()
+    found = [NOTHING]
+    for block in blocks:
+        detector.push(block)
+        found.append(readings_of(detector))
+    readings = np.concatenate(found)
+    readings = readings[np.isfinite(readings).all(axis=1)]
+    if not len(readings):
+        return ""
+    t_s, value, threshold = readings[int(np.argmax(readings[:, 1] - readings[:, 2]))].tolist()
+    said = f"largest {quantity_of(detector).name} {value:.3g} of {threshold:.3g} at {t_s:.4g} s"
+    if value < NEAR * threshold or not hasattr(getattr(detector, "settings", None), "threshold"):
+        return said
+    return f"{said}: calibrate, or --set threshold={ADVISED * value:.2g}"
 
 
 def _decided(detector: Detector, blocks: Sequence[SampleBlock], read: bool) -> bool:

@@ -31,8 +31,9 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
       run.py replay drag.wav --detector slip --column 0 --set threshold=21 --plot drag.png
       run.py replay bag.mcap --detector slip --column /wrench:wrench.force.z
     """
+    from behaviors.events import BaselineReady
     from config.recordings import load
-    from controller.replay import as_line
+    from controller.replay import as_line, nearest
     from controller.replay import replay as replayed
 
     made, blocks, notes = load(detector, **given)
@@ -40,9 +41,10 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
     verbs.complain("\n".join(notes))
     for event in events:
         click.echo(json.dumps(as_line(event, detector)))
-    if not events:
+    if all(isinstance(event, BaselineReady) for event in events):
         samples = sum(len(block) for block in blocks if block.stream == made.inputs[0])
-        verbs.complain(f"{detector} found nothing in {samples} samples")
+        near = nearest(blocks, made)
+        verbs.complain(f"{detector} found nothing in {samples} samples" + (f"; {near}" if near else ""))
     if plot is not None:
         from controller.replay_plot import draw
 

@@ -274,6 +274,7 @@ def test_a_channel_without_sound_is_no_contact_and_no_result(verb, tmp_path):
     )
     assert (code, out) == (0, "")
     assert "found nothing in 4" in err
+    assert "of 1e+03 at " in err
 
 
 def test_a_drive_of_another_frequency_is_set_in_the_chain_and_the_detector(verb, tmp_path):

@@ -18,7 +18,7 @@ from controller.detectors.calibration import calibrate
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.recording.tables import ReplayError, read_columns
-from controller.replay import between, calibration_line, enveloped, read_blocks, replay
+from controller.replay import between, calibration_line, enveloped, nearest, read_blocks, replay
 from controller.replay_plot import draw
 from controller.signals.iq import IqSettings
 from drivers.core.messages import SampleBlock
@@ -576,3 +576,20 @@ def test_sound_at_full_scale_is_no_envelope():
     block = SampleBlock("signals.right", 0, 0.0, counts, rate_hz=96_000.0, scale=2.0**-23, unit="FS")
     with pytest.raises(ReplayError, match="at full scale"):
         enveloped([block], "signals.right", IqSettings(channel=0))
+
+
+def test_a_detector_without_an_event_says_how_near_it_came_and_what_to_set():
+    x = np.random.default_rng(4).standard_normal(6000)
+    x[4000:4300] += 2.5 * np.random.default_rng(5).standard_normal(300)
+    blocks = [SampleBlock(STREAM, 0, 0.0, x[:, None], rate_hz=1000.0)]
+    detector = SlipDetector("slip", SlipSettings(threshold=60.0))
+    assert [type(event) for event in replay(blocks, detector)] == [BaselineReady]
+    said = nearest(blocks, detector)
+    found = re.fullmatch(
+        r"largest evidence of slip (\S+) of 60 at (\S+) s: calibrate, or --set threshold=(\S+)", said
+    )
+    value, t_s, advised = map(float, found.groups())
+    assert value == pytest.approx(detector.statistic(x[:, None], 1000.0)[1010:].max(), rel=0.01)
+    assert 4.0 < t_s < 4.5
+    fresh = SlipDetector("slip", SlipSettings(threshold=advised))
+    assert any(isinstance(event, SlipStarted) for event in replay(blocks, fresh))
