@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Detected
-from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of, proposed
+from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of, limits_of, proposed
 from controller.detectors.protocol import NOTHING, Detector, quantity_of, readings_of
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
@@ -103,6 +103,7 @@ def calibration_line(
     kind: str,
     false_alarm_interval_s: float,
     fixed: Container[str] = (),
+    notes: list[str] | None = None,
 ) -> dict[str, Any]:
     """The threshold that recordings without events ask for, as one JSON object.
 
@@ -110,6 +111,7 @@ def calibration_line(
         pieces: Recordings, each with the detector whose threshold is wanted, as it was set up for it.
         kind: Of detector, as it was asked for.
         fixed: Settings that are not proposed.
+        notes: Lines are added on what the recordings could not carry, and how it held on those left out.
 
     Raises:
         ReplayError: recordings that allow no estimate: too short, at irregular times, not finite, dead.
@@ -119,6 +121,8 @@ def calibration_line(
         found = calibrate_pieces(pieces, false_alarm_interval_s)
     except ValueError as error:
         raise ReplayError(f"{kind}: {error}") from None
+    if notes is not None:
+        notes += limits_of(found)
     named = {"low": "threshold_low", "high": "threshold_high"}
     plain = {name: value if math.isfinite(value) else None for name, value in found._asdict().items()}
     return {"detector": kind, **others, **{named.get(name, name): value for name, value in plain.items()}}

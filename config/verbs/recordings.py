@@ -100,8 +100,9 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
         raise ReplayError(
             f"--detector {detector}: no threshold that a recording could set; try {', '.join(calibratable())}"
         )
-    line = calibration_line(pieces, detector, interval_s, given["overrides"])
-    verbs.complain("\n".join(dict.fromkeys(note for one in loaded for note in one.notes)))
+    limits: list[str] = []
+    line = calibration_line(pieces, detector, interval_s, given["overrides"], limits)
+    verbs.complain("\n".join(dict.fromkeys([note for one in loaded for note in one.notes] + limits)))
     click.echo(json.dumps(line))
 
 

@@ -115,6 +115,28 @@ class Calibration(NamedTuple):
     checked_found: float = math.nan
 
 
+def limits_of(found: Calibration) -> Sequence[str]:
+    """What the recordings could not carry, and how the thresholds held on those left out: a line each."""
+    lines = []
+    asked_s = found.false_alarm_interval_s
+    if found.extrapolated:
+        lines.append(
+            f"{found.recording_s:.4g} s in which the detector decides carry one false alarm in {found.sees_s:.3g} s;"
+            f" one in {asked_s:g} s is extrapolated: record {ENOUGH * asked_s - found.recording_s:.4g} s more"
+        )
+    if math.isfinite(found.checked_found):
+        times = found.checked_found / found.checked_expected
+        low, high = (end / found.checked_expected for end in poisson_interval(found.checked_found))
+        lines.append(
+            f"left out in turn, {found.pieces if found.pieces > 1 else FOLDS} pieces had"
+            f" {found.checked_found:.0f} false alarms where one in {found.checked_interval_s:.4g} s"
+            f" was asked for: {times:.2g} times as many"
+            f" (95 %: {low:.2g} to {high:.2g})"
+            + ("; they differ, and so may the next: record more kinds of quiet" if low > 1.0 else "")
+        )
+    return lines
+
+
 def calibrate(
     detector: Statistic, values: Floats, rate_hz: float, false_alarm_interval_s: float
 ) -> Calibration:
