@@ -81,7 +81,8 @@ NOMINAL_K = 293.15
 @dataclass(frozen=True)
 class Event:
     """One passage to be simulated; equal events give identical passages. Seed (of the study's part) and number key the
-    noise, the side goes ahead, the echo is weaker than the plant's default."""
+    noise, the side goes ahead, the echo is weaker than the plant's default, the mechanism as noisy as `motion_fs`
+    (None: as the plant's)."""
 
     seed: int
     number: int
@@ -90,6 +91,7 @@ class Event:
     side: Side
     speed_m_s: float
     weaker_db: float = 0.0
+    motion_fs: float | None = None
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,8 @@ def settings_of(event: Event) -> AuraBenchSettings:
         scene="ahead", temperature_k=NOMINAL_K * ratio * ratio, warming_k_s=warming, side=event.side
     )
     weaker_fs = found.reflection_fs * 10.0 ** (-event.weaker_db / 20.0)
-    return found.model_copy(update={"reflection_fs": weaker_fs})
+    motion_fs = found.motion_fs if event.motion_fs is None else event.motion_fs
+    return found.model_copy(update={"reflection_fs": weaker_fs, "motion_fs": motion_fs})
 
 
 def ramp(times_s: Floats, length_m: float, speed_m_s: float) -> tuple[Floats, float]:

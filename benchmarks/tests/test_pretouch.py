@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
+from benchmarks.level_stops import RING_FS, ringing
 from benchmarks.pretouch import FULL, Event, events, passage, rate, seen_at, threshold_at, touch
 from benchmarks.pretouch_rooms import TRAINING, UNDULATION_M, Passing, commanded, simulate
 from benchmarks.pretouch_touches import THRESHOLDS, TouchTrial, scored
@@ -129,3 +130,13 @@ def test_the_rival_with_the_commanded_speed_finds_the_power_of_a_wave_on_a_level
     wave = 1e-3 * np.exp(2j * np.pi * speed_m_s / UNDULATION_M * times_s)
     power = commanded(0.2 + 0.01 * times_s + wave, speed_m_s, 2)
     assert np.nanmedian(power) == pytest.approx(1e-6, rel=0.05)
+
+
+def test_a_mover_rings_after_each_stop_and_not_before_the_first():
+    way_m = np.concatenate(
+        [np.zeros(100), np.arange(200) * 1e-5, np.full(300, 2e-3), 2e-3 - np.arange(200) * 1e-5]
+    )
+    found = np.abs(ringing(np.append(way_m, np.full(300, 1e-5)), np.random.default_rng(1)))
+    assert not found[:300].any()
+    assert 0.0 < found[300:400].max() <= RING_FS
+    assert found[800:900].max() > found[700:790].max()
