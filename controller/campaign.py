@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
@@ -396,6 +397,7 @@ class Campaign:
             trial.guard.settings,
             held,
             self._plan.loop,
+            make_signals=lambda: deepcopy(trial.signals),  # the trial's own stay fresh
             scene=trial.scene,
             paced=True,
             infos=dict(infos),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,23 +110,34 @@ def tidy(run: Run) -> Path | None:
 def _trials_parquet(run: Run, path: Path) -> Path:
     import pyarrow as pa
     import pyarrow.parquet as pq
-
-    def column(values: list[Any]) -> pa.Array[Any]:
-        try:
-            return pa.array(values)
-        except (pa.ArrowInvalid, pa.ArrowTypeError):  # numbers and text
-            return pa.array([None if value is None else str(value) for value in values])
+    from pyarrow.csv import ConvertOptions, read_csv  # arrays of Python's own values would load pandas, 0.2 s
 
     columns = columns_of(str(run.manifest.get("experiment")))
-    fields, arrays = [], []
-    for name in dict.fromkeys(name for row in run.trials for name in row):
-        arrays.append(column([row.get(name) for row in run.trials]))
-        said = {"unit": si_unit(name), "meaning": columns[name].meaning if name in columns else ""}
-        fields.append(
-            pa.field(name, arrays[-1].type, metadata={key: text for key, text in said.items() if text})
-        )
-    pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), path, compression="zstd")
+    names = list(dict.fromkeys(name for row in run.trials for name in row))
+    text = io.StringIO(newline="")
+    lines = csv.writer(text)
+    lines.writerow(names)
+    lines.writerows([row.get(name) for name in names] for row in run.trials)
+    kinds = {name: _kind([row.get(name) for row in run.trials]) for name in names}
+    how = ConvertOptions(column_types=kinds, null_values=[""], strings_can_be_null=True)
+    table = read_csv(io.BytesIO(text.getvalue().encode()), convert_options=how)
+    fields = []
+    for field in table.schema:
+        known = columns.get(field.name)
+        said = {"unit": si_unit(field.name), "meaning": known.meaning if known else ""}
+        fields.append(field.with_metadata({key: text for key, text in said.items() if text}))
+    pq.write_table(table.cast(pa.schema(fields)), path, compression="zstd")
     return path
+
+
+def _kind(values: Sequence[Any]) -> str:
+    """Arrow's type of a column: text where it is mixed."""
+    kinds = {type(value) for value in values if value is not None}
+    if not kinds:
+        return "null"
+    if kinds <= {int, float}:
+        return "double" if float in kinds else "int64"
+    return "bool" if kinds == {bool} else "string"
 
 
 def samples(run: Run, trial: int) -> pd.DataFrame:

@@ -13,7 +13,7 @@ import numpy as np
 
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
-from controller.scales import NOTHING, scale_of
+from controller.scales import NOTHING, figure, scale_of
 
 if TYPE_CHECKING:
     from drivers.core.settings import Settings
@@ -127,6 +127,16 @@ def rate(hits: int, of: int) -> str:
 def percent(part: float) -> str:
     """`92.4 %`."""
     return f"{number(part, 1, 100.0)} %"
+
+
+def within_all(n: int) -> str:
+    """At least what share of trials lies within the largest of `n`, at 95 % confidence."""
+    return f"{math.floor(100.0 * 0.05 ** (1.0 / n))} % of trials or more"
+
+
+def three(value: float) -> str:
+    """Three significant digits: what a first look takes in."""
+    return f"{value:,.0f}" if abs(value) >= 1000.0 else figure(float(f"{value:.3g}"))
 
 
 def share(part: int, whole: int) -> str:

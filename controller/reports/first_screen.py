@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
-from controller.reports.counts import Comparison, Row, is_number, percent, title, wilson
+from controller.reports.counts import Comparison, Row, is_number, percent, three, title, within_all
 from controller.reports.papers import table
-from controller.reports.section import Headline, Result
+from controller.reports.section import Headline, Result, rated
 from controller.reports.trial_signals import Moments, is_instant, key_of, moments_of, said_of
 from controller.scales import displayed, figure, scale_of
 
@@ -102,7 +102,7 @@ def _number(own: Sequence[Row], line: Mapping[str, Any]) -> Headline | None:
     source = f"the paper's ({line['source']})" if paper is not None else ""
 
     def said(value: float) -> str:
-        return f"{_three(value * scale.factor)} {scale.unit}".rstrip()
+        return f"{three(value * scale.factor)} {scale.unit}".rstrip()
 
     rows = "" if len(known) == len(own) else f"{name}>-1e300"
     if not known:
@@ -113,16 +113,12 @@ def _number(own: Sequence[Row], line: Mapping[str, Any]) -> Headline | None:
         hits = int(sum(known))
         if not of:
             return None
-        low, high = wilson(hits, of)
-        ours, interval = percent(hits / of), f"{_three(100.0 * low)} to {_three(100.0 * high)} %"
-        theirs = percent(paper) if paper is not None else ""
-        beside = f"{line['what']}: {ours}" + (f" where the paper has {theirs}" if theirs else "")
-        return Headline(line["what"], ours, f"{hits} of {of}", theirs, source, interval, beside, rows, name)
+        return rated(line["what"], hits, of, percent(paper) if paper is not None else "", source, rows, name)
     if over == "worst":
         worst = max(map(abs, known))
         where = "within" if paper is None or worst <= paper else "beyond"
         beside = f"{line['what']} {said(worst)}" + (f", {where} the paper's {said(paper)}" if paper else "")
-        least = f"{math.floor(100.0 * 0.05 ** (1.0 / n))} % of trials or more"
+        least = within_all(n)
         theirs = said(paper) if paper else ""
         return Headline(
             line["what"], said(worst), f"largest of {n}", theirs, source, least, beside, rows, name
@@ -160,7 +156,7 @@ def _interval(known: Sequence[float], name: str) -> str:
     half = float(stdtrit(len(known) - 1, 0.975)) * statistics.stdev(known) / math.sqrt(len(known))
     mean, scale = statistics.fmean(known), scale_of(name)
     least = 0.0 if min(known) >= 0.0 else -math.inf  # of what is never negative
-    low, high = (_three(scale.factor * max(least, mean + end)) for end in (-half, half))
+    low, high = (three(scale.factor * max(least, mean + end)) for end in (-half, half))
     return f"{low} to {high} {scale.unit}".rstrip()
 
 
@@ -176,15 +172,9 @@ def _measured(runs: Sequence[Run], rows: Sequence[Row]) -> Headline | None:
 
 
 def _successes(good: int, rows: Sequence[Row]) -> Headline:
-    low, high = wilson(good, len(rows))
-    interval = f"{_three(100.0 * low)} to {_three(100.0 * high)} %" if rows else ""
-    share = percent(good / len(rows)) if rows else "none"
-    return Headline("trials that succeeded", share, f"{good} of {len(rows)}", "", "", interval)
-
-
-def _three(value: float) -> str:
-    """Three significant digits: what a first look takes in."""
-    return f"{value:,.0f}" if abs(value) >= 1000.0 else figure(float(f"{value:.3g}"))
+    if not rows:
+        return Headline("trials that succeeded", "none", "0 of 0")
+    return rated("trials that succeeded", good, len(rows))._replace(verdict="")
 
 
 def again(run: Run) -> str:

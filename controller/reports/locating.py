@@ -10,9 +10,19 @@ import numpy as np
 
 from behaviors.static import StaticFactors
 from controller.recording.reader import Run
-from controller.reports.counts import Row, is_number, mean_of, number, quantity, rows_of, under, values
+from controller.reports.counts import (
+    Row,
+    is_number,
+    mean_of,
+    number,
+    quantity,
+    rows_of,
+    under,
+    values,
+    within_all,
+)
 from controller.reports.figures import FAINT, LOOKS, Figures
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Headline, Kind, Result, Section
 from controller.reports.stiffness import ARM_M, STIFFNESS, arm_of, from_tip_m
 
 METHODS = {"phase_rad": "phase", "frequency_hz": "frequency, loop", "ring_hz": "frequency, ringing"}
@@ -52,6 +62,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         template="locating",
         paper="backus",
         summary=summary,
+        headline=_headline(usual) if usual["phase_rad"] else None,
     )
 
 
@@ -88,6 +99,22 @@ def _errors(found: Sequence[Found]) -> list[float]:
 def _holds(row: Row) -> bool:
     """Whether the loop holds its lock: what is read while it does not is of no frequency."""
     return is_number(wander_hz := row.get("frequency_sd_hz")) and wander_hz < LOST_HZ
+
+
+def _headline(usual: Mapping[str, Sequence[Found]]) -> Headline:
+    """The worst error of the phase, beside that of the ringing frequency."""
+    worst = {column: max(_errors(found), default=math.nan) for column, found in usual.items()}
+    phase, ringing = (quantity("error_m", worst[column], 1) for column in ("phase_rad", "ring_hz"))
+    n = len(usual["phase_rad"])
+    return Headline(
+        "location from the phase, worst error",
+        phase,
+        f"largest of {n}",
+        ringing,
+        "from the ringing frequency instead",
+        within_all(n),
+        f"the phase finds a location within {phase}, the ringing frequency within {ringing}",
+    )
 
 
 def _said(kind: Kind, usual: Mapping[str, Sequence[Found]]) -> Result:

@@ -10,7 +10,7 @@ from controller.recording.reader import Run
 from controller.reports.counts import Row, mean_of, rate, total, under, values
 from controller.reports.figures import Figures
 from controller.reports.run_account import acting_of, criterion_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Kind, Result, Section, rated
 
 LINKS = ("proximal", "distal")
 
@@ -44,6 +44,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             ),
             Result(kind, told),
         ],
+        headline=rated("contacts whose link was named right", right, named) if named else None,
     )
 
 

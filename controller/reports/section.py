@@ -14,7 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoes
 from markupsafe import Markup, escape
 
 from controller.recording.reader import Run
-from controller.reports.counts import Row
+from controller.reports.counts import Row, percent, three, wilson
 from controller.scales import NOTHING
 
 
@@ -96,6 +96,16 @@ class Headline(NamedTuple):
     rows: str = ""
     column: str = ""
     state: str = ""
+
+
+def rated(
+    what: str, hits: int, of: int, paper: str = "", source: str = "", rows: str = "", column: str = ""
+) -> Headline:
+    """A share of some trials with its 95 % interval (Wilson), beside the paper's or a rival's; `of` is not 0."""
+    low, high = wilson(hits, of)
+    ours, interval = percent(hits / of), f"{three(100.0 * low)} to {three(100.0 * high)} %"
+    beside = f"{what}: {ours}" + (f", beside {source.partition(' (')[0]} {paper}" if paper else "")
+    return Headline(what, ours, f"{hits} of {of}", paper, source, interval, beside, rows, column)
 
 
 class Comparing(NamedTuple):

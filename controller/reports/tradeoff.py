@@ -11,7 +11,7 @@ from controller.measures.tradeoff import LATER_S, METHODS, SOON_S, WHEN
 from controller.recording.reader import Run
 from controller.reports.counts import Row, number, percent, quantity
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, RIVAL, Figures
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Headline, Kind, Result, Section, rated
 
 NAMES = {
     "average": "averaged frequency (the paper's)",
@@ -64,7 +64,21 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         template="tradeoff",
         paper="backus",
         summary=summary,
+        headline=_headline(scores),
     )
+
+
+def _headline(scores: Mapping[str, Scores]) -> Headline | None:
+    """The most sensitive signal of ours beside the paper's, each at its lowest threshold without a false contact."""
+    hits = {name: int((each["soon"] > each["before"].max()).sum()) for name, each in scores.items()}
+    theirs = hits.pop("average", None)
+    if theirs is None or not hits:
+        return None
+    best = max(hits, key=lambda name: hits[name])
+    n = len(scores["average"]["before"])
+    what = f"contacts detected within {SOON} without one false contact, by {NAMES[best]}"
+    source = "the paper's averaged frequency (these approaches)"
+    return rated(what, hits[best], len(scores[best]["before"]), percent(theirs / n), source)
 
 
 def _rows(scores: Mapping[str, Scores]) -> Iterator[Row]:

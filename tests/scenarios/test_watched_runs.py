@@ -76,8 +76,8 @@ class Person(Unattended):
         self.refused.append(self.watched.receive(json.dumps(act).encode()))
 
 
-def held(out, acts):
-    profile = load_profile("mock/transient", QUICK)
+def held(out, acts, name="mock/transient", quick=QUICK):
+    profile = load_profile(name, quick)
     plan = plan_campaign(profile, profile.trials(0)[:2], 0)
     with Path(os.devnull).open() as keyboard, closing(build_rig(profile)) as rig:
         operator = ConsoleOperator(keyboard)
@@ -104,6 +104,16 @@ def test_between_two_trials_a_mover_goes_home_and_a_force_is_tared_and_the_rows_
         ("tare board.load_cell", "done"),
     ]
     assert (outcome.folder / "trials.csv").read_bytes() == rows(tmp_path / "alone", 0)
+
+
+def test_a_bench_whose_guard_watches_a_computed_signal_is_tared_and_goes_home_between_trials(tmp_path):
+    acts = [{"do": "tare", "target": "arm.force"}, {"do": "home", "target": "arm"}]
+    outcome, refused, manifest = held(tmp_path, acts, "mock/pointer", {})
+    assert [(note["did"], note["outcome"]) for note in manifest["by_hand"]] == [
+        ("tare arm.force", "done"),
+        ("home arm", "done"),
+    ], (outcome.line, refused)
+    assert outcome.exit_code == 0
 
 
 @pytest.mark.parametrize(
