@@ -383,9 +383,15 @@ def _at_rail(blocks: Sequence[SampleBlock]) -> str:
     """What is said of a converter that stands at an end of its range for `RAIL` samples in a row; "" where none does.
 
     A channel of a few values alone, as a switch, has no rails."""
-    x = np.concatenate([block.physical[:, 0] for block in blocks])
-    if len(np.unique(x[:RAIL_LOOK])) <= RAIL_LEVELS:
-        return ""
+    channels = np.concatenate([block.physical for block in blocks]).T
+    for x in (x for x in channels if len(np.unique(x[:RAIL_LOOK])) > RAIL_LEVELS):
+        said = _channel_at_rail(x, blocks)
+        if said:
+            return said
+    return ""
+
+
+def _channel_at_rail(x: NDArray[np.float64], blocks: Sequence[SampleBlock]) -> str:
     for end in (float(x.max()), float(x.min())):
         edges = np.flatnonzero(np.diff((x == end).astype(np.int8), prepend=0, append=0))
         begins, lengths = edges[::2], edges[1::2] - edges[::2]

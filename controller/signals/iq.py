@@ -232,12 +232,14 @@ class Iq:
     def _excursions(
         self, block: SampleBlock, rate_hz: float, frame: int, counts: NDArray[np.int32]
     ) -> Iterator[Saturated]:
-        full = round(1.0 / block.scale) if block.values.dtype.kind == "i" else FULL_SCALE
-        if peak(counts, self._settings.channel) < full - 1:
+        whole = block.values.dtype.kind == "i"
+        full = round(1.0 / block.scale) if whole else FULL_SCALE
+        rail = full - (1 if whole else FULL_SCALE // 2**15)  # a file's shares may be those of 16 bits
+        if peak(counts, self._settings.channel) < rail:
             return
         counts = counts[:, self._settings.channel]
         clear = CLEAR_S * rate_hz
-        places = np.flatnonzero((counts >= full - 1) | (counts <= -full))
+        places = np.flatnonzero((counts >= rail) | (counts <= -rail - 1))
         before = np.concatenate(([self._clipped], frame + places[:-1]))
         self._clipped = frame + float(places[-1])
         for place in places[frame + places - before > clear].tolist():

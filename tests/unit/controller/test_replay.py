@@ -570,10 +570,22 @@ def test_a_converter_at_its_rail_is_named(tmp_path, limit, said):
     assert ("at its rail (0.02)" in notes[0] and "1.501 s" in notes[0]) == said
 
 
-def test_sound_at_full_scale_is_no_envelope():
-    tone = 1.2 * np.sin(2.0 * np.pi * 40_000.0 / 96_000.0 * np.arange(48_000))
-    counts = np.clip(tone * 2**23, -(2**23), 2**23 - 1).astype(np.int32)[:, None]
-    block = SampleBlock("signals.right", 0, 0.0, counts, rate_hz=96_000.0, scale=2.0**-23, unit="FS")
+def test_a_rail_is_named_in_whichever_channel(tmp_path):
+    i, q = 0.003 * np.random.default_rng(1).standard_normal((2, 2000))
+    np.savez(tmp_path / "a.npz", i=i, q=np.minimum(q, 0.0005))
+    notes = []
+    read_blocks(tmp_path / "a.npz", STREAM, column="i,q", rate_hz=1000.0, notes=notes)
+    assert "at its rail (0.0005)" in notes[0]
+
+
+@pytest.mark.parametrize("bits", [24, 16])
+def test_sound_at_full_scale_is_no_envelope(bits):
+    """As counts of a sound card, and as the shares of full scale that a file of 16 bits holds."""
+    full = 2 ** (bits - 1)
+    tone = 1.2 * full * np.sin(2.0 * np.pi * 40_000.0 / 96_000.0 * np.arange(48_000))
+    counts = np.clip(tone, 1 - full, full - 1).astype(np.int32)[:, None]
+    values, scale = (counts, 1.0 / full) if bits == 24 else (counts / full, 1.0)
+    block = SampleBlock("signals.right", 0, 0.0, values, rate_hz=96_000.0, scale=scale, unit="FS")
     with pytest.raises(ReplayError, match="at full scale"):
         enveloped([block], "signals.right", IqSettings(channel=0))
 
