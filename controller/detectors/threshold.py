@@ -23,6 +23,9 @@ NOISE_SIGMA = 8.0
 """Default threshold, in standard deviations of the running mean at rest. Assumption: half a second gives the noise to
 a seventh, and six sigma never happen in a day."""
 
+DRIFT_ROOM = 1.5
+"""A baseline may stray so many times farther than means side by side say: rest drifts, too. Assumption."""
+
 LEAST_STEPS = 2.0
 """A baseline without a threshold of its own may stray by so many steps of its converter, whatever its noise."""
 
@@ -130,7 +133,7 @@ class ForceThresholdDetector:
             if self.settings.threshold is None:
                 self._threshold = NOISE_SIGMA * math.sqrt(float(np.mean(distances**2)))
                 # a contact is noise to itself: how far rest may stray, means side by side say
-                rest = NOISE_SIGMA * _noise_beside(means, self._size(rate_hz))
+                rest = DRIFT_ROOM * NOISE_SIGMA * _noise_beside(means, self._size(rate_hz))
                 if worst > max(rest, LEAST_STEPS * _step(samples)):
                     self._threshold = rest
         reason = self._unfit(worst, float(np.linalg.norm(level)))
