@@ -114,7 +114,7 @@ def changes(
         yield i, bool(above[i])
 
 
-class Holding:
+class Hysteresis:
     """A comparator that lets go only where the statistic has stayed down for some samples.
 
     Attributes:

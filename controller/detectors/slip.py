@@ -13,7 +13,7 @@ from pydantic import Field
 from behaviors.events import BaselineReady, BaselineRefused, Detected, Impact, SlipEnded, SlipStarted
 from controller.detectors.protocol import (
     NOTHING,
-    Holding,
+    Hysteresis,
     Quantity,
     changes,
     channels_of,
@@ -278,7 +278,7 @@ class SlipDetector:
         self.readings = NOTHING
         self._channels: list[_Channel] = []
         self._next_seq: int | None = None
-        self._slip = Holding()
+        self._slip = Hysteresis()
         self._received = 0
         self._ready_reported = False
         self._refusal_reported = False

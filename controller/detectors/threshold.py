@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
-from controller.detectors.protocol import NOTHING, Holding, Quantity, channels_of, decisions, rate_of
+from controller.detectors.protocol import NOTHING, Hysteresis, Quantity, channels_of, decisions, rate_of
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import BaselineS, Settings, StreamName
 
@@ -93,7 +93,7 @@ class ForceThresholdDetector:
         self._threshold = math.nan if self.settings.threshold is None else self.settings.threshold
         self._refused = False
         self._next_seq: int | None = None
-        self._contact = Holding()
+        self._contact = Hysteresis()
 
     def push(self, block: SampleBlock) -> Sequence[Detected]:
         """Process the next samples.
