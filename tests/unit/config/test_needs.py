@@ -52,6 +52,16 @@ WAVEFORM = "detectors.ours.threshold"
 CENTERING = {
     f"detectors.{side}_{what}.threshold" for side in ("left", "right") for what in ("paper", "contact")
 }
+GRASP = {
+    "limits.grip_n",
+    "detectors.slip_ours.threshold",
+    *(f"behavior.{key}" for key in ("lift_m", "weight_n", "grip_force_n", "tightest_n")),
+    *(
+        f"detectors.{side}_{what}"
+        for side in ("left", "right")
+        for what in ("ours.threshold", "ours.level_fs", "contact.threshold")
+    ),
+}
 PRETOUCH = {"detectors.pretouch_paper.threshold", "detectors.pretouch_ours.threshold"}
 
 
@@ -140,6 +150,12 @@ CASES = [
         {"trials.grid.method": '["paper"]'},
         {"arm", "gripper", "audio"},
         ARM | LIMITS | GRIPPER | {AUDIO} | CENTERING,
+    ),
+    (
+        "hardware/grasp",
+        {},
+        {"arm", "gripper", "audio", "board"},
+        ARM | LIMITS | GRIPPER | {AUDIO, BOARD} | GRASP,
     ),
 ]
 """Profile, what is chosen of it, what is opened, and which values the lab has to give for that."""
