@@ -14,10 +14,14 @@ from typing import Any
 
 from controller.rig import Rig
 from drivers.core.clock import monotonic_s, rest
+from drivers.core.errors import PROGRAM, DeviceError
 from drivers.core.settings import Settings
 
 LOOK_S = 0.02
 """How often it is looked whether a program has ended."""
+
+SHARED = ("mock", "emulated", "console")
+"""Ports that are no device of the bench: each program has its own."""
 
 Addresses = Mapping[str, Mapping[str, Any]]
 """By device, the settings that say where it is: `{"stage": {"port": "/dev/ttyUSB0"}}`."""
@@ -50,15 +54,18 @@ class Holding:
     """This program's note. Use as a context manager, around the time in which the devices are open.
 
     A note is locked as long as its program lives: one that was killed leaves a note that says nothing. Where no note
-    can be written, the program goes on without one.
+    can be written, the program goes on without one. Of two programs that begin at once, none or one gets the devices:
+    each leaves its note before it looks for others.
 
     Args:
         profile: Name.
         doing: The verb.
         where: The devices.
+        alone: Whether to refuse where another program of this user has one of the devices: on a real bench.
     """
 
-    def __init__(self, profile: str, doing: str, where: Addresses) -> None:
+    def __init__(self, profile: str, doing: str, where: Addresses, alone: bool = False) -> None:
+        self._alone = {name: at for name, at in where.items() if alone and at.get("port") not in SHARED}
         self._note = {"pid": os.getpid(), "profile": profile, "doing": doing, "devices": where}
         self._path: Path | None = None
 
@@ -69,6 +76,16 @@ class Holding:
             self._path, self._descriptor = Path(path), descriptor
             fcntl.flock(descriptor, fcntl.LOCK_EX)
             self.tell()
+        for other in holders("", self._alone):
+            other.let_go()
+            self.__exit__()
+            name = next(name for name, at in self._alone.items() if _shares(other.note, {name: at}))
+            raise DeviceError(
+                name,
+                "opening",
+                f"{other} has it",
+                f"wait for its end, or end it: {PROGRAM} stop {other.note['profile']}",
+            )
         return self
 
     def tell(self, **more: Any) -> None:
@@ -84,6 +101,7 @@ class Holding:
         if self._path is not None:
             self._path.unlink(missing_ok=True)
             os.close(self._descriptor)
+            self._path = None
 
 
 class Holder:
@@ -108,6 +126,10 @@ class Holder:
         """Have it stop every mover and end."""
         with suppress(OSError):  # it has ended meanwhile
             os.kill(self.pid, signal.SIGTERM)
+
+    def let_go(self) -> None:
+        """Look at it no more."""
+        os.close(self._descriptor)
 
     def ended(self, patience_s: float) -> bool:
         """Wait for its end."""
@@ -150,9 +172,20 @@ def holders(profile: str, where: Addresses) -> Iterator[Holder]:
 
 
 def _concerns(note: Mapping[str, Any], profile: str, where: Addresses) -> bool:
-    theirs = [each for each in note["devices"].values() if each]
-    shared = any(dict(each) in theirs for each in where.values() if each)
-    return shared or (bool(profile) and note["profile"] == profile)
+    return _shares(note, where) or (bool(profile) and note["profile"] == profile)
+
+
+def _shares(note: Mapping[str, Any], where: Addresses) -> bool:
+    theirs = [_place(each) for each in note["devices"].values() if each]
+    return any(_place(each) in theirs for each in where.values() if each)
+
+
+def _place(at: Mapping[str, Any]) -> Mapping[str, Any]:
+    """An address with the names of serial ports resolved: each has several (/dev/serial/by-id)."""
+    return {
+        key: os.path.realpath(value) if isinstance(value, str) and value.startswith("/") else value
+        for key, value in at.items()
+    }
 
 
 def _read(descriptor: int) -> Mapping[str, Any] | None:

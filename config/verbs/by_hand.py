@@ -100,7 +100,7 @@ def session_on(
         loaded.loop,  # type: ignore[arg-type]
         lambda: make_signals(loaded),
         scene or TrialScene(0, 0, {}, plant),
-        holding=Holding(loaded.name, doing, addresses(rig)) if doing else None,
+        holding=Holding(loaded.name, doing, addresses(rig), loaded.bench == "hardware") if doing else None,
         **how,
     )
 

@@ -203,7 +203,7 @@ def _carried_out(
             assert crew is not None
             outcome = in_batches(crew, loaded, plan, console, out, resumed).run()
         else:
-            with Holding(loaded.name, "run", addresses(rig)) as note:
+            with Holding(loaded.name, "run", addresses(rig), loaded.bench == "hardware") as note:
                 outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
                 note.tell(not_at_rest=outcome.not_at_rest)
     if outcome.error is None:
