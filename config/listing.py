@@ -83,9 +83,9 @@ def listed_profiles(words: Sequence[str] = (), benches: Collection[str] = ()) ->
     width = shutil.get_terminal_size((120, SCREEN)).columns
     if len(found) == len(every):
         lines = _overview(every)
-    elif 2 * len(found) <= SCREEN - 1:
+    elif 2 * len(found) <= SCREEN:
         lines = [line for each in found for line in (f"{each.name:<28}{each.title}", f"    {each.line}")]
-        return [*lines, f"All of one: {PROGRAM} check PROFILE"]
+        return [*lines, f"All of one: {PROGRAM} check PROFILE"][:SCREEN]  # the last one only where it fits
     else:
         lines = [f"{each.name:<28}{each.title}" for each in found]
     last = f"More: {PROGRAM} list WORD, list --hardware (--mock, --emulated); all of one: {PROGRAM} check PROFILE"
