@@ -1,4 +1,4 @@
-"""The mock gripper keeps the grippers' promises, in virtual time."""
+"""The mock gripper, and the Robotiq driver on its emulated twin, keep the grippers' promises, in virtual time."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from drivers.core.clock import VirtualClock
 from simulator.mocks.can_gripper import MockCanGripper, MockCanGripperSettings
+from simulator.mocks.robotiq import MockRobotiq, MockRobotiqSettings
 from simulator.physics.jaws_drive import JawsDrive
 from tests.contracts.gripper_suite import (
     SCENE,
@@ -19,29 +20,45 @@ from tests.contracts.gripper_suite import (
 )
 
 
-def opened(drive: JawsDrive) -> GripperBench:
+def can_gripper(clock: VirtualClock, drive: JawsDrive) -> MockCanGripper:
+    return MockCanGripper("gripper", MockCanGripperSettings(), clock, SimpleNamespace(jaws=drive))
+
+
+def robotiq(clock: VirtualClock, drive: JawsDrive) -> MockRobotiq:
+    settings = MockRobotiqSettings(closed_width_m=SCENE.closed_width_m, open_width_m=0.068)
+    return MockRobotiq("gripper", settings, clock, SimpleNamespace(jaws=drive))
+
+
+def opened(request: pytest.FixtureRequest, drive: JawsDrive) -> Iterator[GripperBench]:
     clock = VirtualClock()
-    gripper = MockCanGripper("gripper", MockCanGripperSettings(), clock, SimpleNamespace(jaws=drive))
-    return GripperBench(gripper, clock, lambda scene: scene(drive))
-
-
-@pytest.fixture
-def bench() -> Iterator[GripperBench]:
-    made = opened(calibrated_jaws())
+    made = GripperBench(request.cls.make(clock, drive), clock, lambda scene: scene(drive))
     yield made
     made.device.close()
 
 
 @pytest.fixture
-def fresh() -> Iterator[GripperBench]:
-    made = opened(JawsDrive(SCENE))
-    yield made
-    made.device.close()
+def bench(request: pytest.FixtureRequest) -> Iterator[GripperBench]:
+    yield from opened(request, calibrated_jaws())
+
+
+@pytest.fixture
+def fresh(request: pytest.FixtureRequest) -> Iterator[GripperBench]:
+    yield from opened(request, JawsDrive(SCENE))
 
 
 class TestMockGripper(GripperContract):
-    pass
+    make = staticmethod(can_gripper)
 
 
 class TestFreshMockGripper(FreshGripperContract):
-    pass
+    make = staticmethod(can_gripper)
+
+
+class TestMockRobotiq(GripperContract):
+    make = staticmethod(robotiq)
+    feels = False
+    count_n = 0.85
+
+
+class TestFreshMockRobotiq(FreshGripperContract):
+    make = staticmethod(robotiq)

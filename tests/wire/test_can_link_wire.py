@@ -7,8 +7,7 @@ import select
 import termios
 import threading
 import time
-import tty
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import can
@@ -20,6 +19,7 @@ from drivers.core.clock import WallClock
 from drivers.core.errors import PortError
 from simulator.devices.slcan import EmulatedSlcan
 from tests.refusals import refused
+from tests.wire.open_ends import OpenEnd, eventually
 
 ASK = CanFrame(0x100, b"\x01")
 
@@ -53,13 +53,6 @@ class Echo:
         raise ValueError(kind)
 
 
-def eventually(condition: Callable[[], bool]) -> bool:
-    until_s = time.monotonic() + 60.0
-    while not condition() and time.monotonic() < until_s:
-        time.sleep(0.002)
-    return condition()
-
-
 def gathered(link: CanLink, count: int) -> list[ReceivedFrame]:
     received: list[ReceivedFrame] = []
 
@@ -71,33 +64,15 @@ def gathered(link: CanLink, count: int) -> list[ReceivedFrame]:
     return received
 
 
-class Line:
-    """A pty whose far end is the test."""
-
-    def __init__(self) -> None:
-        self.master, self.slave = os.openpty()
-        tty.setraw(self.slave)
-        self.path = os.ttyname(self.slave)
-
-    def send(self, data: bytes) -> None:
-        os.write(self.master, data)
-
-    def hang_up(self) -> None:
-        for descriptor in (self.master, self.slave):
-            if descriptor >= 0:
-                os.close(descriptor)
-        self.master = self.slave = -1
-
-
 @pytest.fixture
-def line() -> Iterator[Line]:
-    opened = Line()
+def line() -> Iterator[OpenEnd]:
+    opened = OpenEnd()
     yield opened
     opened.hang_up()
 
 
 @pytest.fixture
-def link(line: Line) -> Iterator[CanLink]:
+def link(line: OpenEnd) -> Iterator[CanLink]:
     opened = open_can("gripper", CanPort(port=line.path), WallClock())
     yield opened
     opened.close()
@@ -118,14 +93,14 @@ def test_a_question_is_answered_through_an_adapter(serve: Any) -> None:
         link.close()
 
 
-def test_the_adapter_is_given_the_bit_rate_and_opened(line: Line, link: CanLink) -> None:
+def test_the_adapter_is_given_the_bit_rate_and_opened(line: OpenEnd, link: CanLink) -> None:
     written = b""
     while not written.endswith(b"O\r"):  # a pty hands on in pieces
         written += os.read(line.master, 100)
     assert b"S8\r" in written
 
 
-def test_what_is_no_frame_is_counted_and_the_next_one_is_received(line: Line, link: CanLink) -> None:
+def test_what_is_no_frame_is_counted_and_the_next_one_is_received(line: OpenEnd, link: CanLink) -> None:
     line.send(b"t?782AABB\r")  # no number: ValueError in python-can
     line.send(b"t07\r")  # too short: IndexError
     line.send(b"t0784AABB\r")  # two bytes of four: passes in python-can
@@ -138,7 +113,7 @@ def test_what_is_no_frame_is_counted_and_the_next_one_is_received(line: Line, li
     assert link.fault is None
 
 
-def test_noise_does_not_deafen_it(line: Line, link: CanLink) -> None:
+def test_noise_does_not_deafen_it(line: OpenEnd, link: CanLink) -> None:
     line.send(b"\xff\xfe\r")  # no text: python-can keeps it in its buffer
     assert eventually(lambda: link.malformed > 0)
     time.sleep(0.05)
@@ -146,7 +121,7 @@ def test_noise_does_not_deafen_it(line: Line, link: CanLink) -> None:
     assert gathered(link, 1)[0].frame == CanFrame(0x78, b"\xaa\xbb")
 
 
-def test_a_frame_may_come_in_pieces(line: Line, link: CanLink) -> None:
+def test_a_frame_may_come_in_pieces(line: OpenEnd, link: CanLink) -> None:
     line.send(b"t0782A")
     time.sleep(0.05)
     line.send(b"ABB\rr0780\r")
@@ -155,7 +130,7 @@ def test_a_frame_may_come_in_pieces(line: Line, link: CanLink) -> None:
     assert second.frame == CanFrame(0x78, remote=True)
 
 
-def test_an_adapter_that_is_taken_away_is_a_fault_and_no_exception(line: Line, link: CanLink) -> None:
+def test_an_adapter_that_is_taken_away_is_a_fault_and_no_exception(line: OpenEnd, link: CanLink) -> None:
     line.hang_up()
     assert eventually(lambda: link.fault is not None)
     assert link.send(ASK) is None
@@ -164,7 +139,7 @@ def test_an_adapter_that_is_taken_away_is_a_fault_and_no_exception(line: Line, l
 
 
 def test_an_adapter_that_takes_no_more_bytes_is_a_fault_and_blocks_no_caller(
-    line: Line, link: CanLink, monkeypatch: pytest.MonkeyPatch
+    line: OpenEnd, link: CanLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever a port can be waited with is watched, so that the machine's speed does not matter."""
     waits: list[str] = []
@@ -191,7 +166,7 @@ def test_an_adapter_that_takes_no_more_bytes_is_a_fault_and_blocks_no_caller(
     assert waits == []
 
 
-def test_closing_twice_is_allowed_and_ends_the_thread(line: Line) -> None:
+def test_closing_twice_is_allowed_and_ends_the_thread(line: OpenEnd) -> None:
     link = open_can("gripper", CanPort(port=line.path), WallClock())
     link.close()
     link.close()

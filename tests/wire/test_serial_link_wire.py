@@ -6,7 +6,6 @@ import os
 import socket
 import threading
 import time
-import tty
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from types import SimpleNamespace
@@ -23,43 +22,24 @@ from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
 from tests.refusals import refused
 from tests.unit.drivers.zaber_stage.stage_bench import Wire
-
-
-class Pty:
-    def __init__(self) -> None:
-        self.master, self.slave = os.openpty()
-        tty.setraw(self.slave)
-        self.path = os.ttyname(self.slave)
-
-    def hang_up(self) -> None:
-        for descriptor in (self.master, self.slave):
-            if descriptor >= 0:
-                os.close(descriptor)
-        self.master = self.slave = -1
+from tests.wire.open_ends import OpenEnd, eventually
 
 
 @pytest.fixture
-def pty() -> Iterator[Pty]:
-    opened = Pty()
+def pty() -> Iterator[OpenEnd]:
+    opened = OpenEnd()
     yield opened
     opened.hang_up()
 
 
 @pytest.fixture
-def link(pty: Pty) -> Iterator[SerialLink]:
+def link(pty: OpenEnd) -> Iterator[SerialLink]:
     opened = open_serial("stage", SerialPort(port=pty.path), WallClock())
     yield opened
     opened.close()
 
 
-def eventually(condition: Callable[[], bool]) -> bool:
-    until_s = time.monotonic() + 60.0
-    while not condition() and time.monotonic() < until_s:
-        time.sleep(0.001)
-    return condition()
-
-
-def test_bytes_arrive_whole_and_with_the_time_of_their_arrival(pty: Pty, link: SerialLink) -> None:
+def test_bytes_arrive_whole_and_with_the_time_of_their_arrival(pty: OpenEnd, link: SerialLink) -> None:
     before_s = time.monotonic()
     os.write(pty.master, bytes(range(256)))
     got: list[tuple[float, bytes]] = []
@@ -74,7 +54,7 @@ def test_bytes_arrive_whole_and_with_the_time_of_their_arrival(pty: Pty, link: S
     assert link.receive() == []
 
 
-def test_what_is_sent_is_on_the_wire_and_the_time_of_it_is_given(pty: Pty, link: SerialLink) -> None:
+def test_what_is_sent_is_on_the_wire_and_the_time_of_it_is_given(pty: OpenEnd, link: SerialLink) -> None:
     before_s = time.monotonic()
     sent_s = link.send(b"stop\n")
     assert os.read(pty.master, 100) == b"stop\n"
@@ -82,7 +62,7 @@ def test_what_is_sent_is_on_the_wire_and_the_time_of_it_is_given(pty: Pty, link:
     assert before_s <= sent_s <= time.monotonic()
 
 
-def test_a_port_that_is_taken_away_is_a_fault_and_no_exception(pty: Pty, link: SerialLink) -> None:
+def test_a_port_that_is_taken_away_is_a_fault_and_no_exception(pty: OpenEnd, link: SerialLink) -> None:
     pty.hang_up()
     assert eventually(lambda: link.fault is not None)
     assert "taken away" in str(link.fault)
@@ -97,7 +77,7 @@ def test_a_port_that_takes_no_more_bytes_is_a_fault_and_does_not_hold_the_caller
     assert "takes no more bytes" in str(link.fault)
 
 
-def test_closing_twice_is_allowed_and_ends_the_thread(pty: Pty) -> None:
+def test_closing_twice_is_allowed_and_ends_the_thread(pty: OpenEnd) -> None:
     link = open_serial("stage", SerialPort(port=pty.path), WallClock())
     link.close()
     link.close()
@@ -110,7 +90,7 @@ def test_a_port_that_is_absent_says_where_to_look() -> None:
         open_serial("stage", SerialPort(port="/dev/ttyNONE"), WallClock())
 
 
-def test_a_port_that_another_program_holds_says_how_to_find_it(pty: Pty, link: SerialLink) -> None:
+def test_a_port_that_another_program_holds_says_how_to_find_it(pty: OpenEnd, link: SerialLink) -> None:
     with pytest.raises(PortError, match=f"held by another program .*fuser -v {pty.path}$"):
         open_serial("stage", SerialPort(port=pty.path), WallClock())
 
