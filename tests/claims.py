@@ -11,8 +11,6 @@ Values of runs are kept in benchmarks/results/papers.json. `--stored` takes them
 minutes; `--write` writes them, and the tables, anew; with both, only values that are not there yet are run for.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math

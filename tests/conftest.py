@@ -1,7 +1,5 @@
 """What all tests share: the examples that hypothesis tries, and the order."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import HealthCheck, settings
 

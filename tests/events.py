@@ -1,7 +1,5 @@
 """Events of the detectors on kept recordings: shows what changed, and keeps it: python -m tests.events"""
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

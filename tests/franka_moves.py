@@ -5,8 +5,6 @@ real time. It listens on every interface while this runs. Its arm is made here o
 masses of our own.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import signal

@@ -3,8 +3,6 @@
 In this program's environment it makes and exports the runs; LeRobot's runs the same file, with what was exported.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile
@@ -62,10 +60,7 @@ def load(root: str, samples: str) -> None:
     stream = next(name for name in dataset.features if name.startswith("observation."))
     step_s = 1.0 / dataset.fps
     last = LeRobotDataset(
-        "local/touchbench",
-        root=root,
-        episodes=[len(trials) - 1],
-        delta_timestamps={stream: [-step_s, 0.0]},
+        "local/touchbench", root=root, episodes=[len(trials) - 1], delta_timestamps={stream: [-step_s, 0.0]}
     )
     np.testing.assert_array_equal(last[1][stream][0], last[0][stream][1])
     batch = next(iter(DataLoader(dataset, batch_size=64, shuffle=True)))

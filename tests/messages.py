@@ -3,8 +3,6 @@
 python -m tests.messages        writes the page's tables anew
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

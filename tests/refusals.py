@@ -1,7 +1,5 @@
 """What a refusal must hold: one line that names the place, what is wrong there, and the remedy; in any wording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """What a sensor feels where nothing ever changes: the simplest sources of emulated devices."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

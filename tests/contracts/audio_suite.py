@@ -1,7 +1,5 @@
 """What the fingers' audio promises: run for the mock driver in virtual time, for the real one over TCP."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from itertools import pairwise

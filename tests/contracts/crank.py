@@ -1,7 +1,5 @@
 """One device by itself, with a hand to turn the loop's crank."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from drivers.core.messages import Listen, SampleBlock, Status

@@ -1,7 +1,5 @@
 """What every device promises: run for mock drivers in virtual time, for real ones on ptys."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """What every gripper promises: run for the mock driver in virtual time, for the real one on a pty."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ClassVar

@@ -1,23 +1,12 @@
 """What every hand promises: run for the mock driver in virtual time, for the real one on a pty."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from drivers.core.errors import CommandError
-from drivers.core.messages import (
-    Command,
-    Home,
-    Listen,
-    Lost,
-    Refused,
-    Saturated,
-    Sent,
-    Tare,
-)
+from drivers.core.messages import Command, Home, Listen, Lost, Refused, Saturated, Sent, Tare
 from tests.contracts.crank import Crank
 
 FORCES_N = {11: 1.0, 12: -2.0, 13: 18.0}

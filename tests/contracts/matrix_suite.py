@@ -1,7 +1,5 @@
 """What tactile matrices promise: run for the mock driver in virtual time, for the real one on a pty."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

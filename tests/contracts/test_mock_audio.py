@@ -1,7 +1,5 @@
 """The mock audio keeps the promises of audio, in virtual time; its envelope, its faults."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The mock gripper, and the Robotiq driver on its emulated twin, keep the grippers' promises, in virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """The mock hand keeps the hands' promises, in virtual time; its faults."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The mock matrices keep the matrices' promises, in virtual time; their faults."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

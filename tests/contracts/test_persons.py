@@ -1,7 +1,5 @@
 """The real driver on the emulated person, in virtual time: refusals, limits and statuses."""
 
-from __future__ import annotations
-
 from typing import Any, cast
 
 import numpy as np
@@ -9,17 +7,7 @@ import pytest
 
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import RefusedError
-from drivers.core.messages import (
-    Answered,
-    Ask,
-    Command,
-    Listen,
-    Loaded,
-    LoadWeight,
-    Refused,
-    Sent,
-    Status,
-)
+from drivers.core.messages import Answered, Ask, Command, Listen, Loaded, LoadWeight, Refused, Sent, Status
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.mocks.operator import MockPerson, MockPersonSettings
 from tests.contracts.crank import Crank

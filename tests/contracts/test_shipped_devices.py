@@ -1,7 +1,5 @@
 """Every shipped mock keeps the promises that `run.py check` tries of a user's own device."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from typing import Any
 

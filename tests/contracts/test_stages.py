@@ -3,8 +3,6 @@
 Both run in virtual time. A real motion begins some exchanges later than a simulated one, a few turns.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

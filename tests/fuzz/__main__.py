@@ -6,8 +6,6 @@ no decoder may do (another error than its own, more than `MEMORY_MB`, more than 
 reach more lines into the corpus, which `make test` replays.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import re

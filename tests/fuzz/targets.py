@@ -4,8 +4,6 @@ A target takes any bytes. Where a checksum guards a decoder, the bytes are also 
 fuzzer would hardly find it. Only the errors that a decoder promises may come out.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import struct
@@ -53,9 +51,7 @@ from drivers.udp_force.codec import ForceRecord, decode_settings, encode_record
 from drivers.udp_force.driver import UdpForce, UdpForceSettings
 from drivers.zaber_stage import codec as zaber
 from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
-from simulator.devices.barrett_hand import (
-    EmulatedBarrettHand,
-)
+from simulator.devices.barrett_hand import EmulatedBarrettHand
 from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
 from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
 from simulator.devices.slcan import EmulatedSlcan
@@ -253,10 +249,7 @@ def _dsacon_seeds() -> Iterable[bytes]:
     answers = [dsa.Frame(time_ms, rle, texels) for time_ms in (10, 20, 0) for rle in (True, False)]
     answers += [dsa.Done(dsa.Id.ACQUIRE, 0), dsa.Done(dsa.Id.THRESHOLD, 0, 5), dsa.SensorInfo(0, 1, 2, 3)]
     packets = [dsa.encode_answer(answer) for answer in answers]
-    packets += [
-        dsa.acquire(True, True, 100),
-        dsa.request(dsa.Id.MATRIX, 0),
-    ]
+    packets += [dsa.acquire(True, True, 100), dsa.request(dsa.Id.MATRIX, 0)]
     yield b"\0" + b"".join(map(encode_packet, packets))
     yield b"\xaa\xbb".join(bytes([packet.id]) + packet.payload for packet in packets)
 

@@ -1,7 +1,5 @@
 """What the fuzzer found to reach far into each decoder, whole and broken, once more."""
 
-from __future__ import annotations
-
 import random
 import tracemalloc
 from pathlib import Path

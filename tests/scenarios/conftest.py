@@ -1,7 +1,5 @@
 """Whole campaigns on the mock bench, in virtual time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any

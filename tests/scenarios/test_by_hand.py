@@ -96,11 +96,7 @@ def test_the_last_second_of_a_stream_is_kept_and_no_more(session):
     ("how", "outcome", "named"),
     [
         ({"limits__force_n": "0.002"}, "guard", ("board.load_cell", "limits.force_n")),
-        (
-            {"limits__speed_m_s": "0.001"},
-            "guard",
-            ("limits.speed_m_s",),
-        ),
+        ({"limits__speed_m_s": "0.001"}, "guard", ("limits.speed_m_s",)),
         ({"limits__travel_m": "0.008"}, "guard", ("0.01", "travel_m")),
         (
             {"faults": [{"device": "board", "kind": "silent", "at_s": 1.0}]},

@@ -1,7 +1,5 @@
 """Every limit of every shipped bench acts when it is driven past, and one that does not fails the certificate."""
 
-from __future__ import annotations
-
 import json
 import math
 from contextlib import contextmanager
@@ -25,14 +23,7 @@ MOCK = sorted(
     if not path.stem.startswith("bench_")
 )
 
-INPUTS = {
-    "position_stream",
-    "pose_stream",
-    "force_stream",
-    "force_channels",
-    "force_median_s",
-    "movers",
-}
+INPUTS = {"position_stream", "pose_stream", "force_stream", "force_channels", "force_median_s", "movers"}
 """What tells the guard where to look, and how: no limits themselves."""
 
 BOX = {

@@ -1,7 +1,5 @@
 """The first touch of a new bench: slow, light, and no motion without a person's word."""
 
-from __future__ import annotations
-
 import pytest
 
 from controller.recording.reader import open_run

@@ -1,7 +1,5 @@
 """A device that falls silent, loses, corrupts or sticks ends the trial as a fault that names it, in each experiment."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module

@@ -1,7 +1,5 @@
 """`run.py check` tries the promises of a user's own device, signal and detector: a line for each that is broken."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path
@@ -140,10 +138,7 @@ def test_sound_classes_keep_their_promises(checked: Any) -> None:
             "    def read(self):\n        super().read()\n        return []",
             ("scale.force", "no sample in 0.5 s"),
         ),
-        (
-            "    def read(self):\n        return 1 / 0",
-            ("ZeroDivisionError", "flawed.py, line"),
-        ),
+        ("    def read(self):\n        return 1 / 0", ("ZeroDivisionError", "flawed.py, line")),
     ],
     ids=lambda given: given[-1] if isinstance(given, tuple) else "",
 )

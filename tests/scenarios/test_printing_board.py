@@ -1,7 +1,5 @@
 """The resonant finger with a board that prints lines in place of the sensor board, in virtual time."""
 
-from __future__ import annotations
-
 import csv
 import re
 from pathlib import Path

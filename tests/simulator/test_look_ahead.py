@@ -53,9 +53,7 @@ def _closure():
 
 
 @pytest.mark.parametrize(
-    "held",
-    [(n for n in ()), Lock(), _closure(), [].append, iter([1])],
-    ids=lambda held: type(held).__name__,
+    "held", [(n for n in ()), Lock(), _closure(), [].append, iter([1])], ids=lambda held: type(held).__name__
 )
 def test_what_cannot_be_copied_is_refused(held):
     with pytest.raises(TypeError):

@@ -4,8 +4,6 @@
 from the equations of docs/explanation/finger_physics.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from mpmath import mp, mpf

@@ -1,7 +1,5 @@
 """Every number of plants and detectors at both ends of what it may be: refused in one line, or computed with an end."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

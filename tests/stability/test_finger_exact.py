@@ -87,11 +87,7 @@ def test_a_contact_that_is_clipped_for_microseconds_is_made_again():
 def test_a_force_that_fades_away_ends_at_its_instant():
     # P ends at some 10 N/s: 1e-19 m of overlap lost to the rounding of theta would be 1e-10 N here, and 1e-11 s
     s = FingerSettings(
-        noise_scale=0.0,
-        pad_n_m=1e9,
-        contact_n_s_m=1e4,
-        oscillator_lowest_hz=28.0,
-        oscillator_range_hz=1e-12,
+        noise_scale=0.0, pad_n_m=1e9, contact_n_s_m=1e4, oscillator_lowest_hz=28.0, oscillator_range_hz=1e-12
     )
     switches = agree(s, pieces=[(0.0, 0.0, 0.02, 0.0)], gap_m=1e-4, until_s=0.045, samples_s=[0.02, 0.045])
     assert max(t for t, kind in switches if kind == "lost") > 0.04

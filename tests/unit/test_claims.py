@@ -1,7 +1,5 @@
 """The check of stated figures: a figure that is off by one per cent, or has no source, is found."""
 
-from __future__ import annotations
-
 import re
 
 from tests.claims import FIGURE, NO_FIGURES, ROOT, Sources, claims, problems

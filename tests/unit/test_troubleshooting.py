@@ -1,7 +1,5 @@
 """The troubleshooting page has every message of the program, and no other."""
 
-from __future__ import annotations
-
 from tests import messages
 
 

@@ -1,7 +1,5 @@
 """Emulated devices behind real ptys, and what a failed run did last."""
 
-from __future__ import annotations
-
 import json
 import queue
 import select

@@ -1,7 +1,5 @@
 """A pty whose far end is the test, and patience with threads that read it."""
 
-from __future__ import annotations
-
 import os
 import time
 import tty

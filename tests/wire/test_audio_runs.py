@@ -1,7 +1,5 @@
 """Whole runs with the fingers' sound, by the command line: mock, emulated and from a file; bad sound is exit code 3."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The real audio driver over TCP, an emulated recorder at its far end: bounded traffic, servers that stop."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The real hand driver with real python-can: slcan on a pty, an emulated hand at its far end."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Gripper, hand and matrices on the benches that have them: the real drivers, over ptys, to one emulator's process."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The real gripper driver with real python-can: slcan on a pty, an emulated gripper at its far end."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator

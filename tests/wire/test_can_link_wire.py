@@ -1,7 +1,5 @@
 """The CAN link with real python-can: slcan on ptys, the virtual bus, and every way in which a bus can be missing."""
 
-from __future__ import annotations
-
 import os
 import select
 import termios

@@ -1,7 +1,5 @@
 """Centering over the wire: ur_rtde, python-can and sound at once, on one simulated pair of fingers."""
 
-from __future__ import annotations
-
 import pytest
 
 from config.assemble import build_rig, plan_campaign, start_emulator

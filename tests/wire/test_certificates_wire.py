@@ -4,8 +4,6 @@ That loop and guard notice each wrong sample, and that drivers refuse what is be
 (tests/scenarios/test_certify.py), and on one of these again; on the others what devices and processes do by themselves.
 """
 
-from __future__ import annotations
-
 import time
 
 import pytest

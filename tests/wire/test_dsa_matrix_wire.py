@@ -1,7 +1,5 @@
 """The real matrices' driver with real pyserial on a pty, an emulated controller at its far end."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The emulator's time: all of its devices live through the same, however long it was held up."""
 
-from __future__ import annotations
-
 import select
 import socket
 import time

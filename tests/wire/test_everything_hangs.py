@@ -4,8 +4,6 @@ They hang for the whole trial and not for a while: a loop that waited for one of
 whatever the machine's speed. Bench time is virtual, and only time that the loop's thread computes is measured.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import socket

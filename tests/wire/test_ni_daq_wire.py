@@ -1,7 +1,5 @@
 """The NI-DAQmx driver: the maker's own client over gRPC, to the emulated device's server of the calls that it makes."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

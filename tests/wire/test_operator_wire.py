@@ -1,7 +1,5 @@
 """The person at the far end of a line: the real driver with real pyserial on a pty, on the wall clock."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.core.messages import Ask, Failed, Listen, Loaded, LoadWeight, Sent

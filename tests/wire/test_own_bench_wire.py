@@ -1,7 +1,5 @@
 """A bench of one's own by the tutorial: a stage of another pitch than the profile has, and a board that prints."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The Robotiq driver over TCP, as at the URCap's port, to its emulated twin."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import time

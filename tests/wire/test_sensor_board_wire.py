@@ -1,7 +1,5 @@
 """The real driver with real pyserial on a pty, an emulated board at its far end, on the wall clock."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """A board that prints lines, over a pty: real pyserial, and the finger's trial on it alone."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The serial link on ptys: what comes, what goes, and every way in which a port can be missing."""
 
-from __future__ import annotations
-
 import os
 import socket
 import threading

@@ -1,7 +1,5 @@
 """Signals to a run whose stage moves, on an emulated bench that outlives it: the stage stands still first."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -3,8 +3,6 @@
 It takes the two object bits for each other: no test here distinguishes 1 from 2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

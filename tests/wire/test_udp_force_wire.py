@@ -1,7 +1,5 @@
 """The force sensor's box over loopback: real datagrams, the twin's clock."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

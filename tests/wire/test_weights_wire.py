@@ -1,7 +1,5 @@
 """B6 over the wire, short: with an emulated person, and with one at a terminal who pauses in the middle."""
 
-from __future__ import annotations
-
 from controller.recording.reader import open_run
 from tests.wire.terminal import Terminal
 

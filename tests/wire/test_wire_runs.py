@@ -1,7 +1,5 @@
 """Whole experiments through real serial drivers, ptys and emulated devices, and what pulls them down."""
 
-from __future__ import annotations
-
 import pytest
 
 from config.assemble import build_rig, start_emulator

@@ -1,7 +1,5 @@
 """Whole approaches of an arm: ur_rtde and pyserial at once, an emulated controller and board on one finger."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A roll-and-slip trial over the wire: ur_rtde, python-can and pyserial at once, on one simulated tip."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -5,8 +5,6 @@ tests/scenarios/test_first_contact.py, its wrong sign in tests/unit/controller/m
 that sleep are waited for and woken: test_sensor_board_wire.py, test_barrett_hand_wire.py.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager

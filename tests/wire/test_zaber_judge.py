@@ -1,7 +1,5 @@
 """The vendor's own library as an independent judge of the emulated stage, in native units over a pty."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """The real driver, with real pyserial, against the emulated stage on a pty."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -9,13 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.core.errors import SilentError
-from drivers.core.messages import (
-    Failed,
-    Listen,
-    MoveAt,
-    Reached,
-    Stop,
-)
+from drivers.core.messages import Failed, Listen, MoveAt, Reached, Stop
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
 from tests.unit.drivers.zaber_stage.stage_bench import EVERYTHING, STEP_M, StageBench, Wire

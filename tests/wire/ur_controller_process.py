@@ -9,8 +9,6 @@ or at Ctrl+C. Keys it obeys:
     protective_stop, emergency_stop, stop_program, unlock, restart, gone: true
 """
 
-from __future__ import annotations
-
 import json
 import os
 import select

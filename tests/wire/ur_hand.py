@@ -7,12 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.core.messages import (
-    Command,
-    Lost,
-    SampleBlock,
-    Status,
-)
+from drivers.core.messages import Command, Lost, SampleBlock, Status
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import UrArmSettings
 from tests.wire.emulated_ur import EmulatedUr

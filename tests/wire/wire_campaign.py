@@ -1,7 +1,5 @@
 """One trial of an emulated profile, run as a campaign is, with a hand on the bench."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

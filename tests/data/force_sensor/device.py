@@ -1,7 +1,5 @@
 """The force sensor of a mock or emulated bench: its far end, and the real driver on that in one process."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -3,8 +3,6 @@
 Its lines are text, a space, `*` and the XOR of the text's bytes in hexadecimal, a line feed.
 """
 
-from __future__ import annotations
-
 from functools import reduce
 from operator import xor
 

@@ -1,7 +1,5 @@
 """The probe in the tool of an arm that moves in cycles: where the finger meets it, and with what force."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The emulated recorder by itself: bytes in, bytes out, at times of the test's choice."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

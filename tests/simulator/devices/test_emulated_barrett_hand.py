@@ -1,7 +1,5 @@
 """The emulated hand, in the bytes of docs/reference/sensors.md."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The emulated gripper's habits, in the bytes of docs/reference/can_gripper.md."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.core.can_frame import CanFrame

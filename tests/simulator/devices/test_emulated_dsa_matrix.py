@@ -1,7 +1,5 @@
 """The emulated controller, in the bytes of its command set."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The emulated board by itself: its clock, converters, mask, watchdog and faults."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The emulated adapter, line by line."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

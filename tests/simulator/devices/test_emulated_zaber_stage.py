@@ -1,7 +1,5 @@
 """The emulated stage, without a port: bytes in, bytes out, time from outside."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

@@ -1,7 +1,5 @@
 """The table of what each device can show is true: its mock asks for just these faults, its emulated twin takes them."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from typing import Any, get_args
 

@@ -1,7 +1,5 @@
 """Whatever a client leaves in the registers, the controller goes on and its arm has a place."""
 
-from __future__ import annotations
-
 import math
 import random
 

@@ -1,7 +1,5 @@
 """Every way in which the emulated arm moves: how it ends in a protective stop, and what the slider does to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

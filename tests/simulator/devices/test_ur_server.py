@@ -1,7 +1,5 @@
 """The controller on its ports: a client that breaks a rule is dropped with a reason, and the others are served."""
 
-from __future__ import annotations
-
 import select
 import socket
 import struct

@@ -1,7 +1,5 @@
 """A desk at the emulated controller: writes registers and watches the answers, in virtual time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

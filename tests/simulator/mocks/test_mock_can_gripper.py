@@ -1,7 +1,5 @@
 """The mock gripper: its faults, and that turns of any length give the same states."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

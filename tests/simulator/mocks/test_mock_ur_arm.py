@@ -1,7 +1,5 @@
 """The mock arm: the real one's limits and messages, in virtual time, with the finger's force on its tool."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -42,11 +40,7 @@ class Hand:
         self.clock = VirtualClock()
         given = {"host": "mock", "start_pose": START, "travel_max_m": 0.02, **settings}
         self.arm = MockUrArm(
-            "arm",
-            MockUrArmSettings.model_validate(given),
-            self.clock,
-            self.bench,
-            FaultSchedule(faults),
+            "arm", MockUrArmSettings.model_validate(given), self.clock, self.bench, FaultSchedule(faults)
         )
         self.statuses: list[Status] = []
         self.blocks: list[Any] = []

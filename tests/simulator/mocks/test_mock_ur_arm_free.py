@@ -1,7 +1,5 @@
 """The mock arm beside its axis: twists, moves to a pose, their bounds and their messages, on any bench with a tool."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

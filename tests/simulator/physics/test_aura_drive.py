@@ -1,7 +1,5 @@
 """The drive's phase, against whole numbers."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

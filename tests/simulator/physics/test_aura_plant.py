@@ -1,7 +1,5 @@
 """The aura's physics: what the paper states of it, and what follows from the equations by hand."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

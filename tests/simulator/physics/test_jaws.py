@@ -1,7 +1,5 @@
 """Jaws and their drive: forces, ends, what does not fit, and that steps of time change nothing."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

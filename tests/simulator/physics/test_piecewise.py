@@ -102,11 +102,7 @@ def test_the_first_of_many_crossings_is_the_one_that_is_found(roots, parts):
     )
 
 
-@given(
-    offset=st.floats(-1.2, 1.2),
-    phase=st.floats(0.0, 2 * math.pi),
-    reach=st.floats(0.05, SPAN),
-)
+@given(offset=st.floats(-1.2, 1.2), phase=st.floats(0.0, 2 * math.pi), reach=st.floats(0.05, SPAN))
 def test_the_first_crossing_agrees_with_a_dense_scan(offset, phase, reach):
     terms = sine(offset, 1.0, phase, reach)
     u = rising(terms, DEGREE, parts_for(reach), 1.0, 0.0)

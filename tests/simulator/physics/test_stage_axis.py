@@ -1,7 +1,5 @@
 """Trapezoidal motion, held against its own equations and a naive integration."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

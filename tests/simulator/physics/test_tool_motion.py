@@ -1,7 +1,5 @@
 """A tool's motion in closed form: as small steps have it, within its limits, exactly on its target."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The aura's bench: where fingers and object are, what touches what, and that no cadence changes a sample."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

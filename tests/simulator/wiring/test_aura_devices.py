@@ -1,7 +1,5 @@
 """Arm, gripper and sound card of the mock bench around one aura: what each does shows in the others."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """An emulated bench's time, with wall time set by the test: no test sleeps."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The emulator's control port: nothing that a client sends ends it, and every refusal gives a reason."""
 
-from __future__ import annotations
-
 import json
 import select
 import socket

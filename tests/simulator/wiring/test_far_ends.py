@@ -1,7 +1,5 @@
 """Where emulated devices meet the host: what a fault does to a line and to a controller, and when."""
 
-from __future__ import annotations
-
 import math
 import os
 import socket

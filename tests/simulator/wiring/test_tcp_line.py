@@ -1,7 +1,5 @@
 """A device on the network: a host that resets, leaves or never reads costs nothing but its own connection."""
 
-from __future__ import annotations
-
 import select
 import socket
 import struct

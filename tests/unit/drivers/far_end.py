@@ -1,7 +1,5 @@
 """An emulated device at the far end of a link, and the host's time: no port, no bus, no thread."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

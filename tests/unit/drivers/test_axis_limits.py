@@ -1,7 +1,5 @@
 """What a mover on an approach axis does not take, and how its speeds are clamped."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The clock model against simulated arrivals whose truth is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Compiled code is found by its content: never what other sources gave, always what equal ones did."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import re

@@ -1,7 +1,5 @@
 """A stream of bytes is cut into lines."""
 
-from __future__ import annotations
-
 import itertools
 
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Numbers, loss and times of a stream whose truth is known, whatever its device and its line do."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from random import Random
 

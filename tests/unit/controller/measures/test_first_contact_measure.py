@@ -1,7 +1,5 @@
 """A first touch whose load cell reads the push with the wrong sign is no success, and says which."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -93,11 +93,7 @@ ARMED: Any = SimpleNamespace(inputs=())
 def evidence(
     events=(), slips=((5.02, True), (6.0, False)), blocks=(), extra=(), visits=VISITS, detectors=None
 ):
-    listed = [
-        Contact(3.5, "touch", 0.4, 0.3),
-        *events,
-        *extra,
-    ]
+    listed = [Contact(3.5, "touch", 0.4, 0.3), *events, *extra]
     return TrialEvidence(
         {"sensor": "fingertip"},
         recorded(*blocks),
@@ -126,10 +122,7 @@ def test_delays_run_from_the_true_slip_to_each_detectors_first_event():
         row[f"{detector}_{what}"]
         for detector in ("paper", "ours")
         for what in ("detected", "missed", "early")
-    ] == [
-        *(1, 0, 0),
-        *(1, 0, 0),
-    ]
+    ] == [*(1, 0, 0), *(1, 0, 0)]
     assert [row[f"{detector}_false_alarms"] for detector in ("paper", "ours")] == [0, 0]
     assert (row["clock_s"], row["touch_s"], row["touch_truth_s"]) == (1.0, 3.5, 3.4)
 

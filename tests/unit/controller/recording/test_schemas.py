@@ -6,13 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from controller.recording.schemas import (
-    decode_block,
-    encode_block,
-    log_schema,
-    sample_schema,
-    schema_of,
-)
+from controller.recording.schemas import decode_block, encode_block, log_schema, sample_schema, schema_of
 from drivers.core.messages import SampleBlock, StreamInfo
 
 BLOCK = schema_of("Block")

@@ -1,7 +1,5 @@
 """Synthetic runs, written by the real recorder: what a report is fed in these tests."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

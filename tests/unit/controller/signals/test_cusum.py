@@ -3,15 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from controller.signals.cusum import (
-    CREDIT,
-    MISSING,
-    MOST_VIBRATION_NAT,
-    Cusum,
-    accumulate,
-    log_odds,
-    louder,
-)
+from controller.signals.cusum import CREDIT, MISSING, MOST_VIBRATION_NAT, Cusum, accumulate, log_odds, louder
 from controller.signals.octaves import LEVEL, filter_octaves, judge_octaves, learn_octaves, octaves
 from controller.signals.whitening import predictor
 

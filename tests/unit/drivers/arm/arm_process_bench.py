@@ -1,7 +1,5 @@
 """The arm's process with both of its ends, in virtual time: no client, no controller."""
 
-from __future__ import annotations
-
 import math
 import os
 import socket

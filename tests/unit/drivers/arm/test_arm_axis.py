@@ -7,10 +7,7 @@ from pydantic import ValidationError
 
 from drivers.arm.axis import Axis, way
 from drivers.core.clock import WallClock
-from drivers.core.messages import (
-    MoveTo,
-    Refused,
-)
+from drivers.core.messages import MoveTo, Refused
 from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import UrArmSettings
 

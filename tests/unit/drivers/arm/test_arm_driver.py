@@ -1,7 +1,5 @@
 """The arm's driver beside a process made of lists: what it sends on, and what it does when the process goes."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.arm.driver import ArmDriver

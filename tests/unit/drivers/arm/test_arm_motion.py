@@ -273,8 +273,7 @@ def test_an_arm_that_cannot_be_led_refuses(rig) -> None:
 
 
 @pytest.mark.parametrize(
-    "command",
-    [MoveAt("arm", 0.02, 0.04), MoveTo("arm", 0.04, 0.02), Twist("arm", DOWN, 5.0), Lead("arm")],
+    "command", [MoveAt("arm", 0.02, 0.04), MoveTo("arm", 0.04, 0.02), Twist("arm", DOWN, 5.0), Lead("arm")]
 )
 def test_an_arm_that_the_program_no_longer_looks_at_stops_and_says_why(rig, command) -> None:
     arm = rig(loop_timeout_s=0.3)

@@ -1,7 +1,5 @@
 """The arm's process takes commands in every cycle, however long the client's calls take: in virtual time."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -1,7 +1,5 @@
 """The arm's process begins: its first message, its priority, its clock, and what it reports. In virtual time."""
 
-from __future__ import annotations
-
 import os
 import socket
 import sys

@@ -1,7 +1,5 @@
 """The arm's process listens: what it makes of rows, and what ends it. In virtual time, without a client."""
 
-from __future__ import annotations
-
 import math
 import socket
 

@@ -1,7 +1,5 @@
 """Golden bytes written by hand from docs/reference/audio.md, and what must not be read."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """The fingers' driver on a scripted source, in virtual time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import count
 from typing import Any
@@ -14,18 +12,7 @@ from drivers.audio.driver import Audio, AudioSettings
 from drivers.audio.source import SourceFound, Swept
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import PortError, ProtocolError, SilentError
-from drivers.core.messages import (
-    Chirp,
-    Excite,
-    Failed,
-    Listen,
-    Lost,
-    Reached,
-    Refused,
-    Saturated,
-    Sent,
-    Tone,
-)
+from drivers.core.messages import Chirp, Excite, Failed, Listen, Lost, Reached, Refused, Saturated, Sent, Tone
 from tests.contracts.crank import Crank
 from tests.refusals import refused
 

@@ -1,7 +1,5 @@
 """The drive's phase against exact fractions; no frame is too late."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from functools import partial

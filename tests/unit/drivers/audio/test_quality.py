@@ -1,7 +1,5 @@
 """What is found wrong with sound, and what is not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Recordings in the fingers' place: real files, real libsndfile."""
 
-from __future__ import annotations
-
 import struct
 import subprocess
 import sys
@@ -16,17 +14,7 @@ import soundfile
 from drivers.audio.driver import Audio, AudioSettings
 from drivers.core.clock import VirtualClock, WallClock
 from drivers.core.errors import CommandError, DeviceError, PortError, ProtocolError
-from drivers.core.messages import (
-    Chirp,
-    Failed,
-    Listen,
-    Reached,
-    Refused,
-    SampleBlock,
-    Sent,
-    Status,
-    Tone,
-)
+from drivers.core.messages import Chirp, Failed, Listen, Reached, Refused, SampleBlock, Sent, Status, Tone
 from tests.refusals import refused
 
 FINGERS = frozenset({"audio.fingers"})

@@ -1,7 +1,5 @@
 """The sound card's driver against a stand-in for PortAudio: none can be had without the hardware."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time
@@ -53,7 +51,7 @@ class PortAudioError(Exception):
 class Stream:
     """A stream's arguments, and a way to call its callback."""
 
-    opened: ClassVar[list[Stream]] = []
+    opened: ClassVar[list[Any]] = []
 
     def __init__(
         self, *, samplerate: int, dtype: str, callback: Any, finished_callback: Any, **rest: Any

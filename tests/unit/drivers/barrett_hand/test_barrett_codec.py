@@ -1,7 +1,5 @@
 """Frames of the BarrettHand against bytes written by hand from docs/reference/sensors.md."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.barrett_hand import codec

@@ -1,7 +1,5 @@
 """The hand's driver on a link made of lists: what is asked, and what becomes of the answers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """A gauge's readings in newtons, its zero, its saturation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

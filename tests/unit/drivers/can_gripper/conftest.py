@@ -1,7 +1,5 @@
 """A gripper's driver on an emulated gripper, in virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

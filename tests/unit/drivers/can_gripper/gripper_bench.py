@@ -1,7 +1,5 @@
 """The real driver on an emulated gripper, in virtual time: a link without a bus."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

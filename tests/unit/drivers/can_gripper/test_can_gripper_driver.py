@@ -1,7 +1,5 @@
 """The gripper's driver on an emulated gripper, in virtual time: what it promises, and what it writes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

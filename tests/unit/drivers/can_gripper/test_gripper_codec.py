@@ -1,7 +1,5 @@
 """Frames of the SSG-48 against bytes written by hand from docs/reference/can_gripper.md."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Widths, speeds and forces against the data sheet's figures."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The matrices' driver on emulated matrices, in virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The real driver on emulated matrices, in virtual time: a link without a port."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Payloads of the DSACON32-M against bytes written by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """The matrices' driver on emulated matrices, in virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -199,9 +197,7 @@ def test_an_order_that_is_lost_is_sent_again(bench: Bench) -> None:
     assert bench.take(Failed) == []
 
 
-def test_an_order_without_an_answer_is_sent_twice_and_then_the_matrices_have_failed(
-    bench: Bench,
-) -> None:
+def test_an_order_without_an_answer_is_sent_twice_and_then_the_matrices_have_failed(bench: Bench) -> None:
     before, began_s = len(bench.far.written), bench.clock.now()
     bench.far.cut = lambda data: b""
     bench.device.apply(ALL)

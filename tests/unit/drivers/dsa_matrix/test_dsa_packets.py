@@ -1,7 +1,5 @@
 """Packets of the DSACON32-M against bytes written by hand, and what is done with ruins of them."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """What is made of one state after the other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Lines of the URCap's socket against bytes written by hand from docs/reference/can_gripper.md."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.core.messages import Grip, Release

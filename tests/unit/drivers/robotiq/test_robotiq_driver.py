@@ -1,7 +1,5 @@
 """The Robotiq's driver on its emulated twin, in virtual time: what it writes, and what can go wrong."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A bench in virtual time: what a board may be wired to, and its driver."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from random import Random

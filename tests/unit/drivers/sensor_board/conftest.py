@@ -1,7 +1,5 @@
 """A sensor board's driver on an emulated board, in virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

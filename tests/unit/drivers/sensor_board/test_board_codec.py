@@ -1,7 +1,5 @@
 """Messages of the sensor board against golden bytes and against themselves."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Frames against golden bytes, and against a reference of independent logic."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

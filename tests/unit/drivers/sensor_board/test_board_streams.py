@@ -1,7 +1,5 @@
 """Counters and times extended, loss and restarts seen: frames with known truth in, blocks out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The driver on an emulated board in virtual time: every byte real, every millisecond simulated."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The driver on boards that print what a test says, in virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """RDT as public clients show it; the bytes were written by hand."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.core.errors import CodecError

@@ -1,7 +1,5 @@
 """The driver of a force sensor's box on one that sends what a test says, and over loopback."""
 
-from __future__ import annotations
-
 import http.server
 import threading
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """What the arm's process does around the calls of ur_rtde, which stands in here as a list of what was called."""
 
-from __future__ import annotations
-
 import socket
 import sys
 from types import SimpleNamespace

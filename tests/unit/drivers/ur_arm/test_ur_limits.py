@@ -1,7 +1,5 @@
 """Limits of the joints from a controller's configuration data: golden bytes by the client interface's manual."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

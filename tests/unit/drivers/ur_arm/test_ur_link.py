@@ -1,7 +1,5 @@
 """The link to a UR controller: what it queries, what it refuses, what it makes of rows. In virtual time."""
 
-from __future__ import annotations
-
 import math
 import sys
 from types import ModuleType, SimpleNamespace

@@ -1,7 +1,5 @@
 """A driver of a stage on the emulated one, with its line recorded: in virtual time, or on a pty (tests/wire)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar
 

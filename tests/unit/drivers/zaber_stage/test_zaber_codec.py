@@ -1,7 +1,5 @@
 """Bytes of Zaber ASCII, against golden bytes that were not made by this codec."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import replace
 from pathlib import Path

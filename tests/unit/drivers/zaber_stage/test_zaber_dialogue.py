@@ -1,7 +1,5 @@
 """Questions to one stage, and what becomes of them, on a line made of lists, in virtual time."""
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.core.clock import VirtualClock

@@ -1,7 +1,5 @@
 """The approach axis on the stage's rail."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """The lines that are sent to the stage, and their order, without a stage."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The driver on the emulated stage, in virtual time: what it sends, what it makes of the answers, how it stops."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from dataclasses import replace
