@@ -87,6 +87,14 @@ class Impact(Detected):
 
 
 @dataclass(frozen=True, slots=True)
+class Onset(Detected):
+    """Something knocked or touched: it began at `began_s`, known to a standard deviation of `sigma_s`."""
+
+    began_s: float = math.nan
+    sigma_s: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
 class GuardStopped:
     """The guard stopped every mover at `t_s`."""
 

@@ -145,6 +145,9 @@ def as_line(event: Detected, kind: str) -> dict[str, Any]:
         "value": plain(event.value),
         "threshold": plain(event.threshold),
     }
+    for extra in ("began_s", "sigma_s"):
+        if hasattr(event, extra):
+            line[extra] = plain(round(getattr(event, extra), 9))
     reason = getattr(event, "reason", "")
     return {**line, "reason": reason} if reason else line
 

@@ -14,6 +14,8 @@ from behaviors.events import ContactLost as ContactLost
 from behaviors.events import Detected as Detected
 from behaviors.events import Event as Event
 from behaviors.events import GuardStopped as GuardStopped
+from behaviors.events import Impact as Impact
+from behaviors.events import Onset as Onset
 from behaviors.events import Paused as Paused
 from behaviors.events import PreTouch as PreTouch
 from behaviors.events import PreTouchLost as PreTouchLost

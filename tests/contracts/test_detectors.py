@@ -86,12 +86,24 @@ def level_input():
     return [SampleBlock("signals.right", 0, 0.0, values, rate_hz=rate_hz, unit="FS")]
 
 
+def knock_input():
+    """Noise, a second of stronger noise and a blow, and a lost block between them."""
+    values = 0.003 * np.random.default_rng(11).standard_normal((6144, 1))
+    values[2048:3072] *= 8.0
+    values[5000:5040] *= 100.0
+    return [
+        SampleBlock("board.accelerometer", 0, 0.0, values[:4000], rate_hz=1024.0, unit="m/s2"),
+        SampleBlock("board.accelerometer", 4100, 4100 / 1024.0, values[4100:], rate_hz=1024.0, unit="m/s2"),
+    ]
+
+
 INPUTS = {
     "level": level_input,
     "level.paper": level_input,
     "pretouch": pretouch_input,
     "pretouch.paper": pretouch_input,
     "force.threshold": force_input,
+    "onset": knock_input,
     "resonance": waveform_input,
     "resonance.paper": resonance_input,
     "slip": slip_input,
