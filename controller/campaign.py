@@ -114,6 +114,11 @@ class CampaignPlan:
     devices: Collection[str] = ()
 
     @property
+    def heading(self) -> str:
+        """What it measures and its profile, for people."""
+        return ", ".join(filter(None, (self.resolved.get("title"), self.profile)))
+
+    @property
     def count(self) -> int:
         """How many trials are to be run."""
         return len(self.left)
@@ -357,7 +362,7 @@ class Campaign:
         trials: Iterable[TrialPlan],
     ) -> tuple[int, str, str]:
         plan = self._plan
-        self._console.campaign_started(plan.profile, plan.count, folder.path)
+        self._console.campaign_started(plan.heading, plan.count, folder.path)
         offset_s = 0.0
         code, status, line = EXIT_DONE, "done", ""
         for trial in trials:

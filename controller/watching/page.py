@@ -212,9 +212,9 @@ class _Wire(_Guarded, WebSocketHandler):
 
 def html() -> str:
     """The page: one file, which sends requests to this process alone."""
-    from controller.reports.section import environment, library
+    from controller.reports.section import environment
 
-    return environment().get_template("watch.html.j2").render(library=library())
+    return environment().get_template("watch.html.j2").render()
 
 
 def after(folder: Path) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """The live page in a real browser: Chromium without a window, which finds no network."""
 
 import json
+import math
 import os
 import signal
 
@@ -9,6 +10,14 @@ import pytest
 from controller.watching.page import Door, PageProcess
 from tests.browser.conftest import SOON_MS
 from tests.stub_run import StubRun
+
+CAPITAL = """(element) => {
+  const pen = document.createElement("canvas").getContext("2d");
+  const {fontWeight, fontSize, fontFamily} = getComputedStyle(element);
+  pen.font = `${fontWeight} ${fontSize} ${fontFamily}`;
+  return pen.measureText("H").actualBoundingBoxAscent;
+}"""
+"""Height of an element's capitals, px."""
 
 
 class Watching:
@@ -76,16 +85,42 @@ def test_it_shows_the_state_the_signals_the_margins_the_trials_and_the_events(wa
     page = watching.look()
     assert page.locator("#now").inner_text().startswith("Trial 3, location f, speed 3.785 mm/s: ")
     assert page.locator("#state").inner_text() == "APPROACH"
-    assert page.locator("#verdict").inner_text() == "1 of 42 trials: 1 contact"
+    assert page.locator("#verdict").inner_text() == "1 of 42: all good"
+    assert page.locator("#counts").inner_text() == "1 contact"
     assert "left" in page.locator("#now").inner_text()
     assert "contact 2" in page.locator("#thresholds").inner_text()
     assert page.locator("#diagram .here").text_content() == "APPROACH"
     for stream in ("detector.contact", "board.period", "board.load_cell", "stage.position"):
-        page.wait_for_selector(f'[data-stream="{stream}"] .bk-Figure')
+        page.wait_for_selector(f'[data-stream="{stream}"] path.signal')
+    assert page.locator('[data-stream="detector.contact"] path.threshold').count() == 1
     assert "force 0.0" in page.locator("#margins").inner_text()
     assert "board.load_cell" in page.locator("#streams").inner_text()
     assert page.locator("#rows tr").inner_text().split() == ["2", "contact", "f", "3.785", "0.212", "0.04"]
     assert "contact: contact, value" in page.locator("#events").inner_text()
+
+
+LONGEST = "SEEKING_BACKWARD"
+"""Of all states of the shipped behaviors."""
+
+CAP_PX = 2000.0 * math.tan(math.radians(20.0 / 60.0)) / (216.0 / 1280.0)
+"""Height of a capital that subtends 20 minutes of arc at 2 m, on a tablet of 10.1 inches, 216 mm and 1280 dots wide."""
+
+
+def test_state_verdict_and_stop_are_read_from_two_metres(watching, monkeypatch):
+    """By the capitals that the browser's own font draws; whatever stands below is scrolled."""
+    page = watching.look()
+    page.set_viewport_size({"width": 1280, "height": 800})
+    monkeypatch.setattr(watching.run.watched, "_present", watching.run.watched._present | {"state": LONGEST})
+    page.wait_for_selector(f'body[data-state="{LONGEST}"]')
+    page.mouse.wheel(0, 3000)
+    for name in ("#state", "#verdict", "#stop"):
+        high = page.locator(name).evaluate(CAPITAL)
+        assert high >= CAP_PX, f"{name}: {high} px"
+        box = page.locator(name).bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= 1280
+        assert box["y"] >= 0 and box["y"] + box["height"] <= 300, "in the upper part, the rest is for signals"
+    stop, state = (page.locator(name).bounding_box() for name in ("#stop", "#state"))
+    assert state["x"] + state["width"] <= stop["x"], "the longest state is narrower, not cut"
 
 
 def test_two_who_watch_see_the_same_and_each_can_pause_and_go_on(watching):
@@ -136,10 +171,10 @@ def test_a_click_on_a_trial_shows_its_signals_and_gaps_as_gaps(watching):
     page.route("**/trial?**", lambda route: route.fulfill(json={"trial": 2, "signals": signals}))
     page.locator("#rows tr").click()
     page.get_by_text("Signals of trial 2").wait_for()
-    page.wait_for_selector('#panels [aria-label="the period"] .bk-Figure')
+    page.wait_for_selector('#panels [aria-label="the period"] path.signal')
     assert page.locator("#panels [data-stream]").count() == 1
     page.get_by_role("button", name="Back to the present").click()
-    page.wait_for_selector('[data-stream="detector.contact"] .bk-Figure')
+    page.wait_for_selector('[data-stream="detector.contact"] path.signal')
 
 
 def test_held_between_trials_it_offers_home_and_tare_and_shows_a_refusal(watching, monkeypatch):
@@ -184,7 +219,7 @@ def test_it_is_light_and_dark_and_fits_a_small_screen(watching, width):
     page = watching.look()
     page.set_viewport_size({"width": width, "height": 800})
     page.emulate_media(color_scheme="dark")
-    page.wait_for_selector('[data-stream="board.load_cell"] .bk-Figure')
+    page.wait_for_selector('[data-stream="board.load_cell"] path.signal')
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 24, 28)"
     page.get_by_role("button", name="Light", exact=True).click()
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"

@@ -312,7 +312,7 @@ def test_run_prints_each_trial_on_a_line_and_where_the_report_is(recorded):
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
     assert lines[0].startswith("time: about 3.1 min of bench time, computed in ")
-    assert lines[1] == f"mock/transient: 2 trials into {folder}"
+    assert lines[1] == f"Stop at first contact (A2), mock/transient: 2 trials into {folder}"
     assert {line.split()[2] for line in lines[2:4]} == {"16", "17"}
     assert lines[-2:] == [f"report: {folder / 'report.html'}", f"to see it: run.py open {folder}"]
     assert any(line.split()[:3] == ["pad", "f", "4.84"] for line in lines), "Table I beside the paper's"

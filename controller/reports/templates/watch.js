@@ -38,10 +38,11 @@
   const cells = (row, values, kind = "td") => { row.append(...values.map((value) => { const cell = document.createElement(kind); cell.textContent = value; return cell; })); return row; };
   const line = (values, kind) => cells(document.createElement("tr"), values, kind);
   const part = (text, kind) => { const made = document.createElement("span"); made.className = kind; made.textContent = text; return made; };
-  const bars = (place, all) => at(place).replaceChildren(...(all ?? []).map(([name, value, limit, unit]) => {
-    const bar = document.createElement("div"), share = Math.min(1, Math.max(0, limit > 0 ? value / limit : 0));
+  const bars = (place, all, least = () => 0) => at(place).replaceChildren(...(all ?? []).map(([name, value, limit, unit]) => {
+    const low = Math.min(least(name), value), digits = Math.min(6, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(limit) || 1))));
+    const bar = document.createElement("div"), share = limit > low ? Math.min(1, (value - low) / (limit - low)) : 0;
     bar.className = share > 0.8 ? "bar near" : "bar";
-    bar.append(`${name} ${value.toPrecision(3)} of ${limit.toPrecision(3)} ${unit}`, document.createElement("i"));
+    bar.append(`${name} ${value.toFixed(digits)} of ${limit.toFixed(digits)} ${unit}`, document.createElement("i"));
     bar.lastChild.style.setProperty("--share", `${100 * share}%`);
     return bar;
   }));
@@ -67,16 +68,25 @@
   const verdict = () => {
     const counts = now.counts ?? [], done = counts.reduce((sum, [, number]) => sum + number, 0);
     const said = counts.map(([name, number, good]) => part(`${number} ${words(name)}`, good ? "good" : "missed"));
-    at("verdict").replaceChildren(`${done} of ${now.run?.trials ?? "–"} trials${said.length ? ": " : ""}`, ...said.flatMap((each, place) => place ? [", ", each] : [each]));
+    const bad = counts.reduce((sum, [, number, good]) => sum + (good ? 0 : number), 0);
+    large("verdict", `${done} of ${now.run?.trials ?? "–"}`, ...(done ? [": ", bad ? part(`${bad} failed`, "missed") : part("all good", "good")] : [" trials"]));
+    at("counts").replaceChildren(...said.flatMap((each, place) => place ? [", ", each] : [each]));
+  };
+  const large = (id, ...content) => {  // on one line whatever its length: narrower letters, as high as the others
+    const [line, width] = [at(id), at("headline").clientWidth], key = `${width} ${content.map((each) => each.textContent ?? each)}`;
+    if (line.dataset.key === key) return;
+    line.dataset.key = key;
+    line.replaceChildren(...content);
+    line.style.transform = `scaleX(${Math.min(1, width / line.offsetWidth)})`;
   };
   const update = (message) => {
     if (message.diagram) { signals = {}; if (!past) clear(); at("events").replaceChildren(); diagram(message.diagram); }
     now = {...now, ...message};
-    at("title").textContent = `${now.run.title} · ${now.run.folder}`;
+    [at("title").textContent, at("title").title] = [now.run.title, now.run.folder];
     verdict();
     const left = Number.isFinite(now.left_s) && !now.ended ? `, about ${clock(now.left_s)} left` : "";
     at("now").textContent = now.ended ? "" : `Trial ${now.trial ?? "–"}, ${now.factors ?? ""}: ${Number((now.t_s ?? 0).toPrecision(4))} s${left}`;
-    at("state").textContent = now.ended ? "ENDED" : held() ? "HELD" : now.state || "begins";
+    large("state", now.ended ? "ENDED" : held() ? "HELD" : now.state || "begins");
     document.body.dataset.state = now.ended ? "ended" : now.state;
     document.title = `${at("state").textContent}: ${now.run.title}`;
     if (now.ended) banner(now.by ? `The run was ${now.by}: ${now.ended}` : `The run has ended: ${now.ended}`, now.by ? "broken" : "done");
@@ -94,7 +104,7 @@
       state.classList.toggle("here", state.dataset.state === now.state);
       state.classList.toggle("next", Boolean(now.paused) && !held() && state.dataset.state === now.resumes_in);
     }
-    bars("thresholds", now.thresholds);
+    bars("thresholds", now.thresholds, (name) => (signals[`detector.${name}`]?.y ?? []).reduce((low, value) => value < low ? value : low, Infinity));
     bars("margins", now.margins);
     at("streams").replaceChildren(...(now.streams ?? []).map(([name, age_s, lost]) => line([name, `${Math.max(0, age_s).toFixed(2)} s`, lost])));
     for (const [trial, outcome, row, success] of message.rows ?? []) {
@@ -112,13 +122,14 @@
     }
     while (at("events").children.length > 200) at("events").lastChild.remove();
     for (const [stream, piece] of Object.entries(message.signals ?? {})) grow(stream, piece);
+    soon();
   };
 
   // --- after the run: how it ended, its report, how it goes on
   const ended = () => {
     const killed = after.status === "running", good = after.status === "done" && !after.code;
     if (!now.ended) Object.assign(now, {ended: killed ? "without a last word" : after.reason || after.status});
-    at("state").textContent = killed ? "GONE" : good ? "DONE" : now.by || after.status === "aborted" ? "STOPPED" : after.status === "done" ? "ENDED" : "FAULT";
+    large("state", killed ? "GONE" : good ? "DONE" : now.by || after.status === "aborted" ? "STOPPED" : after.status === "done" ? "ENDED" : "FAULT");
     document.body.dataset.state = "ended";
     banner(killed ? "The program of this run is gone without an end: look at the bench." : at("banner").firstElementChild.textContent || `The run has ended: ${now.ended}`, good ? "done" : "broken");
     stop.disabled = pause.disabled = true;
@@ -137,6 +148,7 @@
     past = {};
     clear();
     for (const [stream, piece] of Object.entries((await answer.json()).signals)) grow(stream, piece, past);
+    soon();
     for (const each of at("rows").rows) each.classList.toggle("open", each === row);
     [at("whose").textContent, at("back").hidden] = [`Signals of trial ${trial}`, Boolean(now.ended)];
     at("whose").scrollIntoView({block: "center"});
@@ -149,7 +161,8 @@
   });
 
   // --- charts: a signal each over one axis of time, with the threshold that it is held against
-  const clear = () => { charts = {}; at("panels").replaceChildren(); };
+  const [LEFT, RIGHT, TOP, HIGH, BELOW] = [64, 12, 4, 100, 18];  // px
+  const clear = () => { charts = {}; at("panels").replaceChildren(); soon(); };
   const grow = (stream, {t, y, label, title, threshold, gap_s}, kept = signals) => {
     const seen = kept[stream] ??= {t: [], y: [], threshold: NaN, label: stream};
     if (label !== undefined) Object.assign(seen, {label, title});
@@ -160,45 +173,58 @@
     const from = kept === signals ? seen.t.findIndex((t_s) => t_s >= now.t_s - SPAN_S) : 0;
     if (from > 0) { seen.t.splice(0, from); seen.y.splice(0, from); }
   };
-  const show = (stream, seen, span) => {
-    if (!seen.t.length) return;
-    const drawn = charts[stream] ??= draw(stream, seen);
-    drawn.source.data = stream.startsWith("detector.") ? steps(seen) : {t: seen.t.slice(), y: seen.y.slice()};
-    drawn.limit.data = Number.isFinite(seen.threshold) ? {t: [span.start, span.end], y: [seen.threshold, seen.threshold]} : {t: [], y: []};
-    Object.assign(drawn.range, span);
+  const ticks = (low, high, most) => {  // round numbers, as texts beside their values
+    const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
+    const step = power * [1, 2, 5, 10].find((times) => times * power >= 0.999 * rough), first = Math.ceil(low / step - 1e-9);
+    const text = (value) => (step < 1e-5 || step > 1e5 ? value.toExponential(2) : value.toFixed(Math.max(0, -Math.floor(Math.log10(1.001 * step))))).replace("-", "−");
+    return Array.from({length: Math.max(0, Math.floor(high / step + 1e-9) - first + 1)}, (_, place) => [step * (first + place), text(step * (first + place))]);
   };
-  const draw = (stream, {label, title}) => {
-    const ink = inks();
-    const range = new Bokeh.Range1d({start: 0, end: 1});  // every chart gets the same ends
-    const plot = chart(ink, {height: 140, x_range: range, title: title ? `${title} (${label}); dashed: threshold` : label, tools: "", toolbar_location: null, min_border_left: 64, min_border_right: 12});
-    const source = new Bokeh.ColumnDataSource({data: {t: [], y: []}});
-    plot.line({field: "t"}, {field: "y"}, {source, line_color: ink.ours, line_width: 1.4});
-    const limit = new Bokeh.ColumnDataSource({data: {t: [], y: []}});
-    plot.line({field: "t"}, {field: "y"}, {source: limit, line_color: ink.truth, line_dash: [6, 4]});
-    const box = document.createElement("div");
-    box.setAttribute("role", "img");
-    box.setAttribute("aria-label", label);
-    box.dataset.stream = stream;
-    at("panels").append(box);
-    Bokeh.Plotting.show(plot, box);
-    return {source, limit, range, box};
+  const box = (stream, {label, title}) => {
+    const made = Object.assign(document.createElement("div"), {role: "img", ariaLabel: label});
+    made.dataset.stream = stream;
+    made.append(Object.assign(document.createElement("p"), {textContent: title ? `${title} (${label}); dashed: threshold` : label}), svg("svg", {height: TOP + HIGH + BELOW, width: "100%"}));
+    at("panels").append(made);
+    return made;
+  };
+  const show = (stream, seen, {start, end}) => {
+    const known = [...seen.y, seen.threshold].filter(Number.isFinite);
+    if (!known.length) return;
+    const drawing = (charts[stream] ??= box(stream, seen)).lastChild, right = drawing.clientWidth - RIGHT;
+    const [least, most] = known.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
+    const room = 0.08 * (most - least) || 0.05 * Math.abs(most) || 1, [low, high] = [least - room, most + room];
+    const x = (t) => (LEFT + (right - LEFT) * (t - start) / (end - start)).toFixed(1), y = (value) => (TOP + HIGH * (high - value) / (high - low)).toFixed(1);
+    const parts = ticks(low, high, 5).flatMap(([value, text]) => [svg("path", {class: "grid", d: `M${LEFT} ${y(value)}H${right}`}), svg("text", {class: "y", x: LEFT - 6, y: Number(y(value)) + 4}, text)]);
+    for (const [t, text] of ticks(start, end, right > 500 ? 8 : 4)) parts.push(svg("text", {class: "x", x: x(t), y: TOP + HIGH + 15}, `${text} s`));
+    let way = "", pen = "M";
+    seen.t.forEach((t, place) => {  // a statistic stands until the next decision
+      if (!Number.isFinite(seen.y[place])) { pen = "M"; return; }
+      way += pen === "L" && stream.startsWith("detector.") ? `H${x(t)}V${y(seen.y[place])}` : `${pen}${x(t)} ${y(seen.y[place])}`;
+      pen = "L";
+    });
+    parts.push(svg("path", {class: "signal", d: way}));
+    if (Number.isFinite(seen.threshold)) parts.push(svg("path", {class: "threshold", d: `M${LEFT} ${y(seen.threshold)}H${right}`}));
+    drawing.replaceChildren(...parts);
   };
   const spanOf = (shown) => {
     const ends = Object.values(shown).flatMap(({t}) => t.length ? [t[0], t.at(-1)] : []);
-    return past ? {start: Math.min(...ends), end: Math.max(...ends)} : {start: Math.max(0, now.t_s - SPAN_S), end: Math.max(now.t_s, 1)};
+    return past ? {start: Math.min(...ends), end: Math.max(...ends)} : {start: Math.max(Math.min(...ends, now.t_s - 1), now.t_s - SPAN_S), end: now.t_s};
   };
+  let [timer, due] = [0, 0];
+  const soon = () => { timer ||= setTimeout(paint, Math.max(0, due - performance.now())); };
   const paint = () => {  // a slow machine draws more seldom: clicks come first
     const begun = performance.now();
+    timer = 0;
     const shown = past ?? signals, span = spanOf(shown);
     const order = Object.keys((past ? null : now.signals) ?? shown);  // what decides comes first, whenever it came
     if (!document.hidden) for (const [stream, seen] of Object.entries(shown)) {
       show(stream, seen, span);
-      if (charts[stream]) charts[stream].box.style.order = order.indexOf(stream);
+      if (charts[stream]) charts[stream].style.order = order.indexOf(stream);
     }
-    setTimeout(paint, Math.max(200, 4 * (performance.now() - begun)));
+    due = 5 * performance.now() - 4 * begun;
   };
-  paint();
-  theme(clear);
+  addEventListener("resize", () => { soon(); if (now.run) verdict(); if (at("state").textContent) large("state", at("state").textContent); });
+  document.addEventListener("visibilitychange", soon);
+  theme();
 
   // --- states one below the other; ways to the next one straight, others around
   const svg = (name, given, text = "") => {
