@@ -16,6 +16,7 @@ from drivers.dsa_matrix.codec import ControllerInfo, Id, decode_answer, request
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
 from drivers.sensor_board.codec import BoardCode, BoardHello, CommandFrame, decode, encode
 from drivers.sensor_board.framing import BoardFrameDecoder
+from drivers.zaber_stage.models import stage_model
 
 ANSWER_S = 0.3
 """How long an answer is waited for (assumption: ten times what an adapter's latency and a stage's answer take)."""
@@ -34,7 +35,11 @@ class PortQuestion(NamedTuple):
 
 def _stage(heard: bytes) -> str:
     found = re.search(rb"@(\d\d) \d OK \S+ \S+ (\d+)", heard)
-    return f"zaber_stage: address {int(found[1])}, device id {int(found[2])}" if found else ""
+    if not found:
+        return ""
+    model = stage_model(int(found[2]))
+    known = f", {model.name}: microstep_m = {model.microstep_m:.10g}" if model else ""
+    return f"zaber_stage: address {int(found[1])}, device id {int(found[2])}{known}"
 
 
 def _adapter(heard: bytes) -> str:

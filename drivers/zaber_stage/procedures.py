@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from drivers.core.messages import Command, MoveAt, MoveTo
 from drivers.zaber_stage import codec
+from drivers.zaber_stage.models import AS_DELIVERED, StageModel, stage_model
 from drivers.zaber_stage.mounting import NOT_HOMED, Mounting, ZaberStageSettings
 
 SETS_OUT = ("home", "move")
@@ -21,8 +22,11 @@ RENEWED_SHARE = 0.25
 
 
 AGREES = 0.01
-"""How far the device's own limit may be from the profile's travel (assumption: makers set it to the microstep, and
-pitches differ by more)."""
+"""How far the own limit of a stage of unknown model may be from the profile's travel (assumption: pitches differ by
+more; an X-LSQ150A counts 1 % more than its 150 mm)."""
+
+SAME = 1e-3
+"""How far a profile's microstep may be from a known model's: data sheets print rounded ones."""
 
 CHANGED = ("comm.checksum", "limit.min", "limit.max", "maxspeed")
 """What opening changes; the device keeps it when it is switched off."""
@@ -93,6 +97,7 @@ class Procedures:
         left_changed = yield from self._recall()
         yield from self._hold("comm.checksum", 1)
         device_id = yield from _accepted("get deviceid")
+        model = yield from self._known(device_id.data)
         acceleration = yield from _asked("accel")
         self._acceleration_m_s2 = codec.acceleration_m_s2(acceleration, s.microstep_m)
         limits = {}
@@ -100,7 +105,9 @@ class Procedures:
             held = yield from _asked(name)
             limits[name] = self._found.get(name, held)
         wanted = self._mounting.limits()
-        self._check_limits(limits, wanted, device_id.data)
+        if not model:
+            self._check_pitch(limits["limit.max"], wanted["limit.max"], device_id.data)
+        self._check_limits(limits, wanted)
         for name, value in wanted.items():
             yield from self._hold(name, value)
         yield from self._hold("maxspeed", codec.velocity_data(s.max_speed_m_s, s.microstep_m))
@@ -108,6 +115,9 @@ class Procedures:
         flags = tuple(warnings.data.split()[1:])
         return {
             "device_id": device_id.data,
+            "pitch_by": f"device id, {model.name}"
+            if model
+            else "limit.max and travel_m alone: jog 10 mm and measure",
             "serial": serial.data,
             "firmware": firmware.data,
             "microstep_m": s.microstep_m,
@@ -164,21 +174,40 @@ class Procedures:
         enough = used >= RENEWED_SHARE * way.blind_travel_m or (bound == way.target and used)
         return way._replace(bound=bound) if enough else None
 
-    def _check_limits(self, found: Mapping[str, int], wanted: Mapping[str, int], device_id: str) -> None:
-        """The limits tell the pitch: a device counts its rail in microsteps, and names neither.
+    def _known(self, device_id: str) -> Generator[str, codec.StageReply, StageModel | None]:
+        """The model of the device, where its id is known; the profile must state its microstep."""
+        model, s = stage_model(device_id), self._settings
+        if model is None:
+            return None
+        resolution = yield from _asked("resolution")
+        microstep_m = model.microstep_m * AS_DELIVERED / resolution
+        if abs(s.microstep_m - microstep_m) > SAME * microstep_m:
+            counts = yield from _asked("limit.max")
+            raise RejectedError(
+                f"device id {device_id} is an {model.name}, whose microsteps are {microstep_m:.10g} m, not"
+                f" microstep_m = {s.microstep_m:g}",
+                f"enter microstep_m = {microstep_m:.10g}, and travel_m from the data sheet: its limit.max is"
+                f" {counts * microstep_m:.4g} m",
+            )
+        return model
 
-        Where the upper one is what this profile sets, it was set after this check, by a program that was killed.
+    def _check_pitch(self, counts: int, wanted: int, device_id: str) -> None:
+        """The limit tells the pitch: a device counts its rail in microsteps, and names neither.
+
+        Where it is what this profile sets, it was set after this check, by a program that was killed.
         """
-        s, counts = self._settings, found["limit.max"]
+        s = self._settings
         length_m = counts * s.microstep_m
-        if counts != wanted["limit.max"] and abs(length_m - s.travel_m) > AGREES * s.travel_m:
+        if counts != wanted and abs(length_m - s.travel_m) > AGREES * s.travel_m:
             raise RejectedError(
                 f"its limit.max of {counts} microsteps is {length_m:.4g} m at microstep_m = {s.microstep_m:g}, not"
                 f" travel_m = {s.travel_m:g}, which asks for microsteps of {s.travel_m / max(counts, 1):.4g} m",
                 f"enter both from the data sheet of device id {device_id}; where they are right, its limit was"
                 " changed: the maker's comes back with 'system restore'",
             )
-        if wanted["limit.min"] < found["limit.min"] or wanted["limit.max"] > counts:
+
+    def _check_limits(self, found: Mapping[str, int], wanted: Mapping[str, int]) -> None:
+        if wanted["limit.min"] < found["limit.min"] or wanted["limit.max"] > found["limit.max"]:
             lowest_m, highest_m = self._metres(found)
             raise RejectedError(
                 f"its own limits are at {lowest_m:.6g} and {highest_m:.6g} m from its home end, inside the profile's",

@@ -39,8 +39,8 @@ class EmulatedZaberStageSettings(Settings):
 
     address: int = Field(default=1, ge=1, le=99)
     """Device number on the line."""
-    device_id: int = Field(default=50081, ge=1)
-    """Model number that it reports (assumption: any will do, units come from `microstep_m`)."""
+    device_id: int = Field(default=1, ge=1)
+    """Model number that it reports: no model's by default, so that `microstep_m` may be any."""
     serial: int = Field(default=40001, ge=1)
     """Serial number that it reports (assumption)."""
     firmware: str = "7.38"

@@ -54,11 +54,12 @@ def test_what_is_known_is_told_by_its_answer_and_nothing_is_made_of_the_rest(ser
             serve(EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), steady())),
             lines(lambda heard: b"V1013\r" if b"V\r" in heard else b""),
             lines(lambda heard: f"{time.monotonic_ns() // 1000},0.25\r\n".encode()),
+            lines(lambda heard: b"@01 0 OK IDLE -- 50138\r\n" if b"deviceid" in heard else b""),
             lines(lambda heard: heard.upper()),
             lines(lambda heard: b""),
             "/dev/nowhere",
         ]
-        stage, board, matrix, adapter, printer, echo, silent, absent = who_answers.who_answers(ports)
+        stage, board, matrix, adapter, printer, known, echo, silent, absent = who_answers.who_answers(ports)
     finally:
         bench.close()
     assert stage.startswith("zaber_stage: address 1, device id ")
@@ -67,6 +68,7 @@ def test_what_is_known_is_told_by_its_answer_and_nothing_is_made_of_the_rest(ser
     assert "slcan" in adapter
     assert printer.startswith("serial_lines: it prints '")
     assert printer.endswith(",0.25'")
+    assert known == "zaber_stage: address 1, device id 50138, X-LSQ-A: microstep_m = 9.921875e-08"
     assert "of no kind known here" in echo
     assert silent.startswith("nothing")
     assert absent.startswith("not asked: ")

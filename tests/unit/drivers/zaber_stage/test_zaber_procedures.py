@@ -96,6 +96,37 @@ def test_a_stage_whose_limit_is_not_the_profiles_travel_is_refused_before_it_is_
     assert not [line for line in script.lines if line.startswith("set")]
 
 
+@pytest.mark.parametrize(
+    ("device_id", "resolution", "model", "microstep_m"),
+    [
+        (50030, 64, "X-LSM-A", "4.7625e-08"),
+        (50081, 64, "X-LHM-A", "1.240234375e-07"),  # 1 / 8,062,992 m: the maker's own test of its units
+        (50138, 64, "X-LSQ-A", "9.921875e-08"),
+        (50030, 32, "X-LSM-A", "9.525e-08"),
+    ],
+)
+def test_of_a_known_model_a_pitch_is_refused_that_fits_its_limit_by_chance(
+    device_id, resolution, model, microstep_m
+):
+    """Microstep and travel wrong by one factor agree with any limit: 51,200 microsteps are the profile's travel."""
+    script = Script(deviceid=device_id, resolution=resolution, comm_checksum=1)
+    with pytest.raises(
+        RejectedError, match=f"id {device_id} is an {model}, .* are {microstep_m} m, not .* = 4.96"
+    ) as e:
+        script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+    assert f"enter microstep_m = {microstep_m}," in e.value.advice
+    assert not [line for line in script.lines if line.startswith("set")]
+
+
+def test_a_known_model_may_count_more_than_its_nominal_travel() -> None:
+    """An X-LSQ075B of 75 mm: its maker's limit lies 1.5 mm beyond, as that of an X-LSQ150B was seen to."""
+    settings = SETTINGS.model_copy(update={"travel_m": 0.075, "travel_max_m": 0.07})
+    script = Script(deviceid=50103, resolution=64, limit_max=154204)
+    found = script.play(Procedures(settings, Mounting(settings)).identify())
+    assert isinstance(found, dict)
+    assert found["pitch_by"] == "device id, X-LSQ-B"
+
+
 def test_a_limit_that_this_profile_set_before_its_program_was_killed_is_known_again() -> None:
     settings = SETTINGS.model_copy(update={"travel_max_m": 0.0124})
     script = Script(limit_max=24995)

@@ -74,13 +74,14 @@ def test_opening_identifies_the_stage_sets_its_limits_and_moves_nothing() -> Non
     stream = StreamInfo("stage.position", ("position",), "m", STEP_M, longest_s=LONGEST_S)
     assert replace(b.info, details=details) == DeviceInfo(
         "stage",
-        model="Zaber device 50081",
+        model="Zaber device 1",
         serial="40001",
         version="7.38",
         streams={"stage.position": stream},
         mover=True,
         details={
-            "device_id": "50081",
+            "device_id": "1",
+            "pitch_by": "limit.max and travel_m alone: jog 10 mm and measure",
             "serial": "40001",
             "firmware": "7.38",
             "microstep_m": STEP_M,
