@@ -26,6 +26,7 @@ from drivers.core.errors import DeviceError
 from drivers.core.messages import (
     Command,
     DeviceInfo,
+    Failed,
     Home,
     Listen,
     Lost,
@@ -294,7 +295,8 @@ class HandSession:
             self.holding.tell(not_at_rest=loop.account.not_at_rest)
         if loop.account.not_at_rest:
             still = f"NOT seen standing still: {', '.join(loop.account.not_at_rest)}: look at the bench"
-            outcome, reason = "fault", "; ".join(filter(None, (reason, still)))
+            failures = [each.reason for each in loop.events if isinstance(each, Failed)]
+            outcome, reason = "fault", "; ".join(filter(None, (reason, *failures, still)))
         return HandResult(outcome, reason, loop.events, loop.account.not_at_rest)
 
     def listen(self, streams: Collection[str]) -> Iterator[tuple[float, Sequence[Status]]]:

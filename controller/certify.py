@@ -743,12 +743,12 @@ class Certifier:
         self._agree(f"{mover.name} must refuse {_short(command)}: nothing should move")
         result = self._run(until(command, Reached, Gripped), Wrong(), mover.name, deadline_s=PATIENCE_S)
         still = self._at_rest(result, mover)
-        let_through = result.outcome != "guard" or any(
-            isinstance(each, GuardStopped) for each in result.events
-        )
-        sound = said in result.reason and not let_through
-        otherwise = f"the guard did not refuse it: {result.reason or 'it was carried out'}"
-        return proof.judged(sound, still, "guard refused" if sound else otherwise)
+        let_through = any(isinstance(each, GuardStopped | Reached | Gripped) for each in result.events)
+        if said not in result.reason or let_through:
+            otherwise = f"the guard did not refuse it: {result.reason or 'it was carried out'}"
+            return proof.judged(False, still, otherwise)
+        failures = [each.reason for each in result.events if isinstance(each, Failed)]
+        return proof.judged(not failures, still, "; ".join(["guard refused", *failures]))
 
     def _moving(self, mover: Mover, wrong: Wrong, proof: Proof) -> Proof:
         """Let something go wrong while a mover creeps: what must act says so; else it is the mover's own standstill."""

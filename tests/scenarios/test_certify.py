@@ -14,6 +14,7 @@ from controller.certify import NOT_AT_REST, Certifier
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.limits import Bounds, MoverLimits
 from drivers.core.errors import SilentError
+from drivers.core.messages import Failed
 from simulator.mocks.ur_arm import MockUrArm
 from simulator.mocks.zaber_stage import MockZaberStage
 
@@ -119,6 +120,27 @@ def test_what_kept_a_command_from_being_refused_is_named(monkeypatch):
     (failed,) = [proof for proof in proved("mock/transient") if proof.verdict == "failed"]
     assert failed.limit == "limits.speed_m_s"
     assert "board.period is silent" in failed.acted
+
+
+def test_a_device_that_fails_while_a_command_is_refused_is_named_and_the_guard_is_not_blamed(monkeypatch):
+    admit, poll, refused = Bounds.admit_speed, MockZaberStage.poll, []
+
+    def then_unplugged(*given):
+        try:
+            admit(*given)
+        except GuardRefusal:
+            refused.append(True)
+            raise
+
+    def unplugged(self):
+        failed = [Failed(self._clock.now(), self.name, "it answers nothing")] if refused else []
+        return [*poll(self), *failed]
+
+    monkeypatch.setattr(Bounds, "admit_speed", then_unplugged)
+    monkeypatch.setattr(MockZaberStage, "poll", unplugged)
+    failed = next(proof for proof in proved("mock/transient") if proof.verdict == "failed")
+    assert failed.limit == "limits.speed_m_s"
+    assert failed.acted.startswith("guard refused; it answers nothing")
 
 
 def test_silence_and_lateness_that_nobody_notices_fail_it(monkeypatch):
