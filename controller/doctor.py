@@ -136,9 +136,12 @@ def examine(
         for name, info in infos.items():
             yield _identity(name, info)
             yield from _state(name, info)
-            for stream in info.streams.values():
-                yield from _reading(stream, blocks.get(stream.name, []), rate)
             own = [status for status in statuses if status.device == name]
+            for stream in info.streams.values():
+                lost = sum(
+                    each.samples for each in own if isinstance(each, Lost) and each.stream == stream.name
+                )
+                yield from _reading(stream, blocks.get(stream.name, []), rate, lost)
             yield from _troubles(own, {key: sum(map(len, got)) for key, got in blocks.items()})
             yield from _clock(name, rig.devices[name].account())
         if infos.keys() == rig.devices.keys():
@@ -289,8 +292,10 @@ def _state(name: str, info: DeviceInfo) -> Iterator[Finding]:
             yield Finding("warn", f"    {name}: {key} is {shown}; {remedy}")
 
 
-def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock], rate: float) -> Iterator[Finding]:
-    """What a stream's samples are: how many, mean and noise, how far they drift, at which rate."""
+def _reading(
+    stream: StreamInfo, blocks: Sequence[SampleBlock], rate: float, lost: int
+) -> Iterator[Finding]:
+    """What a stream's samples are: how many, mean and noise, how far they drift, at which rate they were sent."""
     if not sum(map(len, blocks)):
         if stream.rate_hz is None:
             yield Finding(
@@ -324,7 +329,7 @@ def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock], rate: float) -> 
             yield Finding("warn", f"    {stream.name}: {line}")
     times_s = np.concatenate([block.times for block in blocks])
     if stream.rate_hz is not None and len(times_s) > 1 and times_s[-1] > times_s[0]:
-        rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
+        rate_hz = (len(times_s) - 1 + lost) / (times_s[-1] - times_s[0])
         if abs(rate_hz / stream.rate_hz - 1.0) > rate:
             line = f"comes at {rate_hz:.4g} Hz, not at {stream.rate_hz:g}; correct its rate where it is set"
             yield Finding("warn", f"    {stream.name}: {line}")
@@ -389,6 +394,8 @@ def _uses(trial: TrialPlan, blocks: Mapping[str, Sequence[SampleBlock]]) -> Iter
         if what != "force" or not got:
             continue
         values = np.concatenate([block.physical[:, channels] for block in got])
+        if not np.isfinite(values).all():
+            continue  # said of the stream
         size = float(np.linalg.norm(np.median(values, axis=0)))
         line = f"limits.force_n = {limit:g} {unit}: {stream} is at {size:.3g} {unit} at rest"
         if size > 0.5 * limit:
