@@ -7,10 +7,14 @@ was recorded (`controller/reports`). Nothing heavy is imported before a verb nee
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from pathlib import Path
 
-import click
+try:
+    import click
+except ModuleNotFoundError:
+    sys.exit(f"{sys.executable} lacks click: call .venv/bin/python run.py, which `make run` sets up")
 
 from config.verbs import Program, by_hand, profiles, recordings, results, running
 from drivers.core.errors import PROGRAM

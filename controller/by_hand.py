@@ -295,7 +295,9 @@ class HandSession:
             self.holding.tell(not_at_rest=loop.account.not_at_rest)
         if loop.account.not_at_rest:
             still = f"NOT seen standing still: {', '.join(loop.account.not_at_rest)}: look at the bench"
-            failures = [each.reason for each in loop.events if isinstance(each, Failed)]
+            failures = [
+                each.reason for each in loop.events if isinstance(each, Failed) and each.reason not in reason
+            ]
             outcome, reason = "fault", "; ".join(filter(None, (reason, *failures, still)))
         return HandResult(outcome, reason, loop.events, loop.account.not_at_rest)
 

@@ -292,9 +292,7 @@ def _state(name: str, info: DeviceInfo) -> Iterator[Finding]:
             yield Finding("warn", f"    {name}: {key} is {shown}; {remedy}")
 
 
-def _reading(
-    stream: StreamInfo, blocks: Sequence[SampleBlock], rate: float, lost: int
-) -> Iterator[Finding]:
+def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock], rate: float, lost: int) -> Iterator[Finding]:
     """What a stream's samples are: how many, mean and noise, how far they drift, at which rate they were sent."""
     if not sum(map(len, blocks)):
         if stream.rate_hz is None:

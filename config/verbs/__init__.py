@@ -106,28 +106,39 @@ class Verb(click.Command):
             return code
 
 
+def _lacking(missing: ModuleNotFoundError) -> str:
+    return f"{sys.executable} lacks {missing.name}: call .venv/bin/python run.py, which `make run` sets up"
+
+
 def explained(error: Exception) -> tuple[int, str]:
     """Exit code and line for an error; an unforeseen one is the program's own."""
-    from config.jobs import JobsError
-    from config.source import ProfileError
-    from controller.guard import GuardRefusal
-    from controller.own_modules import own_place
-    from controller.recording.run_folder import RecordingError, RunFolderError
-    from controller.recording.tables import ReplayError
-    from drivers.core.errors import DeviceError
+    try:
+        from config.jobs import JobsError
+        from config.source import ProfileError
+        from controller.guard import GuardRefusal
+        from controller.own_modules import own_place
+        from controller.recording.run_folder import RecordingError, RunFolderError
+        from controller.recording.tables import ReplayError
+        from drivers.core.errors import DeviceError
+    except ModuleNotFoundError as missing:
+        return USAGE, _lacking(missing)
+    if isinstance(error, ModuleNotFoundError) and not own_place(error):
+        return USAGE, _lacking(error)
 
     if isinstance(error, ProfileError):
         lines = list(error.problems[:MISTAKES])
         more = len(error.problems) - len(lines)
         return USAGE, "\n".join([*lines, f"and {more} more"] if more else lines)
-    if isinstance(error, RunFolderError | ReplayError | JobsError):
-        return USAGE, str(error)
-    if isinstance(error, DeviceError):
-        return DEVICE, str(error)
     if isinstance(error, GuardRefusal):
         return GUARD, f"guard: {error}"
-    if isinstance(error, RecordingError):
-        return FAILED, str(error)
+    sorts = {
+        USAGE: (RunFolderError, ReplayError, JobsError),
+        DEVICE: (DeviceError,),
+        FAILED: (RecordingError,),
+    }
+    for code, kinds in sorts.items():
+        if isinstance(error, kinds):
+            return code, str(error)
     message = " ".join(str(error).split())
     kind, place = type(error).__name__, own_place(error)
     line = f"{place}: {kind}: {message}" if place else f"unexpected {kind}: {message}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import select
 import threading
@@ -112,6 +113,9 @@ def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
         import can
     except ImportError as error:
         raise PortError(device, doing, *lacking("python-can", "can")) from error
+    logging.getLogger("can").addHandler(
+        logging.NullHandler()
+    )  # what an absent library prints, the error says
     if port.interface == "slcan":
         # python-can reports neither the error number nor that another program holds the port.
         open_serial(device, SerialPort(port=port.port, baud=port.tty_baud), clock).close()

@@ -154,8 +154,9 @@ class SerialLines(LineSensor):
                 f"sound lines came, but not without a break in {s.reply_timeout_s:g} s",
                 "does it print all the time? reply_timeout_s is how long to wait",
             )
-        sort = f"{s.fields} numbers or more (12.5, not 12,5) with {s.separator!r} between" + f", *{s.checksum}" * (
-            s.checksum != "none"
+        sort = (
+            f"{s.fields} numbers or more (12.5, not 12,5) with {s.separator!r} between"
+            + f", *{s.checksum}" * (s.checksum != "none")
         )
         return ProtocolError(
             self.name,

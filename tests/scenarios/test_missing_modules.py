@@ -12,6 +12,7 @@ from drivers.audio.settings import AudioSettings
 from drivers.core.can_link import CanPort, open_can
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import PortError
+from tests.refusals import check_refusal
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = (
@@ -118,3 +119,18 @@ def test_a_library_that_a_device_lacks_is_named_with_what_installs_it(
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(PortError, match=rf"^scale: .*{library} is not installed .*'touchbench\[{extra}\]'$"):
         open_it()
+
+
+@pytest.mark.parametrize("module", ["click", "transitions", "mcap"])
+def test_a_python_without_the_program_s_libraries_is_told_in_one_line(module, tmp_path):
+    """As of who calls `python run.py`, and means .venv/bin/python."""
+    code = f"import sys; sys.modules[{module!r}] = None; from run import cli; cli()"
+    ended = subprocess.run(
+        [sys.executable, "-c", code, *("run", "mock/static", "--only", "1", "--out", str(tmp_path))],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode
+    check_refusal(ended.stderr, f"lacks {module}", ".venv/bin/python run.py")
