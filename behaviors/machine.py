@@ -67,7 +67,6 @@ def on(
 
     Args:
         trigger: Name of the event: `Contact` is "contact".
-        source: Where from.
         dest: Where to; None stays in the state, which is not entered again.
         when: What must all be True; the first row of several that applies is taken.
         do: What is called before.

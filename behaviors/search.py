@@ -82,7 +82,6 @@ class Search(SonicBehavior):
 
     Args:
         detectors: Names of all detectors: `left_METHOD`, `right_METHOD`, `left_contact`, `right_contact`.
-        plans: What the behavior's other states need.
         acting: Detectors that the behavior's other states act on.
     """
 

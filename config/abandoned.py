@@ -28,7 +28,6 @@ def abandoned(
 
     Args:
         endpoints: Of the emulator that serves the bench; None on a real one.
-        mover: Whose device is closed here.
         frozen: Whether the program and the process of its arm are frozen while this lasts, and not killed.
 
     Raises:

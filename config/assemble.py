@@ -246,7 +246,6 @@ def plan_campaign(
 
     Args:
         trials: In the order of running.
-        seed: Of order and noise.
         done: Numbers of trials that were run before.
         asked: The arguments of the command line, for the manifest.
         devices: What the campaign opens of which these are a part; None is what these use.

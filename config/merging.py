@@ -147,9 +147,6 @@ def _named(trials: Iterable[int]) -> str:
 def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Trial]]:
     """The profile of a run, and all its trials in the order in which they are run.
 
-    Args:
-        name: Of the run, for errors.
-
     Raises:
         RunFolderError: profile or program are not those that the run began with: what differs, and what to do.
     """

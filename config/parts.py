@@ -155,7 +155,6 @@ def carry_on(
     Args:
         workers: Arguments of both: where trials are run.
         crew: These workers; they stay from part to part.
-        show: Prints a line.
 
     Returns:
         The exit code of the first part that broke off; the parts behind it are not begun. Else that of the first part

@@ -40,15 +40,12 @@ class Profile:
 
     Attributes:
         name: `mock/transient`, or a path.
-        title: One line for people.
-        description: More lines, or "".
         bench: What the devices' ports make of it.
         devices: By name, in the order of the profile.
         plant: The physics, None on hardware.
         faults: What goes wrong on purpose, each of the table's class for it.
         unverified: Streams that no device has until it is open: where each is named, and its name.
         deferred: What must not be used as it is, a line each, by the path of the setting: `config.needs`.
-        source: The files and their joined content.
     """
 
     name: str

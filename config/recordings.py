@@ -31,7 +31,6 @@ class Input(NamedTuple):
     """A detector and its input.
 
     Attributes:
-        detector: Fresh.
         blocks: Of all its inputs, in order of time.
         notes: A line for each input: what was read.
     """

@@ -64,11 +64,7 @@ class Sections:
 
     A section with mistakes comes back without them; `problems` has grown by a line for each mistake.
 
-    Args:
-        source: The profile's files, joined.
-
     Attributes:
-        problems: What is wrong, a line each.
         unverified: Streams of devices that tell theirs once they are open: where each is named, and its name.
         deferred: What is wrong only for trials that use it, by the path of the setting: a value that the lab has not
             given, the name of something that was taken off.

@@ -72,7 +72,6 @@ class Source:
         folders: Where modules that the profile names are looked for: beside it, then beside what it extends.
         asked: For the path of each value that was once asked for: which file asked, and how to find it. Until one is
             given, the value of the extended profile stands in its place, which nothing may be run with.
-        absent: What was taken off, by section.
     """
 
     name: str
@@ -346,10 +345,7 @@ def with_setting(text: str, path: KeyPath, value: Any, comment: str) -> str:
     """A profile's text with one setting given; all else stays as it is, comments too.
 
     Args:
-        text: TOML.
         path: `("detectors", "contact", "threshold")`.
-        value: Its value.
-        comment: What stands beside it.
 
     Raises:
         ProfileError: it stands there in a way that is not changed here, in an inline table for one; the line to write.

@@ -59,7 +59,6 @@ class Arrivals:
         """See one turn of the loop.
 
         Args:
-            moving: Whether any mover may be moving.
             late_s: How much later than planned the turn began: a late loop polled no device.
 
         Returns:

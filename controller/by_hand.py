@@ -77,7 +77,6 @@ class ByHand(Behavior):
         steer: Is asked at every event, and in every turn.
         mover: Is stopped where something fails; "" where nothing moves.
         streams: What is read meanwhile, beside what the guard watches.
-        deadline_s: Longest time.
     """
 
     def __init__(
@@ -146,8 +145,6 @@ class HandResult:
 
     Attributes:
         outcome: "done", "guard", "fault" or "interrupted".
-        reason: Why, where it is not "done".
-        events: What happened.
         not_at_rest: Movers that were not seen standing still at the end.
     """
 
@@ -164,19 +161,14 @@ class HandSession:
     Args:
         rig: Has the devices that are needed, and no others.
         limits: Of the guard, which every command goes through.
-        operator: Who may interrupt.
-        loop: Rates.
         make_signals: Makes the profile's signals, fresh.
-        scene: For a simulated bench.
         paced: Whether virtual time passes as the wall clock does, for a person who looks on.
         holding: The note by which `stop` finds this program.
         absent: Takes why devices did not open, for what goes on with the others; None goes on without none.
-        keeps: What becomes of what comes.
 
     Attributes:
         infos: What `open` found, by device.
         latest: What came last, of every stream that is read.
-        lost: Samples lost, by stream.
     """
 
     rig: Rig
@@ -265,11 +257,8 @@ class HandSession:
         """Have something done; every mover stands still when this returns.
 
         Args:
-            steer: Gives the commands.
-            mover: That is commanded.
             streams: To be read, beside the guard's own.
             limits: Others than the session's.
-            deadline_s: Longest time.
 
         Raises:
             UnfitStreamError: a stream that the bench does not have.

@@ -55,10 +55,8 @@ class TrialPlan:
 
     Attributes:
         factors: Flat, in the order of the columns.
-        scene: The settings of a simulated bench.
         behavior: Fresh, in its initial state.
         detectors: Fresh, by name.
-        guard: With the trial's limits.
         signals: Fresh; what is computed from the devices' own streams.
         measure: From evidence and the behavior's outcome to the final outcome and the row.
     """
@@ -78,11 +76,7 @@ class CampaignPlan:
     """What is to be run.
 
     Attributes:
-        profile: Name.
         resolved: The whole profile, resolved, for the manifest.
-        profile_hash: Of the resolved profile.
-        experiment: Name.
-        seed: Of order and noise.
         left: The trials that are to be run, in the order of running, as the profile has them.
         trials: The same, ready to run; made one by one, when their turn has come.
         factors: Names of the factors, in the order of the columns.
@@ -201,10 +195,8 @@ class Campaign:
 
     Args:
         rig: The bench, closed.
-        console: The person's side.
         runs: Folder under which the run's own folder is made.
         resumed: A run that goes on; None begins one.
-        mirror: Gets what is recorded as well.
     """
 
     def __init__(

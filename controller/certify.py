@@ -104,8 +104,6 @@ class Proof(NamedTuple):
     Attributes:
         limit: As it stands in a profile, `limits.force_n`; or what a person does, `stop of stage`.
         value: Its value, with its unit; "" where there is none.
-        done: What was done.
-        verdict: Whether it acted.
         acted: What acted, and what it said; or why nothing did, or nothing was tried.
         after_s: From then to standstill; None where nothing moved.
         way_m: How far the mover went meanwhile, likewise.
@@ -135,7 +133,6 @@ class Case(NamedTuple):
     """One limit that is to be driven past. Where one that is `first` fails, nothing else is tried.
 
     Attributes:
-        proof: What will be done.
         tried: Does it; gives what became of it.
         first: Whether all else depends on it.
     """
@@ -156,16 +153,12 @@ class Wrong:
     """What goes wrong between drivers and loop, or is commanded, once it has begun.
 
     Attributes:
-        what: For a person.
-        stream: Whose samples.
         change: What becomes of a block of them.
         beyond: What is reported to be beyond the stream's range, once.
         away_s: How long the program is away, once.
         away_from: Before which device is read.
-        command: What is commanded.
         pauses: Whether the operator pauses, and ends the trial once something stands still.
         said: What the guard must say then; "" of what the device itself must do.
-        own_s: The limit's own time.
         past_s: Since when, s of bench time; nan before.
     """
 
@@ -241,16 +234,9 @@ def reading(value: float, channel: int = 0) -> Change:
 class Seam:
     """A device as the loop sees it; what it really sends is kept.
 
-    Args:
-        device: The real one.
-        clock: Of the bench.
-
     Attributes:
-        real: The real one.
-        wrong: What goes wrong.
         shown: The stream that is kept.
         seen: Time and value of its samples' first channel.
-        last_s: Time of the device's latest sample.
     """
 
     def __init__(self, device: Device, clock: Any) -> None:
@@ -313,16 +299,12 @@ class Mover(NamedTuple):
     """A mover and how it creeps.
 
     Attributes:
-        name: In the profile.
         shown: The stream that shows where it is.
         ready: Has it know where it is, first of all: jaws are sent home, which moves none that know.
         start: Goes to where each case begins.
         drive: Creeps from there, a few millimetres.
-        speed_m_s: How fast.
         still_m: Within what it stands still.
-        limits: What the guard holds it to.
         where: Where these limits stand in the profile.
-        settings: Its own.
     """
 
     name: str
@@ -395,14 +377,10 @@ class Certifier:
 
     Args:
         session: The bench, closed, with the limits of a trial; makes it for its operator.
-        settings: Of its devices, by name.
         consent: Called before each motion with what will move, and how; gives what says whether a person agrees by now,
             None where none is asked. Both may raise, to end the certificate.
         abandoned: Has another program creep with a mover, whose device is closed here, and kills it, or freezes it
             while the context lasts; gives where the mover was last. None where devices live in this process.
-
-    Attributes:
-        session: The bench.
     """
 
     def __init__(

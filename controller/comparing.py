@@ -62,9 +62,6 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
     """Write the report of both, each in a part of its own, with tables and figures of both beside each other, into the
     second run's folder.
 
-    Args:
-        lines: The output of `compared`.
-
     Raises:
         RecordingError: it cannot be written.
     """

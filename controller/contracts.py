@@ -51,11 +51,9 @@ def tried(
     Args:
         rig: The bench, closed; nothing is moved on it.
         scene: For a simulated bench: the scene that it is to be in.
-        devices: Names of those to try.
         detectors: Likewise, and what makes each.
         baselines_s: For how long each of them learns.
         own_signals: Names of the signals to try, and what makes each.
-        signals: What the profile's signals give.
     """
     infos: dict[str, DeviceInfo] = {}
     try:

@@ -72,7 +72,6 @@ def export(run: Run, to: str, out: Path) -> list[Path]:
     """Write a run into a folder in another format.
 
     Args:
-        to: One of `FORMATS`.
         out: The folder; made where it is not there.
 
     Returns:

@@ -45,11 +45,7 @@ class Guard:
 
     A stop holds: after `latch`, until the next trial, no motion is admitted but one that takes load away.
 
-    Args:
-        settings: The limits.
-
     Attributes:
-        arrivals: Whether what is subscribed arrives.
         inputs: Streams that must be alive while anything moves.
     """
 
@@ -217,9 +213,6 @@ class Guard:
         moves, in a pause, and in every state with a subscription. A late loop counts while something moves.
 
         Args:
-            t_s: Bench time of the turn.
-            blocks: What arrived in it.
-            moving: Whether any mover may be moving.
             late_s: How much later than planned the turn began.
             saturated: Streams that left their valid range.
 

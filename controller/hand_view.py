@@ -40,7 +40,6 @@ class HandScreen:
 
     Args:
         terminal: Where to draw; None prints.
-        show: Prints a line.
     """
 
     def __init__(self, terminal: Terminal | None, show: Callable[[str], None]) -> None:

@@ -58,9 +58,6 @@ class Holding:
     each leaves its note before it looks for others.
 
     Args:
-        profile: Name.
-        doing: The verb.
-        where: The devices.
         alone: Whether to refuse where another program of this user has one of the devices: on a real bench.
     """
 
@@ -109,7 +106,6 @@ class Holder:
 
     Args:
         descriptor: Of the note; the program's last word stays readable when it has ended.
-        note: Its content.
     """
 
     def __init__(self, descriptor: int, note: Mapping[str, Any]) -> None:

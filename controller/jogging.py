@@ -66,8 +66,6 @@ def motions(
 
     Args:
         session: The bench, open.
-        mover: The device.
-        limits: Of its guard.
         axis: What it takes itself; None of a kind of its own.
     """
     own: MoverLimits = limits.movers.get(mover, limits)
@@ -135,8 +133,6 @@ class Jog:
     nothing later.
 
     Args:
-        mover: The device.
-        motions: By key.
         keys: What was pressed since it was asked last.
         show: Is told in every turn what goes on.
     """

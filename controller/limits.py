@@ -138,7 +138,6 @@ class Bounds:
     """Holds one mover's commands and places against its limits.
 
     Args:
-        limits: Of the mover.
         where: Where they stand in a profile: "limits", or "limits.movers.NAME".
     """
 

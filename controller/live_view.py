@@ -57,10 +57,8 @@ class LiveView:
     trial.
 
     Args:
-        recording: Of the trial, as it grows.
         detectors: By name; what decides, by the behavior, is shown first: its first input, statistic and threshold.
         events: What happened in it, as it grows.
-        lost: Samples lost, by stream.
     """
 
     def __init__(

@@ -109,7 +109,6 @@ class LoopAccount:
     Attributes:
         overruns: Turns that began more than a whole period late (wall clock only).
         worst_late_s: The latest of them.
-        lost: Samples lost, by stream.
         missing: Which stream did not arrive and so ended the trial, and why; "" where all did.
         not_at_rest: Movers that were not seen standing still at the end.
         outcome: Of a trial that the guard or a failure ended, "guard" or "fault", whatever its behavior says; else "".
@@ -134,14 +133,12 @@ class TrialState:
         detectors: By the names that the behavior's states know them by.
         signals: What is computed from the devices' own streams.
         silent_since: Since when each stream without a subscriber has none.
-        armed: Detectors that get samples.
         subscribed: Streams that the state, its detectors and the guard need.
         asked: The devices' streams that are needed for it.
         behind: Those of them that are only the input of a signal.
         sent: How many commands were sent: the number of the last one.
         newest: Number of the newest command that is answered, by device.
         paused_s: Since when it is paused.
-        resuming: Whether the pause is to end.
         suspending: Whether the program is to be suspended.
         end_s: When a trial ends that the guard or a failure ended.
     """
@@ -183,8 +180,6 @@ class Loop:
 
     Args:
         infos: What `open` returned, by device.
-        guard: The last gate.
-        witness: The recorder.
     """
 
     def __init__(

@@ -47,7 +47,6 @@ def listened(
 
     Args:
         session: Keeps the `Whole`.
-        streams: To be read.
         drive: What makes the sensors hear anything: an excitation, no motion. It is ended at the end.
         settle_s: How long before.
         seconds: How long.
@@ -69,9 +68,7 @@ class Proposal(NamedTuple):
     """What a minute of rest says of one detector's threshold.
 
     Attributes:
-        detector: Its name.
         found: The threshold; None where rest alone gives none.
-        reason: Why not.
     """
 
     detector: str
@@ -114,7 +111,6 @@ def proposals(
     Args:
         detectors: By name, fresh.
         blocks: Of their inputs, in order, without an event.
-        false_alarm_interval_s: Mean time between false alarms.
     """
     for name, detector in detectors.items():
         heard = [block for block in blocks if block.stream in detector.inputs]
@@ -141,7 +137,6 @@ def unrest(
 
     Args:
         blocks: What it sent, each stream in order.
-        events: What was reported meanwhile.
         limits: Which streams are positions, poses and the force.
         force_known: Whether the force limit is the bench's own.
     """

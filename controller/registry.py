@@ -120,7 +120,6 @@ class Family(NamedTuple):
         section: Of a profile; a table in it for each one, or ("") none.
         key: Which names the kind there.
         members: What a class of the family has; see `controller.detectors.protocol` and its like.
-        row: Of the table.
     """
 
     section: str

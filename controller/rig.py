@@ -35,8 +35,6 @@ class Rig:
 
     Attributes:
         kind: What the bench is made of.
-        devices: By their names in the profile.
-        clock: Bench time of all of them.
         begin_trial: Puts a simulated bench into the trial's scene; nothing on a real one.
         truth: After a trial: instants at which contact really began (True) and ended (False), where the bench
             is simulated in this process. For scoring alone; no detector or behavior is given it.

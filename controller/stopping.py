@@ -26,7 +26,6 @@ class Stopping:
         profile: Whose runs are stopped, wherever their devices are; "" where the addresses alone tell.
         where: The movers' addresses, as far as they are known.
         entries: By mover what the profile has of it: `made` and `settings`.
-        say: Prints a line.
         open_one: A session with one mover, which closes; None where its bench ends with its program.
     """
 

@@ -30,7 +30,6 @@ class Measured(NamedTuple):
         frequencies_hz: Shape (n,).
         response: Shape (n,).
         kind: Of the response.
-        note: What was read, in a line.
     """
 
     frequencies_hz: Floats
@@ -46,7 +45,6 @@ def read_sweep(path: Path, column: str | None, span_hz: tuple[float, float] | No
         path: As `read_columns` takes it.
         column: Names of the two, with a comma between them; None where there are but two.
         span_hz: Frequencies that count; None is all of them.
-        kind: Of the response.
 
     Raises:
         ReplayError: no such table, or nothing within the span.

@@ -42,9 +42,6 @@ class LookAhead:
 
     Args:
         faults: What goes wrong. A fault acts on single turns: while any is set, none are taken as one.
-
-    Attributes:
-        roots: What is kept of the bench.
     """
 
     def __init__(

@@ -69,16 +69,11 @@ def session_on(
     """Some devices of a profile's bench, for what a person asks for; still closed.
 
     Args:
-        loaded: The profile.
-        devices: Their names.
-        operator: Who may interrupt.
-        endpoints: Of an emulator that runs.
         moves: Whether one of them is to move: then the limits need all their values as well.
         excused: Dotted keys of settings that need no value.
         doing: The verb, for the note by which `stop` finds this program; "" leaves none.
         limits: Other than the profile's.
         scene: For a simulated bench, other than an empty one.
-        how: Of `HandSession`.
 
     Raises:
         ProfileError: a value is missing that the lab has to give.

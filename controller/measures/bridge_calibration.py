@@ -34,7 +34,6 @@ class Step(NamedTuple):
     Attributes:
         going: "up", "down" or "zero": the direction of loading.
         cycle: Which cycle, from 0; negative before the first.
-        sd_v: Standard deviation of one sample.
     """
 
     load_n: float
@@ -93,7 +92,6 @@ def steps_of(
 
     Args:
         load_stream: The load, as confirmed by the operator.
-        bridges_stream: The bridges, V.
         bridge: "x", "y" or "t".
         preloads: How often the largest weight hung before the first cycle.
     """

@@ -51,7 +51,6 @@ class Errors(NamedTuple):
     Attributes:
         bias: Mean.
         sd: Standard deviation about it.
-        rms: Root mean square.
         largest: Largest of either sign.
         hysteresis: Largest difference between the same angle going up and going down.
     """

@@ -39,8 +39,6 @@ class TrialEvidence:
         slips: Instants at which slip really did, on benches that simulate slip; else None.
         lifts: While an object is held: when, how far it is really off the table (m), and what of its weight is carried
             (a share), on benches that simulate weight; else None.
-        detectors: Available detectors, by name.
-        streams: Descriptions of the streams, by name.
         sources: Input streams of each signal, by the signal's stream.
     """
 

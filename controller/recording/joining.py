@@ -17,13 +17,7 @@ from controller.recording.run_folder import RecordingError, RunFolder, RunFolder
 
 
 class EndedTrial(NamedTuple):
-    """A trial as it stands in a run folder.
-
-    Attributes:
-        row: Its line of trials.csv.
-        events: Its lines of events.jsonl.
-        topics: Channels and schemas of that recording.
-    """
+    """A trial as it stands in a run folder."""
 
     number: int
     outcome: str

@@ -71,11 +71,7 @@ class Mirror(Protocol):
 
 
 class McapWriter:
-    """A new file, locked as long as it is written; every method that writes may raise `OSError`.
-
-    Args:
-        mirror: Gets topics and messages as well.
-    """
+    """A new file, locked as long as it is written; every method that writes may raise `OSError`."""
 
     def __init__(self, path: Path, mirror: Mirror | None = None) -> None:
         self._mirror = mirror

@@ -53,7 +53,6 @@ class Run:
 
     Attributes:
         trials: One mapping a trial, by column, in the order in which they ran.
-        events: One mapping an event.
         notes: What was found cut off or damaged, one sentence each.
     """
 
@@ -274,7 +273,6 @@ class RecordedTrial:
     Attributes:
         base_ns: Log time of its bench time zero.
         length_s: How long it took, s of bench time; None where it did not come to its end.
-        chunks: In order.
     """
 
     path: Path

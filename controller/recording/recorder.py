@@ -41,13 +41,11 @@ class Recorder:
     `failure` holds the one clear error, which `end_trial`, `flush` and `close` raise. What is kept in memory goes on.
 
     Args:
-        folder: The run's folder.
         wall_start: Calendar time at which the campaign's time is zero (UTC).
         streams: The devices' descriptions of their streams, by `device.stream`.
         factors: Names of what the trials vary, in the order of the columns.
         measures: Names of what is measured of a trial, in the order of the columns.
         patient: Whether `record` may wait for a disk that cannot keep up: in virtual time, which waits too.
-        mirror: Gets what is recorded as well.
 
     Raises:
         RecordingError: the folder cannot be written.
@@ -118,7 +116,6 @@ class Recorder:
         least, the largest, and what it decided by.
 
         Args:
-            detector: Its name.
             readings: Time, statistic and threshold of each decision, shape (n, 3).
             decided_s: Times of those that an event followed from.
         """

@@ -59,7 +59,6 @@ class RecordingError(OSError):
     """A run can no longer be written: no disk space, no permission, the disk is gone.
 
     Args:
-        doing: What was tried.
         option: The option that chooses another place; "" where there is none.
     """
 

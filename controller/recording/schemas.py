@@ -133,12 +133,7 @@ def log_schema() -> Schema:
 
 
 class RowSchema(Schema):
-    """Messages of doubles alone, all fields of each in the file: all are equally long, and many are encoded at once.
-
-    Args:
-        message: Its name, in the package `touchbench`.
-        names: Its fields.
-    """
+    """Messages of doubles alone, all fields of each in the file: all are equally long, and many are encoded at once."""
 
     def __init__(self, message: str, names: Sequence[str]) -> None:
         super().__init__(

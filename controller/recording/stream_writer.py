@@ -40,10 +40,8 @@ class StreamWriter:
     MCAP's log time is `wall_start` + the trial's offset + bench time.
 
     Args:
-        path: The recording to make.
         wall_start: Calendar time at which the campaign's time is zero.
         streams: What is known of each stream; one that is not listed is named after its blocks.
-        mirror: Gets what is written as well.
 
     Raises:
         RecordingError: the file cannot be made.
@@ -152,9 +150,6 @@ class StreamWriter:
         """Write a chunk of another recording, in this one's time.
 
         Args:
-            path: Of the other recording.
-            chunk: The chunk there.
-            topics: The channels there, with their schemas.
             base_ns: Log time there of the trial's bench time zero.
         """
         later_ns = self._base_ns - base_ns

@@ -36,9 +36,6 @@ class Drawn(NamedTuple):
 
     Attributes:
         name: What it is: `typical`, `worst`, `largest` or `failed`.
-        key: Of the trial on the page.
-        trial: Its number.
-        said: Its factors and outcome.
         moments: What its time axis begins with, and what is marked in it.
         panels: Its plots as SVG, the upper one first.
     """

@@ -83,7 +83,6 @@ def build_report_with_summary(
     """Write the report as `build_report` does; returns the page and its summary in lines for a terminal.
 
     Args:
-        runs: Of one experiment or several.
         out: As in `build_report`.
         title: Of the page; by default what its parts make of it.
         paper: Tables and figures of a paper: `item`, what it `shows`, the `part` (a profile) that repeats it, why that
@@ -311,10 +310,7 @@ class SectionPart:
         runs: Of equal settings.
         results: The section's summary; without verdicts where trials are missing.
         settings: Detectors, behavior and limits beside the paper's.
-        body: The section as HTML.
         ours: What is ours and not the paper's, one sentence each.
-        headline: The number that it opens with.
-        drawn: The typical trial and the worst.
         pictures: Its figures, which stand before the text.
         differs: Settings that are not the paper's, one sentence each.
     """

@@ -63,7 +63,6 @@ class Printed(NamedTuple):
 
     Attributes:
         value: In the setting's own unit; a sentence where the paper has no number.
-        source: Section of the paper.
     """
 
     value: object
@@ -132,7 +131,6 @@ class Section:
             a `Figure` a figure, a list of rows a table.
         template: Of templates/, without its ending. Its macro `ours` says what is ours and not the paper's.
         paper: That it stands beside: one of `papers.CITATION`, or its citation; "" for none.
-        summary: Sentences for the page's beginning.
         printed: Settings that the paper prints, by their path in the profile, beside those of papers/settings.csv.
         terminal: Its table in a terminal, some 14 lines.
         headline: What it opens with, where papers/headlines.csv does not say it.

@@ -94,12 +94,10 @@ class SensorScore(NamedTuple):
     """One detector on one sensor under one condition, over all trials.
 
     Attributes:
-        condition: Under which.
         method: `paper` or `ours`.
         slips: How many there were; those neither detected, missed nor early were cut short.
         missed: Not detected within `missed_after_s`.
         early: Called before they began.
-        delays_s: Of those that were detected.
         alarms: False ones, in `quiet_s` seconds in which it could have alarmed.
         touches: Touches at which it was armed; `touch_alarms` counts its alarms in descent and pressing.
         least_delay_s: How long it takes at least, by its own settings; NaN where it is not known.

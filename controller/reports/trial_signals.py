@@ -88,7 +88,6 @@ class Moments(NamedTuple):
 
     Attributes:
         zero: The event: `touch`, `slip`; `decision` where it is not known when.
-        detector: That decided.
     """
 
     zero: str

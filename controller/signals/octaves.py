@@ -158,7 +158,6 @@ def judge_octaves(o: Octaves, floor: float, louder: float) -> float:
     """Nats by which the loudest neighbours together exceed their quiet; follows the quiet levels.
 
     Args:
-        o: The filters.
         floor: Added to each energy: what noise of the converter may hide.
         louder: Nats by which the noise in all octaves has grown since quiet was learned; they count for nothing.
     """

@@ -140,7 +140,6 @@ def curve(
 
     Args:
         frequencies_hz: Shape (n,).
-        kind: Of the response.
         heights: Of an amplitude its one factor; of a conductance each one's height, the line's middle and its slope
             over the whole sweep.
         across: Places on that line, -0.5 to 0.5 over the sweep; None is the sweep's own.

@@ -17,7 +17,6 @@ class Between:
 
     Args:
         poll: Polls the person, and shows them how it stands.
-        show: Shows a state.
     """
 
     def __init__(

@@ -86,7 +86,6 @@ class Watched:
     recorded. A client that does not read gets nothing more: no message is made before the last one is out.
 
     Args:
-        console: The person's own.
         began: Called with the run's folder once it can be watched.
         successes: Outcomes that are success; None where the experiment declares none.
     """

@@ -21,9 +21,6 @@ TWIST_MAX_S = 60.0
 def valid(device: str, settings: ArmSettings, streams: Collection[str], command: Command) -> Command:
     """The command as it will be sent: too great a speed is clamped.
 
-    Args:
-        streams: What it can send.
-
     Raises:
         CommandError: not for an arm, not finite, or out of range.
     """

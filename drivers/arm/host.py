@@ -36,7 +36,6 @@ class ArmHost:
     """One process for one arm.
 
     Args:
-        clock: The bench's.
         again: Whether it replaces one that died.
 
     Attributes:

@@ -26,7 +26,6 @@ class ArmRow(NamedTuple):
     """One cycle of the controller.
 
     Attributes:
-        arrival_s: When it was read.
         device_s: The controller's time.
         pose: Of the tool: m and rotation vector.
         twist: Of the tool: m/s and rad/s.
@@ -59,11 +58,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """The arm is connected, takes commands, and its watchdog is set.
-
-    Attributes:
-        version: Of the controller's software.
-    """
+    """The arm is connected, takes commands, and its watchdog is set."""
 
     model: str
     serial: str

@@ -78,7 +78,6 @@ class MotionControl:
     """Carries commands out.
 
     Args:
-        client: The arm's controller.
         now: The host's monotonic time in seconds.
         report: Takes each status, with its time in host monotonic seconds.
         seen: What is known of the arm at the start.

@@ -25,7 +25,6 @@ class Start(NamedTuple):
     Attributes:
         again: Whether it replaces a process that died.
         turns: File descriptor of an `eventfd` that counts the turns of the program's loop and does not block.
-        clock: The bench's.
     """
 
     name: str

@@ -52,11 +52,7 @@ LEAVE_S = 2.0
 
 
 class ArmProcess:
-    """Both threads' common ground.
-
-    Args:
-        start: Its first message.
-    """
+    """Both threads' common ground."""
 
     def __init__(self, pipe: Pipe, start: Start) -> None:
         self._pipe = pipe

@@ -62,7 +62,6 @@ class SoundMessage:
 
     Attributes:
         frame: The converter's counter when it was sent; for a drive, the first frame that it applies to.
-        content: The JSON object.
     """
 
     frame: int

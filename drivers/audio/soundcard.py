@@ -211,7 +211,6 @@ class _Callback:
     equal until something is lost.
 
     Args:
-        clock: Time-stamps buffers.
         round_trip_s: Least time assumed from output to input, whatever the card reports.
         driven: Output channels that the drive goes out on.
 
@@ -219,7 +218,6 @@ class _Callback:
         overruns: How often the card reported input as lost or made up.
         underruns: The same of output.
         sweeps: Chirps whose end has arrived at the input, by the latency that the card reports.
-        closing: It is meant to end.
     """
 
     def __init__(self, clock: Clock, round_trip_s: float, driven: Sequence[int]) -> None:

@@ -32,12 +32,9 @@ class SourceFound:
 
     Attributes:
         what: What it is, to begin a sentence with: "the recording take.wav".
-        model: For the manifest.
         rate_hz: Frames a second.
         bits: Of a sample; None where it is not reported.
         clock: Name of the clock that its frames count.
-        serial: Its serial number, or "".
-        version: Its version, or "".
     """
 
     what: str

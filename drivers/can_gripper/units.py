@@ -78,7 +78,6 @@ class GripperUnits(JawUnits):
 
     Args:
         closed_width_m: Opening of the closed jaws: set by the brackets that the fingers stand on.
-        force_n_per_ma: Force for each mA.
     """
 
     force_min_n = FORCE_MIN_N

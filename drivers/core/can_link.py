@@ -75,8 +75,6 @@ class PeriodicQuestion:
 
     Attributes:
         answers: Identifiers of the frames that answer it.
-        period_s: Time between two cycles.
-        answer_s: How long an answer may take.
     """
 
     frame: CanFrame
@@ -100,10 +98,6 @@ class ReceivedFrame(NamedTuple):
 
 def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
     """Open a CAN bus.
-
-    Args:
-        device: Name in the profile, for errors.
-        clock: Time-stamps frames, and times the cycles.
 
     Raises:
         PortError: absent, busy, forbidden, or no such interface: one line with what to do.

@@ -25,7 +25,6 @@ def compiled(
 
     Args:
         signature: The one that it is compiled for; without, it is compiled for what it is first called with.
-        options: numba's own.
     """
 
     def decorate(function: Callable[..., Returned]) -> Callable[..., Returned]:
@@ -44,9 +43,7 @@ class Kernel:
     """A function that is compiled when it is called, or when a kernel that calls it is.
 
     Args:
-        function: What it is compiled from.
         signature: The only one that it takes, or None.
-        options: numba's own.
     """
 
     def __init__(self, function: Callable[..., Any], signature: str | None, options: dict[str, Any]) -> None:

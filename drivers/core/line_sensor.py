@@ -34,8 +34,6 @@ class LineIdentity(NamedTuple):
     """What a sensor says of itself.
 
     Attributes:
-        model: As it is named.
-        serial: Its own number.
         stream: Its samples; the name as in `<device>.force`, the unit and scale of a count.
         wrap_s: After how long its clock is zero again; None never.
         counter_modulus: At which its counter of samples is zero again; None where it counts none.
@@ -63,9 +61,6 @@ class LineSensor(WireDriver[SerialLink]):
 
     Attributes:
         channel: Of its stream: `force` is `<device>.force`.
-        query: Asks who it is.
-        start: Has it send samples.
-        stop: Ends them.
     """
 
     channel: ClassVar[str]

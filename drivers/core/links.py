@@ -61,11 +61,6 @@ class SerialPort(Settings):
 def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
     """Open a serial port, or a pty, for this program alone.
 
-    Args:
-        device: Name in the profile, for errors.
-        where: It is.
-        clock: Time-stamps arriving bytes.
-
     Raises:
         PortError: absent, busy, forbidden or no serial port: one line with what to do.
     """

@@ -21,7 +21,6 @@ class StreamInfo:
 
     Attributes:
         name: `device.stream`, as profiles write it.
-        channels: Names.
         unit: SI unit of `scale` times a raw count.
         scale: Units per raw count.
         rate_hz: Sample rate; None where samples come at irregular times, each with its own.
@@ -66,11 +65,9 @@ class SampleBlock:
     Attributes:
         stream: `device.stream`.
         seq: Number of the first sample since the stream began; a jump is loss. Extended, never wraps.
-        t0_s: Bench time of the first sample.
         values: Shape (n, channels), raw counts or floats.
         rate_hz: Sample rate, or None where `times_s` gives each sample's bench time, shape (n,).
         unit: Unit of `values * scale`.
-        scale: Units per raw count.
         device_t0_s: The device's own time of the first sample, unwrapped, before any clock model.
         arrival_s: Bench time at which the host had the whole block in hand.
     """
@@ -132,7 +129,6 @@ class Command:
     """Asks one device for one thing.
 
     Attributes:
-        device: Its name in the profile.
         id: Number that the loop gives it on its way to the device, from 1 within a trial; 0 where it has none.
             What a command asks for is the same under any number.
     """
@@ -221,7 +217,6 @@ class Grip(Command):
 
     Attributes:
         width_m: Opening to go to: less than the object's width grips it from outside, more from inside.
-        speed_m_s: How fast the opening changes.
         force_n: How hard the jaws press at the most.
     """
 
@@ -264,7 +259,6 @@ class Chirp(Command):
     Attributes:
         from_hz: Frequency at the beginning.
         to_hz: Frequency at the end.
-        duration_s: Length of the sweep.
         level: Amplitude as a share of full scale, 0 to 1.
     """
 
@@ -333,8 +327,6 @@ class Status:
     """Something that a device reported, at bench time `t_s`.
 
     Attributes:
-        t_s: When.
-        device: Its name in the profile.
         command_id: The command that it is about (`Command.id`); 0 where it is about the device and no command.
     """
 
@@ -444,12 +436,7 @@ class DeviceInfo:
     """What `open` found.
 
     Attributes:
-        device: Name in the profile.
-        model: As the device reports it.
-        serial: Its serial number, or "".
         version: Firmware, or "".
-        streams: What it can send, by `device.stream`.
-        mover: True where it can move.
         clock: Name of the clock that stamps its samples.
         details: Limits and settings found or set in the device, for the manifest.
     """

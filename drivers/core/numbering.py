@@ -169,7 +169,6 @@ class Samples:
         Args:
             t_s: Its time, in seconds.
             arrival_s: When it was in hand, in seconds.
-            values: Of its channels.
             device_s: The device's own time, in seconds.
         """
         if not self._runs or seq != self._runs[-1][0] + len(self._runs[-1][1]):
@@ -200,7 +199,6 @@ class SampleStream:
 
     Args:
         bench: Turns monotonic time into bench time.
-        counter_modulus: See `StreamTrack`.
     """
 
     def __init__(
@@ -226,8 +224,6 @@ class SampleStream:
         """Take a sample; returns its bench time and what was lost before it, as `Placed` has it.
 
         Args:
-            values: Of its channels.
-            shown_s: What the device's clock showed.
             arrival_s: Monotonic time at which it was in hand.
             counter: Its number by the device, where it has one.
         """

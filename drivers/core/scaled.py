@@ -63,7 +63,6 @@ class ScaledStreams:
     """A device's streams and their zeros.
 
     Args:
-        device: Its name in the profile.
         streams: By their own names.
 
     Attributes:

@@ -218,8 +218,6 @@ class Inquiry:
     """Queries to a device while it is being opened, one at a time.
 
     Attributes:
-        doing: For errors.
-        clock: Times the answers.
         timeout_s: When a query is repeated.
         strange: Describes what arrived that was no answer; "" where nothing did.
         stranger: Advice where something did.

@@ -128,7 +128,6 @@ class Frame:
 
     Attributes:
         time_ms: The controller's clock, u32.
-        rle: Whether it came run-length encoded.
         texels: Shape (cells,): matrix after matrix, each row after row; 12 bits.
     """
 

@@ -71,7 +71,6 @@ class PacketDecoder:
     Memory is bounded by `MAX_PAYLOAD_BYTES`.
 
     Attributes:
-        good: Packets so far.
         bad_crc: Packets so far whose CRC was wrong.
         passed_over: Bytes so far that belong to no packet: noise at power-up, and what faults leave behind.
         noise: The latest of these bytes, for error messages.

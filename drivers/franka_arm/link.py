@@ -35,12 +35,7 @@ FAULTS = {
 
 
 class FrankaLink:
-    """Implements `drivers.arm.link.ArmLink` and `drivers.arm.link.Client`: franky is safe from both threads.
-
-    Args:
-        settings: Of the arm.
-        clock: The bench's.
-    """
+    """Implements `drivers.arm.link.ArmLink` and `drivers.arm.link.Client`: franky is safe from both threads."""
 
     package: ClassVar[str] = "franky-control"
     extra: ClassVar[str] = "franka"

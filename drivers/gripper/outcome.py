@@ -77,8 +77,6 @@ class GripperOutcome:
         """A command has been sent at bench time `sent_s`; older ones are no longer reported on.
 
         Args:
-            command: As it was sent.
-            sent_s: When.
             drives: Whether it drives the jaws: a `Stop` of jaws at rest and a `Home` of known ends only ask.
         """
         self._command, self._sent_s, self.busy = command, sent_s, True

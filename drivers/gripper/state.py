@@ -23,12 +23,7 @@ class GripperState:
         position: 0 open to 255 closed; means nothing before calibration.
         current_ma: Of the motor: negative closes, positive opens. What a gripper presses with, in counts of its own,
             where it tells no current.
-        finding: What became of the motion.
-        activated: Its drive is awake.
         going: It was told to move.
-        over_temperature: Fault.
-        watchdog: Fault.
-        estop: Fault: the emergency stop is up.
         calibrated: It knows its ends.
         trouble: Another fault, in words.
     """

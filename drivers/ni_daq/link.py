@@ -54,10 +54,6 @@ class DaqBlock(NamedTuple):
 def open_daq(device: str, settings: NiDaqSettings, clock: Clock) -> DaqLink:
     """Begin to sample.
 
-    Args:
-        device: Name in the profile, for errors.
-        clock: Time-stamps what is read.
-
     Raises:
         PortError: library, driver, server or device are missing.
         RefusedError: the device does not take what is asked for.
@@ -177,14 +173,10 @@ class DaqLink:
     """Tasks with their reader thread, which fills a queue and raises nothing.
 
     Args:
-        device: Name in the profile.
         ending: Closes tasks and server.
         reads: Reads samples into the array beside it, of each task.
         found: The device's model and serial number.
         output: Its analog output, where it has one.
-
-    Attributes:
-        found: As given.
     """
 
     def __init__(

@@ -35,11 +35,8 @@ class DaqOutput:
     """Volts at an output: 0 from the beginning to the end, but for what is ordered between.
 
     Args:
-        device: Name in the profile.
         terminal: The output, as `Dev1/ao0`.
-        drive: Its bounds.
         remote: Where the device is, as `nidaqmx.Task` takes it.
-        clock: Time-stamps what was written.
 
     Attributes:
         fault: Why it can no longer be written to, or None.

@@ -53,7 +53,6 @@ class RobotiqModel(NamedTuple):
     Attributes:
         stroke_m: Opening of the open jaws.
         counts: Positions of the open and the closed jaws. Assumption: what public clients' calibrations find.
-        force_n: Least and greatest force.
         speed_m_s: Least and greatest rate of the opening.
     """
 
@@ -84,7 +83,6 @@ class RobotiqUnits(JawUnits):
     """Turns widths, speeds and forces into counts and back; forces and speeds are linear in them (data sheet).
 
     Args:
-        model: Of the gripper.
         closed_width_m: Opening between the fingers where the jaws are closed.
         open_width_m: The same where they are open.
         counts: Positions there: open, closed.

@@ -23,11 +23,6 @@ class BoardLimits(Settings):
     def checked(self, device: str, streams: Iterable[str], command: Command) -> Command:
         """The command as the board will see it: a tendon's position is rounded to the micrometre.
 
-        Args:
-            device: Name in the profile.
-            streams: That the board has.
-            command: As asked for.
-
         Raises:
             CommandError: not for this board, not finite or out of range.
         """

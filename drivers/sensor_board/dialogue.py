@@ -17,10 +17,7 @@ class BoardOrder:
     """An order on its way.
 
     Attributes:
-        code: What it asks for.
-        argument: Its argument, if it has one.
         command: The command that it carries out, or None for the driver's own.
-        frame: Its bytes.
         sent_s: Monotonic time in seconds at which its last byte was first written; None where it was not.
         due_s: When the reply should be here, in `BoardDialogue`'s time.
         repeated: It has been written twice.
@@ -50,12 +47,6 @@ class BoardDialogue:
     An order without a reply is written once more, under its tag. Orders set a state, so repeating one does no harm,
     unless a newer one on the same thing was sent; then it is dropped. One that stays without a reply is a fault of
     the board. Nothing here waits. Its time (`attended_s`) stands still while the host is away.
-
-    Args:
-        link: The open port.
-
-    Attributes:
-        timeout_s: How long a reply may take.
     """
 
     def __init__(self, link: SerialLink, timeout_s: float) -> None:

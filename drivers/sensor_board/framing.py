@@ -42,7 +42,6 @@ class BoardFrameDecoder:
     Loss shows in the samples' counter, not in these counts.
 
     Attributes:
-        good: Frames so far.
         bad_crc: Frames so far whose CRC was wrong.
         bad_cobs: Frames so far that were no COBS.
         overlong: Frames so far that were given up.

@@ -35,8 +35,6 @@ class BoardStreams:
     the board's.
 
     Args:
-        infos: The board's streams by their id.
-        clock: Turns monotonic time into bench time.
         max_drift_ppm: Bound on the drift of the board's clock.
 
     Attributes:

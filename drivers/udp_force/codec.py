@@ -61,7 +61,6 @@ class ForceRecord(NamedTuple):
     Attributes:
         rdt: Number of the record in its stream.
         ft: Number of the sample by the sensor's own clock.
-        status: Its status word.
         counts: Fx, Fy, Fz, Tx, Ty, Tz.
     """
 

@@ -76,12 +76,6 @@ def _rtde_sockets() -> Iterator[tuple[int, int]]:
 class RtdeClient:
     """The control interface of one arm; see `drivers.arm.link.Client`.
 
-    Args:
-        dashboard: A connection of our own.
-        clock: For what takes too long.
-        latest: The arm's latest row.
-        receiving: The receive interface's link.
-
     Attributes:
         tcp_offset: The tool's point in the flange's frame, as the controller has it: m and rotation vector.
 

@@ -40,11 +40,7 @@ UP = "is the cable in, and the controller up?"
 
 
 class UrLink:
-    """Implements `drivers.arm.link.ArmLink`: the receive interface here, the control interface as `client`.
-
-    Args:
-        clock: The bench's.
-    """
+    """Implements `drivers.arm.link.ArmLink`: the receive interface here, the control interface as `client`."""
 
     package: ClassVar[str] = "ur_rtde"
     extra: ClassVar[str] = "ur"

@@ -18,8 +18,6 @@ class StageQuestion:
         id: Under which it was last written.
         first_s: Monotonic time of its first writing.
         sent_s: Likewise of its last.
-        reply: The answer, once it has come.
-        arrival_s: Monotonic time at which it came.
     """
 
     text: str
@@ -38,9 +36,7 @@ class StageDialogue:
     driver may safely be repeated. Late and garbled lines are dropped. Nothing here waits.
 
     Args:
-        link: The open port.
         address: Device number on the line.
-        clock: For what is overdue.
         retry_s: When to ask again, in seconds.
 
     Attributes:

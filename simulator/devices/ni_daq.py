@@ -23,13 +23,6 @@ class EmulatedNiDaq:
     """Samples its inputs from its first moment on, without noise of its own, within its range; its output switches what
     excites the bench.
 
-    Args:
-        settings: Of its driver.
-        bench: What its sensors are on.
-
-    Attributes:
-        next: Number of its next sample.
-
     Raises:
         RefusedError: an input that is named shows nothing of this bench.
     """

@@ -40,11 +40,9 @@ class DaqTask:
     """A task: its channels, what it has read or will write.
 
     Attributes:
-        channels: By their full names.
         columns: Places of its inputs among the device's; None of an output.
         started: Whether it samples, a counter with the analog inputs.
         number: Next sample to be read; None before there is one.
-        limit_v: Of an output.
         volts: What waits for the start.
     """
 
@@ -63,11 +61,9 @@ class NiDaqServer:
     come from `exchange`.
 
     Args:
-        settings: Of the driver.
         device: Whose inputs are sampled.
 
     Attributes:
-        endpoint: Where it is.
         given_hz: Rate at which it samples instead of the one that is asked for; 0: at that.
         asked: Analog inputs as they were asked for, in order.
         written: Volts that were written to the output, in order; of a sine its amplitude.

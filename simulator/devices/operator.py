@@ -35,9 +35,6 @@ class EmulatedPerson:
     """Does what the latest request states; hangs one load at a time.
 
     A weight of a given size is the same piece in all trials of a run, with the same error.
-
-    Attributes:
-        ready_s: When its request will be done.
     """
 
     def __init__(self, settings: HandSettings, bench: Bench) -> None:

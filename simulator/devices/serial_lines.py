@@ -37,7 +37,6 @@ class EmulatedSerialLines:
 
     Args:
         settings: Of its driver: columns, units, format.
-        bench: What its sensors are on.
 
     Raises:
         RefusedError: a column that is named shows nothing of this bench.

@@ -25,11 +25,6 @@ class ShownColumn(NamedTuple):
 class ShownColumns:
     """What all columns of a device show.
 
-    Args:
-        streams: Of the profile.
-        bench: What the device's sensors are on.
-        device: For errors.
-
     Attributes:
         columns: Numbers or names, in the order of `at`.
 

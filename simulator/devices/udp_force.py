@@ -37,9 +37,6 @@ class EmulatedUdpForce:
     Args:
         settings: Of its driver; what they leave open is `BOX`.
         bench: Whose tool is on the sensor.
-
-    Attributes:
-        box: What its page of settings says.
     """
 
     datagram = RECORD_BYTES

@@ -24,11 +24,9 @@ class MemoryLine:
 
     Args:
         device: The far end: `receive(data, t_s)` and `step(t_s)`, both bytes out, and `inject(kind, t_s)`.
-        clock: Of both ends.
         faults: What goes wrong with the device and its line, and when.
 
     Attributes:
-        faults: The same.
         fault: Why the line is gone, or None.
     """
 
@@ -94,7 +92,6 @@ class OverMemory(WireDriver[Any]):
     Args:
         settings: `MockXSettings`: the real one's, without a port.
         bench: What the far end is wired to.
-        faults: What goes wrong, and when.
     """
 
     _far_end: Callable[[Any, Any], Any]
@@ -124,8 +121,6 @@ class MockDriver(Driver):
 
     Args:
         settings: Of the device: `MockXSettings` beside `MockX`.
-        bench: What the device is wired to.
-        faults: What goes wrong, and when.
 
     Raises:
         RefusedError: the bench has not what the device needs.

@@ -178,7 +178,6 @@ class AuraPlant:
             times_s: Since the trial began, shape (n,).
             frequency_hz: Of the drive, shape (n,).
             level: Of the drive, shape (n,).
-            fingers: Which are computed.
 
         Returns:
             Shares of full scale, shape (n, 2); 0 for a finger that is not computed.

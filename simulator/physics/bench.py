@@ -52,9 +52,6 @@ class BenchPart:
     def begin(self, settings: Any, factors: Mapping[str, Any]) -> None:
         """Be as a trial begins, at the bench's present time.
 
-        Args:
-            settings: Of the plant, for this trial.
-
         Raises:
             RefusedError: this trial cannot be.
         """
@@ -98,11 +95,9 @@ class Bench:
 
     Attributes:
         t_s: How far time has passed here.
-        origin_s: When the present trial began.
         key: Seed of the run and number of the trial, which key every noise.
         observed: What the sensor board and others read of the sensors.
         felt: Whether the mover's own force sensor is read.
-        mover: What carries the tool, or None.
     """
 
     def __init__(self, settings: Settings, tool: str, one_axis: str = "") -> None:
@@ -164,7 +159,6 @@ class Bench:
         """Put the bench into a trial's scene at time `t_s`: the tool is where it is.
 
         Args:
-            t_s: Present time of the devices.
             seed: Of the run; keys the noise together with `trial`.
             factors: Its factors; those that are settings of this plant stand before the plant section.
             plant: The profile's plant section for this trial.
@@ -258,7 +252,6 @@ def part(
     """What a device is wired to.
 
     Args:
-        bench: As the profile's plant makes it.
         device: Name of the device that needs it.
 
     Raises:

@@ -132,7 +132,6 @@ class FingerPlant:
         """Let time pass.
 
         Args:
-            until_s: The new present.
             observe: Channels that will be read for this span.
 
         Raises:

@@ -35,7 +35,6 @@ class FingerCourse:
     """Runs the kernel, and takes out of its books what it wrote.
 
     Args:
-        finger: The scene's constants.
         t_s: The trial's start.
 
     Attributes:
@@ -100,8 +99,6 @@ class FingerCourse:
         Args:
             settle: Cut the piece under way there, for something is about to change.
             channels: Sum of the kernel's bits of what is to be recorded.
-            periods: Keep the periods.
-            switches: Keep all switches.
 
         Raises:
             RuntimeError: more pieces than can be meant.
@@ -179,7 +176,6 @@ class FingerCourse:
             which: 0 the accelerometer, 1 the force, 2 the second accelerometer.
             times_s: Ascending, shape (n,).
             out: Written, shape (n,).
-            before: The span before.
         """
         kernel.read(self._books_before if before else self._books, which, times_s, out)
 

@@ -38,7 +38,6 @@ class Lock(NamedTuple):
 
     Attributes:
         x: State at a rising edge of the oscillator, shape (STATES,).
-        comparator: The comparator at that edge.
         swing_rad: Largest theta while it locks, judged at the edges from angle and speed.
         forgets_per_s: Rate at which small deviations die away.
         locked_s: From rest until a hundredth of the deviation is left, after which it dies away at that rate.

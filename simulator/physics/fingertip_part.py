@@ -35,7 +35,6 @@ class FingertipPart(BenchPart):
     turns the tip about the axis of its cylinder: moving by radius x angle while it turns, it rolls without slipping.
 
     Attributes:
-        sensor: At the tip.
         truth: When contact and slip really began and ended in this trial.
     """
 

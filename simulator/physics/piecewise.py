@@ -217,7 +217,6 @@ def rising(terms: Floats, degree: int, parts: int, sign: float, level: float) ->
         degree: Highest term that counts, 2 or more.
         parts: Steps with which the search begins, from `parts_for`.
         sign: 1 or -1.
-        level: What is crossed.
     """
     g = sign * terms[0] - level
     # in [0, 1] a polynomial is a weighted mean of its partial sums

@@ -431,7 +431,6 @@ def amplify(
     Args:
         values: Shape (n,).
         numbers: Of the samples, shape (n,).
-        e: What is added.
         key: Seed of the run and number of the trial.
         out: Written, shape (n,).
     """

@@ -22,9 +22,6 @@ follow each other within some milliseconds."""
 class Track:
     """The latest samples of a plant, by their numbers; number 0 is rest, when the trial begins.
 
-    Args:
-        width: Values of a sample.
-
     Attributes:
         count: Number of the last sample.
     """

@@ -142,11 +142,7 @@ class ClockPage:
 
 
 class BenchClock(Clock):
-    """Bench time of an emulated bench.
-
-    Args:
-        page: The bench's.
-    """
+    """Bench time of an emulated bench."""
 
     def __init__(self, page: ClockPage) -> None:
         self._page = page
@@ -214,9 +210,6 @@ class Pace:
 
     Args:
         free: Time passes with the wall, however late the clients: to measure what a machine can do.
-
-    Attributes:
-        page: Where it is written.
     """
 
     def __init__(self, free: bool = False) -> None:

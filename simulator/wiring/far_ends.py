@@ -74,7 +74,6 @@ class FarEnd:
 
         Args:
             ready: What of `waited` can be read.
-            t_s: Present time.
             trial_s: Present time since the trial began, as faults count it.
 
         Returns:

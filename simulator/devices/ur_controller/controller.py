@@ -103,8 +103,6 @@ class UrController:
         t_s: The controller's time: steps of 2 ms since it was made.
         epoch_s: The surroundings' time at which `t_s` was zero.
         inputs: Input registers, and what else a client has written, by RTDE name.
-        outputs: Output registers by RTDE name.
-        panel: The slider, digital and analog outputs.
         safety: Why it would not move, or NORMAL.
         remote: Whether remote control is on at the pendant.
         accepts_scripts: False makes it ignore uploads, as in local control.

@@ -83,8 +83,6 @@ class Recipe:
 
     Args:
         number: The recipe's id, from 1 on.
-        names: Variables, in order.
-        types: Their types (`DOUBLE`, `VECTOR6D`…), in order.
     """
 
     def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:

@@ -86,7 +86,6 @@ class ControlScript:
     """One run of the script.
 
     Args:
-        controller: Whose registers and arm it uses.
         offset: Number of its first register: 0 or 24.
     """
 

@@ -48,7 +48,6 @@ class UrServer:
         deaf: True makes it accept RTDE connections and answer none.
         streams: False makes it send no data packages.
         silent_until_s: Host time until which nothing goes out on RTDE.
-        host: The address that it listens on.
         next_s: Host time of the controller's next cycle.
         clock: For the controller's cycles; to be set before it opens.
         bench_s: The surroundings' time of a host time.

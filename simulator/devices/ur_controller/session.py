@@ -32,11 +32,9 @@ class RtdeSession:
     """What one connection has agreed on with the controller.
 
     Args:
-        controller: Whose variables it reads and writes.
         taken: Names of the inputs that have a writer, shared by all sessions: each has at most one.
 
     Attributes:
-        streaming: Whether data packages go out.
         writes: Whether this client has set up any input: the control interface has, the receive one has not.
     """
 
