@@ -169,11 +169,7 @@ SOURCES: Mapping[str, tuple[str, str, Callable[[Callable[[str], bytes]], dict[st
         "28955a7",
         beam,
     ),
-    "arm": (
-        "JKU-Linz-Institute-of-Robotics/ur10e_force_control_comparison",
-        "3b9b1b2",
-        arm,
-    ),
+    "arm": ("JKU-Linz-Institute-of-Robotics/ur10e_force_control_comparison", "3b9b1b2", arm),
 }
 """Repository on GitHub, commit, and what reads the arrays to keep by a function that returns a file's bytes."""
 

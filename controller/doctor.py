@@ -269,10 +269,7 @@ SOUND = {
     "remote_control": ("true", "switch remote control on at the pendant"),
     "speed_slider": ("1", "it is slower than the profile says: move the slider at the pendant to 100 %"),
     "realtime": ("True", "its process runs without real-time priority: see the right to run in real time"),
-    "not_stated_by_the_profile": (
-        "",
-        "give them: what the controller counts with is compared with nothing",
-    ),
+    "not_stated_by_the_profile": ("", "give them: what the controller counts with is compared with nothing"),
 }
 """What a device may say of itself, how that should be, and what to do where it is not."""
 

@@ -119,12 +119,7 @@ def margins(session: HandSession, limits: GuardSettings, stream: str = "") -> It
 
 
 def jog_lines(
-    session: HandSession,
-    mover: str,
-    limits: GuardSettings,
-    keys: Motions,
-    refused: Sequence[str],
-    doing: str,
+    session: HandSession, mover: str, limits: GuardSettings, keys: Motions, refused: Sequence[str], doing: str
 ) -> Sequence[str]:
     """What a person who moves a device by keys looks at: the keys, what goes on, where it stands, the margins."""
     named = "   ".join(

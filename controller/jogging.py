@@ -12,18 +12,7 @@ from controller.by_hand import HandSession
 from controller.guard import Guard, GuardRefusal
 from controller.limits import GuardSettings, MoverLimits
 from drivers.core.axis import AxisLimits
-from drivers.core.messages import (
-    ANSWERS,
-    Command,
-    Grip,
-    Home,
-    Lead,
-    MoveAt,
-    Release,
-    Status,
-    Stop,
-    Twist,
-)
+from drivers.core.messages import ANSWERS, Command, Grip, Home, Lead, MoveAt, Release, Status, Stop, Twist
 
 HOLD_S = 0.2
 """How long a motion goes on after its last key. A held key comes again every 30 to 90 ms (usual terminals); before it
@@ -39,14 +28,7 @@ PRESS_N = 10.0
 """How hard jaws that are closed by hand press (assumption: little more than the SSG-48's least, 6.9 N)."""
 
 FORWARD, BACK = "\x1b[C", "\x1b[D"
-ARROWS = {
-    FORWARD: "f",
-    BACK: "b",
-    "\x1b[1;2C": "F",
-    "\x1b[1;2D": "B",
-    "\x1bOC": "f",
-    "\x1bOD": "b",
-}
+ARROWS = {FORWARD: "f", BACK: "b", "\x1b[1;2C": "F", "\x1b[1;2D": "B", "\x1bOC": "f", "\x1bOD": "b"}
 """Arrow keys, with Shift or without, as terminals send them, and the letters that mean the same."""
 
 ENDING = ("q", "\x1b", "\x03", "\x04")

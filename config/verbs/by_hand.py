@@ -24,12 +24,7 @@ if TYPE_CHECKING:
 POSE_S = 2.0
 """How long an arm is given to tell its pose."""
 
-CODES = {
-    "done": verbs.DONE,
-    "guard": verbs.GUARD,
-    "fault": verbs.DEVICE,
-    "interrupted": verbs.INTERRUPTED,
-}
+CODES = {"done": verbs.DONE, "guard": verbs.GUARD, "fault": verbs.DEVICE, "interrupted": verbs.INTERRUPTED}
 
 
 def bench_options(verb: Callable[..., Any]) -> Callable[..., Any]:

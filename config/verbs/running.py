@@ -225,10 +225,7 @@ def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reporte
     from config.jobs import cluster, cores
     from config.parts import carry_on
 
-    workers = [
-        *(["--jobs", str(jobs)] if jobs else []),
-        *(["--scheduler", scheduler] if scheduler else []),
-    ]
+    workers = [*(["--jobs", str(jobs)] if jobs else []), *(["--scheduler", scheduler] if scheduler else [])]
     with closing(cluster(scheduler) if scheduler else cores(jobs)) as crew:
         code = carry_on(folder, run, resume, workers, crew, verbs.say)
     if reported and folder.runs:

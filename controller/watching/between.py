@@ -20,10 +20,7 @@ class Between:
     """
 
     def __init__(
-        self,
-        operator: ConsoleOperator,
-        poll: Callable[[], str | None],
-        show: Callable[[str, float], None],
+        self, operator: ConsoleOperator, poll: Callable[[], str | None], show: Callable[[str, float], None]
     ) -> None:
         self._operator, self._poll, self._show = operator, poll, show
         self.possible = self.hold = False

@@ -105,11 +105,7 @@ class ArmDriver(Driver):
 
     def account(self) -> Mapping[str, object]:
         """Rows that came since it was made, rows that did not, and how often the link was lost."""
-        return {
-            "rows": self._streams.rows,
-            "rows_lost": self._streams.missed,
-            "links_lost": self._links_lost,
-        }
+        return {"rows": self._streams.rows, "rows_lost": self._streams.missed, "links_lost": self._links_lost}
 
     # --- opening ---------------------------------------------------------------------------------------
 

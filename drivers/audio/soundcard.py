@@ -310,12 +310,7 @@ class _Callback:
             frames = round(asked.duration_s * RATE_HZ)
             self._wave_end = first + frames
             self._wave = partial(
-                chirp,
-                begin=first,
-                from_hz=asked.from_hz,
-                to_hz=asked.to_hz,
-                frames=frames,
-                level=asked.level,
+                chirp, begin=first, from_hz=asked.from_hz, to_hz=asked.to_hz, frames=frames, level=asked.level
             )
 
     def _missing(self, time: Any) -> int:

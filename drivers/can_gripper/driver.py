@@ -25,15 +25,7 @@ from drivers.can_gripper.codec import (
 )
 from drivers.core.can_link import CanLink, CanPort, ReceivedFrame, open_can, strange_frames
 from drivers.core.errors import CodecError
-from drivers.core.messages import (
-    Command,
-    DeviceInfo,
-    Grip,
-    Release,
-    SampleBlock,
-    Stop,
-    StreamInfo,
-)
+from drivers.core.messages import Command, DeviceInfo, Grip, Release, SampleBlock, Stop, StreamInfo
 from drivers.core.numbering import Samples
 from drivers.core.wire import Inquiry, WireDriver
 from drivers.gripper.outcome import GripperOutcome

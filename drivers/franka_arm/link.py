@@ -105,13 +105,7 @@ class FrankaLink:
         self._force = _six(state.O_F_ext_hat_K)
         force = _six(part - zero for part, zero in zip(self._force, self._zero, strict=True))
         return ArmRow(
-            arrival_s,
-            1e-3 * cycle_ms,
-            _pose(state.O_T_EE),
-            _six(twist),
-            force,
-            self._fault,
-            not self._fault,
+            arrival_s, 1e-3 * cycle_ms, _pose(state.O_T_EE), _six(twist), force, self._fault, not self._fault
         )
 
     def check(self) -> None:

@@ -12,16 +12,7 @@ from pydantic import Field
 from drivers.core.clock import Clock
 from drivers.core.errors import CodecError, PortError, wrong
 from drivers.core.links import LineBuffer, SerialLink, SerialPort, open_serial
-from drivers.core.messages import (
-    Answered,
-    Ask,
-    Command,
-    DeviceInfo,
-    Loaded,
-    LoadWeight,
-    Refused,
-    StreamInfo,
-)
+from drivers.core.messages import Answered, Ask, Command, DeviceInfo, Loaded, LoadWeight, Refused, StreamInfo
 from drivers.core.protocols import Question
 from drivers.core.wire import Inquiry, WireDriver
 from drivers.operator.codec import BRIDGES, LINE_MAX, decode, encode, request_of, request_text

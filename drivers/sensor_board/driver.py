@@ -123,11 +123,7 @@ class SensorBoard(WireDriver[SerialLink]):
         hello = self._hello(link)
         self._infos = {
             stream.id: stream_info(
-                f"{self.name}.{stream.name}",
-                stream.channel_names,
-                stream.unit,
-                stream.scale,
-                stream.rate_hz,
+                f"{self.name}.{stream.name}", stream.channel_names, stream.unit, stream.scale, stream.rate_hz
             )
             for stream in hello.streams
         }

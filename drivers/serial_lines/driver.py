@@ -9,13 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from drivers.core.clock_model import DeviceClock, HostClock
-from drivers.core.errors import (
-    CodecError,
-    DeviceError,
-    PortError,
-    ProtocolError,
-    SilentError,
-)
+from drivers.core.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
 from drivers.core.line_sensor import LineSample, LineSensor
 from drivers.core.links import SerialLink
 from drivers.core.messages import Command, DeviceInfo, Tare

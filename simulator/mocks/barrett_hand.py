@@ -13,13 +13,7 @@ from pydantic import Field, Strict
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.core.errors import check_streams, wrong
-from drivers.core.messages import (
-    Command,
-    DeviceInfo,
-    Listen,
-    SampleBlock,
-    Tare,
-)
+from drivers.core.messages import Command, DeviceInfo, Listen, SampleBlock, Tare
 from simulator.devices.barrett_hand import counts
 from simulator.mocks.base import MockSensor
 from simulator.physics.bench import part

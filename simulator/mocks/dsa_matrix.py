@@ -9,13 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from drivers.core.errors import check_streams, wrong
-from drivers.core.messages import (
-    Command,
-    Listen,
-    SampleBlock,
-    Saturated,
-    StreamInfo,
-)
+from drivers.core.messages import Command, Listen, SampleBlock, Saturated, StreamInfo
 from drivers.core.settings import Settings
 from drivers.dsa_matrix import codec
 from simulator.devices.dsa_matrix import counts

@@ -8,14 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.core.messages import (
-    Command,
-    Excite,
-    Listen,
-    SampleBlock,
-    SetTendon,
-    Tare,
-)
+from drivers.core.messages import Command, Excite, Listen, SampleBlock, SetTendon, Tare
 from drivers.sensor_board.commands import BoardLimits
 from drivers.sensor_board.streams import stream_info
 from simulator.mocks.base import MockSensor
