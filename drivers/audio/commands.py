@@ -25,8 +25,6 @@ def checked(name: str, command: Command) -> Command:
     Raises:
         CommandError: it cannot.
     """
-    if command.device != name:
-        raise wrong(name, command, f"it is for {command.device}", f"send it to {command.device}")
     match command:
         case Listen():
             check_streams(name, command, command.streams, (f"{name}.{STREAM}",))

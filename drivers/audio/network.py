@@ -20,6 +20,7 @@ from drivers.audio.settings import AudioSettings
 from drivers.audio.source import Drive, SourceEvent, SourceFound, Swept
 from drivers.core.clock import Clock
 from drivers.core.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
+from drivers.core.links import drained
 from drivers.core.messages import Chirp, Refused, Tone
 from drivers.core.wire import OPENING_S
 
@@ -268,10 +269,7 @@ class _Link:
 
     def receive(self) -> list[tuple[float, bytes]]:
         """What has arrived since the last call: (monotonic arrival in seconds, bytes), in order."""
-        chunks = []
-        with suppress(IndexError):
-            while True:
-                chunks.append(self._arrived.popleft())
+        chunks = drained(self._arrived)
         self._taken_bytes += sum(len(data) for _, data in chunks)
         return chunks
 

@@ -16,7 +16,8 @@ from drivers.audio.oscillator import chirp, tone
 from drivers.audio.settings import FULL_SCALE, RATE_HZ, AudioSettings
 from drivers.audio.source import Drive, SourceEvent, SourceFound, Swept
 from drivers.core.clock import Clock
-from drivers.core.errors import PortError, lacking
+from drivers.core.errors import PortError, first_line, lacking
+from drivers.core.links import drained
 from drivers.core.messages import Chirp, Refused, Tone
 
 WAITING_PACKETS: Final = 4096
@@ -88,7 +89,7 @@ class SoundCard:
             )
             self._stream.start()
         except sounddevice.PortAudioError as error:
-            reason = f"{chosen['name']} does not open at {RATE_HZ} Hz ({_first(error)})"
+            reason = f"{chosen['name']} does not open at {RATE_HZ} Hz ({first_line(error)})"
             advice = "is it held by another program, and can it do 96 kHz?"
             raise PortError(self._device, "opening the sound card", reason, advice) from error
         return SourceFound(
@@ -247,10 +248,7 @@ class _Callback:
 
     def take(self) -> list[Sound]:
         """Packets since the last call."""
-        taken = []
-        while self._packets:
-            taken.append(self._packets.popleft())
-        return taken
+        return drained(self._packets)
 
     def input(self, indata: NDArray[np.int32], frames: int, time: Any, status: Any) -> None:
         """Of a card without output."""
@@ -326,7 +324,3 @@ def _reported_round_trip(time: Any) -> float:
     adc_s, dac_s = float(time.inputBufferAdcTime), float(time.outputBufferDacTime)
     reported_s = dac_s - adc_s if adc_s > 0.0 else 0.0
     return reported_s if 0.0 < reported_s < ROUND_TRIP_MAX_S else 0.0
-
-
-def _first(error: Exception) -> str:
-    return str(error.args[0]).splitlines()[0] if error.args else type(error).__name__

@@ -12,10 +12,10 @@ from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.core.can_link import CanLink, CanPort, PeriodicQuestion, ReceivedFrame, open_can, strange_frames
 from drivers.core.clock_model import HostClock
-from drivers.core.errors import CodecError, RefusedError, check_streams, wrong
+from drivers.core.errors import CodecError, RefusedError
 from drivers.core.messages import Command, DeviceInfo, Listen, Tare
 from drivers.core.numbering import ENDLESS, Samples, StreamTrack
-from drivers.core.wire import Inquiry, WireDriver
+from drivers.core.wire import Inquiry, WireDriver, check_sensor
 
 QUIET_S = 0.3
 """How long nothing may be said on the bus while fingers wake (libbarrett)."""
@@ -96,14 +96,7 @@ class BarrettHand(WireDriver[CanLink]):
         link.ask(None)
 
     def _valid(self, command: Command) -> Command:
-        match command:
-            case Listen(streams=streams):
-                check_streams(self.name, command, streams, self._fingers)
-            case Tare(stream=stream):
-                check_streams(self.name, command, (stream,), self._fingers)
-            case _:
-                raise wrong(self.name, command, "it has no such command", "a hand can Listen and Tare")
-        return command
+        return check_sensor(self.name, command, self._fingers, "a hand")
 
     def _carry_out(self, command: Command) -> None:
         if isinstance(command, Listen):

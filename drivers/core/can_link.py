@@ -15,8 +15,8 @@ from pydantic import Field
 
 from drivers.core.can_frame import CanFrame
 from drivers.core.clock import Clock
-from drivers.core.errors import PortError, lacking
-from drivers.core.links import JOIN_TIMEOUT_S, SerialPort, open_serial
+from drivers.core.errors import PortError, first_line, lacking
+from drivers.core.links import JOIN_TIMEOUT_S, SerialPort, drained, open_serial
 from drivers.core.settings import Settings
 
 if TYPE_CHECKING:
@@ -121,11 +121,10 @@ def open_can(device: str, port: CanPort, clock: Clock) -> CanLink:
     try:
         bus = _bus(port)
     except Exception as error:  # each maker's library has its own
-        reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise PortError(
             device,
             doing,
-            f"{port.interface} {port.port} cannot be opened ({reason})",
+            f"{port.interface} {port.port} cannot be opened ({first_line(error)})",
             f"is it up? see: ip link show {port.port}"
             if port.interface == "socketcan"
             else "see: ls /dev/serial/by-id"
@@ -199,14 +198,10 @@ class CanLink:
 
     def receive(self) -> list[ReceivedFrame]:
         """What has arrived since the last call, in order."""
-        taken = []
-        with suppress(IndexError):
-            while True:
-                question, received = self._arrived.popleft()
-                if question is not self._question:  # the cycles of an earlier question mean nothing
-                    received = received._replace(cycle=None, due_s=None)
-                taken.append(received)
-        return taken
+        return [  # the cycles of an earlier question mean nothing
+            received if question is self._question else received._replace(cycle=None, due_s=None)
+            for question, received in drained(self._arrived)
+        ]
 
     def ask(self, question: PeriodicQuestion | None) -> None:
         """Send a question periodically from now on, or none; cycles count from 0 each time."""

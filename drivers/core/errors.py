@@ -53,6 +53,12 @@ def wrong(device: str, command: object, reason: str, advice: str) -> CommandErro
     return CommandError(device, f"applying {type(command).__name__}", reason, advice)
 
 
+def first_line(error: Exception) -> str:
+    """What another library's error says in its first line; its class where it says nothing."""
+    said = next((each for each in error.args if isinstance(each, str)), str(error))
+    return next(iter(said.splitlines()), type(error).__name__)
+
+
 def lacking(library: str, extra: str) -> tuple[str, str]:
     """Reason and advice where a library is missing that is installed on demand.
 

@@ -9,11 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from drivers.core.clock_model import DeviceClock
-from drivers.core.errors import check_streams, wrong
 from drivers.core.links import LineBuffer, SerialLink, SerialPort, open_serial
 from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo
 from drivers.core.numbering import SampleStream
-from drivers.core.wire import Inquiry, WireDriver
+from drivers.core.wire import Inquiry, WireDriver, check_sensor
 
 LONGEST_LINE = 1024
 """Bytes; what is longer is no line of a sensor (assumption)."""
@@ -124,10 +123,7 @@ class LineSensor(WireDriver[SerialLink]):
         link.send(self.stop)
 
     def _valid(self, command: Command) -> Command:
-        if not isinstance(command, Listen):
-            raise wrong(self.name, command, "it has no such command", "a sensor can Listen")
-        check_streams(self.name, command, command.streams, (self._stream_name,))
-        return command
+        return check_sensor(self.name, command, (self._stream_name,), "a sensor", (Listen,))
 
     def _carry_out(self, command: Command) -> None:
         wanted = command.streams if isinstance(command, Listen) else frozenset[str]()

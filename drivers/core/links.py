@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from typing import TypeVar
 
 import serial
 from pydantic import Field
@@ -18,6 +19,8 @@ from pydantic import Field
 from drivers.core.clock import Clock
 from drivers.core.errors import PortError
 from drivers.core.settings import Settings
+
+T = TypeVar("T")
 
 JOIN_TIMEOUT_S = 1.0
 """Longest wait for the reader thread at close; it is woken, so this is not expected to pass (assumption)."""
@@ -44,6 +47,15 @@ _ADVICE = {
     errno.EISDIR: ("is no serial port", "see: ls /dev/serial/by-id"),
     errno.ENOTTY: ("is no serial port", "see: ls /dev/serial/by-id"),
 }
+
+
+def drained(queue: deque[T]) -> list[T]:
+    """What a thread has put into a queue since the last call, in order."""
+    taken = []
+    with suppress(IndexError):
+        while True:
+            taken.append(queue.popleft())
+    return taken
 
 
 class SerialPort(Settings):
@@ -162,11 +174,7 @@ class SerialLink:
 
     def receive(self) -> list[tuple[float, bytes]]:
         """What has arrived since the last call: (monotonic arrival in seconds, bytes), in order."""
-        chunks = []
-        with suppress(IndexError):
-            while True:
-                chunks.append(self._arrived.popleft())
-        return chunks
+        return drained(self._arrived)
 
     def close(self) -> None:
         """Close the port and wait for the thread. Never raises; may be called twice."""

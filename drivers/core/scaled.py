@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from drivers.core.errors import check_streams, wrong
-from drivers.core.messages import Command, Listen, StreamInfo, Tare
+from drivers.core.messages import StreamInfo
 from drivers.core.settings import Settings
 
 TARE_SAMPLES = 50
@@ -70,7 +69,6 @@ class ScaledStreams:
     """
 
     def __init__(self, device: str, streams: Mapping[str, Any]) -> None:
-        self._device = device
         self.streams: Mapping[str, Any] = {f"{device}.{own}": stream for own, stream in streams.items()}
         self.forget()
 
@@ -90,13 +88,3 @@ class ScaledStreams:
         if taken := bool(np.isfinite(zero).all()):
             self.zeros[stream] = zero.tolist()
         return taken
-
-    def check(self, command: Command, can: str = "Listen and Tare") -> None:
-        """Raise `CommandError` for what is neither, or for another stream."""
-        match command:
-            case Listen(streams=streams):
-                check_streams(self._device, command, streams, self.streams)
-            case Tare(stream=stream):
-                check_streams(self._device, command, (stream,), self.streams)
-            case _:
-                raise wrong(self._device, command, "it has no such command", f"it can {can}")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 from drivers.core.clock import Clock
-from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
+from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError, check_streams, wrong
 from drivers.core.messages import (
     Command,
     DeviceInfo,
@@ -19,6 +19,7 @@ from drivers.core.messages import (
     SampleBlock,
     Sent,
     Status,
+    Tare,
 )
 
 NOT_OPEN = "it is not open"
@@ -31,6 +32,28 @@ OPENING_S = 2.0
 side by more; nothing moves yet)."""
 
 T = TypeVar("T")
+
+
+def check_sensor(
+    device: str,
+    command: Command,
+    streams: Iterable[str],
+    who: str = "it",
+    takes: tuple[type[Command], ...] = (Listen, Tare),
+) -> Command:
+    """The command, which names the sensor's own streams and is one that it takes.
+
+    Raises:
+        CommandError: another command, or another stream.
+    """
+    if not isinstance(command, takes):
+        *others, last = [kind.__name__ for kind in takes]
+        can = f"{', '.join(others)} and {last}" if others else last
+        raise wrong(device, command, "it has no such command", f"{who} can {can}")
+    if isinstance(command, Listen | Tare):
+        asked = command.streams if isinstance(command, Listen) else (command.stream,)
+        check_streams(device, command, asked, streams)
+    return command
 
 
 class Link(Protocol):

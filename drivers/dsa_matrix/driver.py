@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import Field
 
 from drivers.core.clock_model import DeviceClock
-from drivers.core.errors import CodecError, ProtocolError, RefusedError, check_streams, wrong
+from drivers.core.errors import CodecError, ProtocolError, RefusedError
 from drivers.core.links import SerialLink, SerialPort, open_serial
 from drivers.core.messages import Command, DeviceInfo, Listen, Saturated, StreamInfo
 from drivers.core.numbering import SampleStream
-from drivers.core.wire import Inquiry, WireDriver
+from drivers.core.wire import Inquiry, WireDriver, check_sensor
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
 
@@ -164,10 +164,7 @@ class DsaMatrix(WireDriver[SerialLink]):
         link.send(encode_packet(self._acquire(False)))
 
     def _valid(self, command: Command) -> Command:
-        if not isinstance(command, Listen):
-            raise wrong(self.name, command, "it has no such command", "matrices can Listen")
-        check_streams(self.name, command, command.streams, (f"{self.name}.taxels",))
-        return command
+        return check_sensor(self.name, command, (f"{self.name}.taxels",), "matrices", (Listen,))
 
     def _carry_out(self, command: Command) -> None:
         wanted = isinstance(command, Listen) and bool(command.streams)

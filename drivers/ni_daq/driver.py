@@ -9,7 +9,7 @@ from drivers.core.errors import wrong
 from drivers.core.messages import Command, DeviceInfo, Excite, Listen, Tare, Tone
 from drivers.core.numbering import ENDLESS, StreamTrack
 from drivers.core.scaled import ScaledStreams
-from drivers.core.wire import WireDriver
+from drivers.core.wire import WireDriver, check_sensor
 from drivers.ni_daq.link import DaqBlock, DaqLink, open_daq
 from drivers.ni_daq.settings import NiDaqSettings
 
@@ -77,8 +77,8 @@ class NiDaq(WireDriver[DaqLink]):
                         self.name, command, f"level is {level:g}", "it is between 0 and 1, of limit_v"
                     )
             case _:
-                can = "Listen and Tare" if drive is None else "Excite, Tone, Listen and Tare"
-                self._scaled.check(command, can)
+                takes = (Listen, Tare) if drive is None else (Excite, Tone, Listen, Tare)
+                check_sensor(self.name, command, self._scaled.streams, takes=takes)
         return command
 
     def _carry_out(self, command: Command) -> None:

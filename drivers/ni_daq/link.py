@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.clock import Clock
-from drivers.core.errors import DeviceError, PortError, RefusedError, lacking
-from drivers.core.links import JOIN_TIMEOUT_S
+from drivers.core.errors import DeviceError, PortError, RefusedError, first_line, lacking
+from drivers.core.links import JOIN_TIMEOUT_S, drained
 from drivers.core.messages import Command
 from drivers.ni_daq.output import DaqOutput
 from drivers.ni_daq.settings import NiDaqSettings
@@ -89,7 +89,7 @@ def open_daq(device: str, settings: NiDaqSettings, clock: Clock) -> DaqLink:
         if isinstance(error, DeviceError) or not isinstance(error, Exception):
             raise
         advice = "compare port, inputs, range_v and terminal with what NI MAX shows"
-        raise PortError(device, doing, _first(error), advice) from error
+        raise PortError(device, doing, first_line(error), advice) from error
     return DaqLink(device, ending, reads, settings, clock, (model, serial), output)
 
 
@@ -220,11 +220,7 @@ class DaqLink:
 
     def receive(self) -> list[DaqBlock]:
         """What has been read since the last call, in order."""
-        taken = []
-        with suppress(IndexError):
-            while True:
-                taken.append(self._arrived.popleft())
-        return taken
+        return drained(self._arrived)
 
     def close(self) -> None:
         """End the tasks and wait for the thread. Never raises; may be called twice."""
@@ -241,7 +237,7 @@ class DaqLink:
                     read(values, self._samples, timeout=self._wait_s)
             except Exception as error:
                 if not self._closing:
-                    self._fault = self._fault or f"its task has ended ({_first(error)})"
+                    self._fault = self._fault or f"its task has ended ({first_line(error)})"
                     self.off()
                 return
             volts, counts = self._reads[0][1].T, np.array([values for _, values in self._reads[1:]])
@@ -255,7 +251,3 @@ class DaqLink:
 def _end(ending: ExitStack) -> None:
     with suppress(Exception):  # the device may be gone
         ending.close()
-
-
-def _first(error: Exception) -> str:
-    return next(iter(str(error).splitlines()), type(error).__name__)

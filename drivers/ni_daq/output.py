@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.clock import Clock
-from drivers.core.links import JOIN_TIMEOUT_S
+from drivers.core.errors import first_line
+from drivers.core.links import JOIN_TIMEOUT_S, drained
 from drivers.core.messages import Command, Excite, Tone
 from drivers.ni_daq.settings import DaqDrive
 
@@ -67,11 +68,7 @@ class DaqOutput:
 
     def done(self) -> list[tuple[Command, float]]:
         """Orders that the device has taken since the last call, and the monotonic time at which it had."""
-        taken = []
-        with suppress(IndexError):
-            while True:
-                taken.append(self._done.popleft())
-        return taken
+        return drained(self._done)
 
     def close(self) -> None:
         """0 V, and the end. Never raises; may be called twice."""
@@ -90,9 +87,7 @@ class DaqOutput:
                 if isinstance(order, Command):
                     self._done.append((order, self._clock.monotonic_s()))
             except Exception as error:
-                self.fault = (
-                    f"its output cannot be written to ({next(iter(str(error).splitlines()), 'no reason')})"
-                )
+                self.fault = f"its output cannot be written to ({first_line(error)})"
         with suppress(Exception):  # the device may be gone
             self._constant(0.0)
         self._end()

@@ -135,8 +135,6 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
         return True
 
     def _valid(self, command: Command) -> Command:
-        if command.device != self.name:
-            raise wrong(self.name, command, f"it is for {command.device}", f"send it to {command.device}")
         match command:
             case Ask(request=request):
                 if not request.strip():

@@ -26,8 +26,6 @@ class BoardLimits(Settings):
         Raises:
             CommandError: not for this board, not finite or out of range.
         """
-        if command.device != device:
-            raise wrong(device, command, f"it is for {command.device}", f"send it to {command.device}")
         match command:
             case Excite():
                 return command

@@ -15,7 +15,7 @@ from drivers.core.links import SerialLink
 from drivers.core.messages import Command, DeviceInfo, Tare
 from drivers.core.numbering import ENDLESS, SampleStream
 from drivers.core.scaled import ScaledStreams
-from drivers.core.wire import TURN_S
+from drivers.core.wire import TURN_S, check_sensor
 from drivers.serial_lines.codec import SHOWN, LineFormat
 from drivers.serial_lines.settings import SerialLinesSettings
 
@@ -189,8 +189,7 @@ class SerialLines(LineSensor):
         return rate_hz
 
     def _valid(self, command: Command) -> Command:
-        self._scaled.check(command)
-        return command
+        return check_sensor(self.name, command, self._scaled.streams)
 
     def _carry_out(self, command: Command) -> None:
         if not isinstance(command, Tare):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import socket
 import threading
 import urllib.request
@@ -15,12 +14,12 @@ from pydantic import Field
 
 from drivers.core.clock import Clock
 from drivers.core.clock_model import DeviceClock
-from drivers.core.errors import CodecError, PortError, ProtocolError, RefusedError, check_streams, wrong
-from drivers.core.links import JOIN_TIMEOUT_S
+from drivers.core.errors import CodecError, PortError, ProtocolError, RefusedError
+from drivers.core.links import JOIN_TIMEOUT_S, drained
 from drivers.core.messages import Command, DeviceInfo, Listen, Saturated, StreamInfo, Tare
 from drivers.core.numbering import SampleStream
 from drivers.core.settings import Address, Settings
-from drivers.core.wire import OPENING_S, Inquiry, WireDriver
+from drivers.core.wire import OPENING_S, Inquiry, WireDriver, check_sensor
 from drivers.udp_force import codec
 from drivers.udp_force.codec import BoxSettings, ForceRecord
 
@@ -80,11 +79,7 @@ class UdpLink:
 
     def receive(self) -> list[tuple[float, bytes]]:
         """What has arrived since the last call: (monotonic arrival in seconds, a datagram), in order."""
-        taken = []
-        with contextlib.suppress(IndexError):
-            while True:
-                taken.append(self._arrived.popleft())
-        return taken
+        return drained(self._arrived)
 
     def close(self) -> None:
         """Close it and wait for the thread. Never raises; may be called twice."""
@@ -216,14 +211,7 @@ class UdpForce(WireDriver[UdpLink]):
         link.send(codec.encode_request("stop"))
 
     def _valid(self, command: Command) -> Command:
-        match command:
-            case Listen(streams=streams):
-                check_streams(self.name, command, streams, self._streams)
-            case Tare(stream=stream):
-                check_streams(self.name, command, (stream,), self._streams)
-            case _:
-                raise wrong(self.name, command, "it has no such command", "it can Listen and Tare")
-        return command
+        return check_sensor(self.name, command, self._streams)
 
     def _carry_out(self, command: Command) -> None:
         assert self._link is not None

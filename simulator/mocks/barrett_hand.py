@@ -12,8 +12,8 @@ from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
-from drivers.core.errors import check_streams, wrong
 from drivers.core.messages import Command, DeviceInfo, Listen, SampleBlock, Tare
+from drivers.core.wire import check_sensor
 from simulator.devices.barrett_hand import counts
 from simulator.mocks.base import MockSensor
 from simulator.physics.bench import part
@@ -57,18 +57,13 @@ class MockBarrettHand(MockSensor):
         Raises:
             CommandError: not for this hand.
         """
-        match command:
-            case Listen(streams=streams):
-                check_streams(self.name, command, streams, self._strains)
-                self._subscribe(streams, self._clock.now())
-            case Tare(stream=stream):
-                check_streams(self.name, command, (stream,), self._strains)
-                if self._strains[stream].tare():
-                    self._sent(command)
-                else:
-                    self._refuse(command, "nothing has been read of it; listen to it first")
-            case _:
-                raise wrong(self.name, command, "it has no such command", "a hand can Listen and Tare")
+        check_sensor(self.name, command, self._strains, "a hand")
+        if isinstance(command, Listen):
+            self._subscribe(command.streams, self._clock.now())
+        elif isinstance(command, Tare) and self._strains[command.stream].tare():
+            self._sent(command)
+        else:
+            self._refuse(command, "nothing has been read of it; listen to it first")
         return command
 
     def read(self) -> Sequence[SampleBlock]:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from drivers.core.errors import check_streams, wrong
 from drivers.core.messages import Command, Listen, SampleBlock, Saturated, StreamInfo
 from drivers.core.settings import Settings
+from drivers.core.wire import check_sensor
 from drivers.dsa_matrix import codec
 from simulator.devices.dsa_matrix import counts
 from simulator.mocks.base import MockSensor
@@ -51,10 +51,8 @@ class MockDsaMatrix(MockSensor):
         Raises:
             CommandError: not for these matrices.
         """
-        if not isinstance(command, Listen):
-            raise wrong(self.name, command, "it has no such command", "matrices can Listen")
-        check_streams(self.name, command, command.streams, self._infos)
-        if command.streams != self._next.keys():
+        check_sensor(self.name, command, self._infos, "matrices", (Listen,))
+        if isinstance(command, Listen) and command.streams != self._next.keys():
             self._subscribe(command.streams, self._clock.now())
             self._sent(command)
         return command

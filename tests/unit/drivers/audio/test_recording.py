@@ -13,7 +13,7 @@ import soundfile
 
 from drivers.audio.driver import Audio, AudioSettings
 from drivers.core.clock import VirtualClock, WallClock
-from drivers.core.errors import CommandError, DeviceError, PortError, ProtocolError
+from drivers.core.errors import DeviceError, PortError, ProtocolError
 from drivers.core.messages import Chirp, Failed, Listen, Reached, Refused, SampleBlock, Sent, Status, Tone
 from tests.refusals import refused
 
@@ -209,8 +209,6 @@ def test_nothing_is_applied_before_it_is_open(tmp_path: Path) -> None:
     device.apply(listen)
     (refused,) = device.poll()
     assert refused == Refused(refused.t_s, "audio", listen, "it is not open")
-    with pytest.raises(CommandError, match="it is for board"):
-        device.apply(Listen("board", FINGERS))
     device.close()
 
 

@@ -95,7 +95,6 @@ def test_loads_are_numbered_with_and_without_a_subscriber(person):
         (LoadWeight("operator", "z", 1.0), "no bridge z", "x, y, t"),
         (Ask("operator", " "), "no text", "what is to be done"),
         (Home("operator"), "no such command", "Ask and LoadWeight"),
-        (LoadWeight("board", "x", 1.0), "it is for board", "send it to board"),
     ],
 )
 def test_what_the_sensor_does_not_bear_or_a_person_cannot_do_is_refused(person, command, reason, remedy):

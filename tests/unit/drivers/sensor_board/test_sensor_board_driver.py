@@ -255,7 +255,6 @@ def test_a_tare_makes_the_present_level_zero(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (Excite("stage", True), "it is for stage"),
         (MoveAt("board", 0.001, 0.01), "it has no such command"),
         (SetTendon("board", math.nan), "nan m is out of range"),
         (SetTendon("board", 0.021), "choose from 0 to 0.02 m"),
