@@ -12,7 +12,17 @@ import numpy as np
 
 from controller.measures.trial import not_before
 from controller.recording.reader import Run
-from controller.reports.counts import Comparison, Mean, Row, grouped, mean_of, over_rows, within_scatter
+from controller.reports.counts import (
+    Comparison,
+    Mean,
+    Row,
+    every,
+    grouped,
+    larger,
+    mean_of,
+    over_rows,
+    within_scatter,
+)
 from controller.reports.papers import table
 from controller.reports.run_account import acting_of
 from controller.reports.settings import varied_of
@@ -145,13 +155,13 @@ class Bounded(NamedTuple):
 
     Attributes:
         bound: The paper's, of `BOUNDS`.
-        beside: The largest, or the mean, beside the bound. Met where it is within the bound, and the rows no farther
-            from the paper's than they scatter: a bound that is met because every row lies far below the paper's is no
-            agreement (None).
+        beside: The largest, or the mean, beside the bound. Met where it is `kept`, and the rows no farther from the
+            paper's than they scatter: kept because every row lies far below the paper's, it is no agreement (None).
         worst: The approach that has the largest; None where there is no contact.
         rows: Our rows beside the paper's, without those that the simulated finger was fitted to; None where no row has
             a contact.
         within, judged: How many of these lie within scatter (`within_scatter`), of those that have enough approaches.
+        kept: Whether the bound alone is kept; None where too few approaches decide it.
     """
 
     bound: Row
@@ -160,6 +170,7 @@ class Bounded(NamedTuple):
     rows: Comparison | None
     within: int = 0
     judged: int = 0
+    kept: bool | None = None
 
     @property
     def same(self) -> bool | None:
@@ -181,16 +192,21 @@ def compare_columns(approaches: Sequence[Approach], rows: Sequence[TableRow]) ->
         known = [each for each in contacts if each[column] is not None]
         worst = max(known, key=lambda each: float(each[column]), default=None)
         largest = math.nan if worst is None else float(worst[column])
-        value = mean_of(each[column] for each in known).mean if bound["over"] == "mean" else largest
+        mean = mean_of(each[column] for each in known)
+        value = mean.mean if bound["over"] == "mean" else largest
         pairs = [
             (row.mean(column).mean, row.paper[column]) for row in rows if row.paper and not row.fitted(bound)
         ]
         agree = over_rows(pairs)
         own = [(row.mean(column), row.paper[column]) for row in rows if row.paper and not row.fitted(bound)]
         tests = [same for mean, theirs in own if (same := within_scatter(mean, theirs, TRIALS)) is not None]
-        met = None if worst is None else False if value > bound["bound"] else (agree and agree.met) or None
-        beside = Comparison(value, bound["bound"], met)
-        found.append(Bounded(bound, beside, worst, agree, sum(tests), len(tests)))
+        kept = every(sum(each[column] > bound["bound"] for each in known), len(known))
+        if bound["over"] == "mean":
+            rounded = 0.5 * 10.0 ** -len(f"{bound['bound']:g}".partition(".")[2])
+            kept = larger(Mean(bound["bound"] + rounded, 0.0, 2), mean)
+        met = kept if not kept else (agree and agree.met) or None
+        beside = Comparison(value, bound["bound"], met, n=len(known))
+        found.append(Bounded(bound, beside, worst, agree, sum(tests), len(tests), kept))
     return found
 
 

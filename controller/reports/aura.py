@@ -14,7 +14,9 @@ from controller.reports.counts import (
     METHODS,
     Comparison,
     Row,
+    all_of,
     decided,
+    every,
     grouped,
     median,
     number,
@@ -29,7 +31,7 @@ from controller.reports.counts import (
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
 from controller.reports.papers import BEST_HZ, CONTACT, PRE_TOUCH
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Kind, Result, Section, judged
 
 SIDES = ("normal", "back", "front", "top", "bottom")
 DEAF = "top"
@@ -239,10 +241,15 @@ def _of_sides(there: Rows, kind: Kind) -> Iterator[Result]:
     """From which sides an object is seen at all (C2)."""
     sides = _by(there, "side")
     for method, whose in METHODS.items() if len(sides) > 1 else ():
-        blind = [side for (side,), own in sides.items() if not total(own, f"seen_{method}")]
+        seen = {
+            side: (total(own, f"seen_{method}"), total(own, "approaches")) for (side,), own in sides.items()
+        }
+        blind = [side for side, (hits, _) in seen.items() if not hits]
         text = f"Pre-touch, {whose}: sees from {len(sides) - len(blind)} of {len(sides)} sides; the paper from all "
-        text += f"{len(SIDES)}{'; nothing from ' * bool(blind)}{', '.join(blind)}."
-        yield Result(kind, text, not blind, goal=True)
+        text += f"{len(SIDES)}{'; nothing from ' * bool(blind)}{', '.join(blind)}"
+        # a side that sees nothing alarms as seldom as one before nothing does
+        met = all_of(decided(hits, n, 1.0 - PRE_TOUCH[1]) for hits, n in seen.values())
+        yield judged(kind, text, met, min(n for _, n in seen.values()), goal=True)
 
 
 def _of_passages(there: Rows) -> Iterator[Result]:
@@ -267,10 +274,9 @@ def _of_objects(rows: Rows, kind: Kind) -> Iterator[Result]:
             beside = Comparison(hits / n[of], paper)
             points = number(100.0 * abs(beside.ours - paper), 1)
             text = f"{what}, {whose}: {points} points {beside.side} the paper's {percent(paper)} of its own objects: "
-            text += f"{hits} of {n[of]} {of}, {rate(hits, n[of])}."
+            text += f"{hits} of {n[of]} {of}, {rate(hits, n[of])}"
             met = decided(hits, n[of], paper)
-            text = text if met is not None else f"{text[:-1]}: not decided with n = {n[of]}."
-            yield _judged(kind, text, met, column != "seen" and whose == METHODS["paper"])
+            yield _judged(kind, text, met, n[of], column != "seen" and whose == METHODS["paper"])
 
 
 def _of_touches(there: Rows, kind: Kind) -> Iterator[Result]:
@@ -283,16 +289,15 @@ def _of_touches(there: Rows, kind: Kind) -> Iterator[Result]:
         felt = total(sensing, f"felt_{method}")
         text = f"Contact, {whose}: {felt} of {touches} touches detected with the other sides than the {DEAF}"
         text += f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}" if others else ""
-        yield _judged(
-            kind, f"{text}; the paper detected all of the former.", felt == touches, method == "paper"
-        )
+        text += "; the paper detected all of the former"
+        yield _judged(kind, text, every(touches - felt, touches), touches, method == "paper")
 
 
-def _judged(kind: Kind, text: str, met: bool | None, papers_contact: bool) -> Result:
+def _judged(kind: Kind, text: str, met: bool | None, n: int, papers_contact: bool) -> Result:
     """The plant's touch was assumed in favour of the paper's contact: that it comes out shows nothing, that it does not
     is a miss."""
     kind = Kind.PREDICTED if kind == Kind.ASSUMED and papers_contact and met is False else kind
-    return Result(kind, text, met, goal=True)
+    return judged(kind, text, met, n, goal=True)
 
 
 # --- figure ------------------------------------------------------------------------------------------

@@ -116,6 +116,41 @@ def decided(hits: int, of: int, least: float) -> bool | None:
     return True if low >= least else False if high < least else None
 
 
+def every(beyond: int, of: int) -> bool | None:
+    """Whether every trial keeps a bound: not where one is beyond it; where none is, once that shows at 95 % confidence
+    that nine in ten do (29 trials), else None."""
+    return False if beyond else True if of and 0.05 ** (1.0 / of) >= 0.9 else None
+
+
+def half_width(mean: Mean) -> float:
+    """Half of the 95 % interval of a mean (Student's t); infinite for fewer than two trials."""
+    if mean.n < 2:
+        return math.inf
+    from scipy.special import stdtrit  # a fifth of a second, for few
+
+    return float(stdtrit(mean.n - 1, 0.975)) * mean.sigma / math.sqrt(mean.n)
+
+
+def near(mean: Mean, aim: float, within: float) -> bool | None:
+    """Whether a mean is within so much of what is aimed at: where its whole 95 % interval is, or none of it; else
+    None."""
+    off, half = abs(mean.mean - aim), half_width(mean)
+    return True if off + half <= within else False if off - half > within else None
+
+
+def larger(one: Mean, other: Mean) -> bool | None:
+    """Whether a mean is larger than another: where the 95 % intervals of the two, added as independent errors are, do
+    not reach from one to the other; else None."""
+    off, half = one.mean - other.mean, math.hypot(half_width(one), half_width(other))
+    return True if off > half else False if -off > half else None
+
+
+def all_of(verdicts: Iterable[bool | None]) -> bool | None:
+    """Whether all hold: one that does not decides it, one that is not decided leaves it open."""
+    found = list(verdicts)
+    return False if False in found else None if None in found or not found else True
+
+
 def rate(hits: int, of: int) -> str:
     """`96.1 % (94.9 to 97.1)`: a share with its 95 % interval (Wilson)."""
     if of == 0:

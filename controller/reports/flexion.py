@@ -8,21 +8,34 @@ import numpy as np
 
 from controller.measures.flexion import LISTENERS, curve
 from controller.recording.reader import Run
-from controller.reports.counts import Row, grouped, mean_of, number, quantity, rate, spread, under, values
+from controller.reports.counts import (
+    Mean,
+    Row,
+    decided,
+    grouped,
+    larger,
+    mean_of,
+    number,
+    quantity,
+    rate,
+    spread,
+    under,
+    values,
+)
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.run_account import entered_s, setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Kind, Result, Section, judged
 from controller.scales import scale_of
 
 NAMES = dict(zip(LISTENERS, ("fixed (the paper's)", "follows the tendon", "waveform"), strict=True))
 
 SAID = {
     "contact": "The fixed threshold reports contact for {share} of the time in which the free finger is flexed, and so "
-    "is blind to the touch in {blind}: as the paper says, of no use.",
+    "is blind to the touch in {blind}: as the paper says, of no use",
     "following": "The threshold that follows the tendon reports contact for {share} of that time and is blind to the "
-    "touch in {blind}: as the paper expects, of use.",
+    "touch in {blind}: as the paper expects, of use",
     "ours": "The waveform's detector, which follows slow drift by itself but not the tendon, reports contact for "
-    "{share} of that time and is blind in {blind}.",
+    "{share} of that time and is blind in {blind}",
 }
 
 
@@ -37,15 +50,20 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         rise = mean_of(values(rows, "free_rise_hz"))
         over = quantity("flexed_m", setting_of(runs[0], "behavior", "flexed_m"), 0)
         text = f"The free resonance rises by {spread(rise)} Hz over {over} of tendon (n = {rise.n}); "
-        text += "the paper says that it rises."
-        summary.append(Result(Kind.ASSUMED if simulated else Kind.MEASURED, text, rise.mean > 0.0))
+        text += "the paper says that it rises"
+        met = larger(rise, Mean(0.0, 0.0, 2))
+        summary.append(judged(Kind.ASSUMED if simulated else Kind.MEASURED, text, met, rise.n))
     for name in LISTENERS:
         if blind := values(rows, f"{name}_blind"):
             text = SAID[name].format(
                 blind=rate(int(sum(blind)), len(blind)), share=_percent(rows, f"{name}_share")
             )
-            met = None if name == "ours" else (sum(blind) > 0.5 * len(blind)) == (name == "contact")
-            summary.append(Result(Kind.PREDICTED if simulated else Kind.MEASURED, text, met))
+            kind = Kind.PREDICTED if simulated else Kind.MEASURED
+            if name == "ours":
+                summary.append(Result(kind, f"{text}."))
+                continue
+            hits = int(sum(blind)) if name == "contact" else len(blind) - int(sum(blind))
+            summary.append(judged(kind, text, decided(hits, len(blind), 0.5), len(blind)))
     return Section(
         title="Contact while the finger is flexed (A3)",
         content={"by_speed": list(_by_speed(rows)), "figure": _draw(runs, figures) if rows else ""},

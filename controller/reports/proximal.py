@@ -7,12 +7,15 @@ from typing import Any
 
 from controller.measures.proximal import COLUMNS
 from controller.recording.reader import Run
-from controller.reports.counts import Row, mean_of, rate, total, under, values
+from controller.reports.counts import Row, decided, mean_of, rate, total, under, values
 from controller.reports.figures import Figures
 from controller.reports.run_account import acting_of, criterion_of
-from controller.reports.section import Kind, Result, Section, rated
+from controller.reports.section import Kind, Result, Section, judged, rated
 
 LINKS = ("proximal", "distal")
+
+RELIABLY = 0.9
+"""Share of contacts that is called so (assumption): the paper prints no figure."""
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -39,8 +42,11 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         template="proximal",
         paper="backus",
         summary=[
-            Result(
-                kind, f"{detected}reliably, by preliminary results.", felt > 0.9 * len(near) if near else None
+            judged(
+                kind,
+                f"{detected}reliably, by preliminary results",
+                decided(felt, len(near), RELIABLY),
+                len(near),
             ),
             Result(kind, told),
         ],

@@ -58,6 +58,11 @@ class Result(NamedTuple):
         return ("met" if self.met else "missed") if self.goal else ("same" if self.met else "apart")
 
 
+def judged(kind: Kind, text: str, met: bool | None, n: int, goal: bool = False) -> Result:
+    """A sentence, without its full stop, with the verdict that `n` trials carry, or that they carry none."""
+    return Result(kind, text + ("." if met is not None else f": not decided with n = {n}."), met, goal)
+
+
 class Printed(NamedTuple):
     """A setting as a paper prints it.
 

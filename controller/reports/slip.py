@@ -26,10 +26,8 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Figure, Headline, Kind, Printed, Result, Section
+from controller.reports.section import Figure, Headline, Kind, Printed, Result, Section, judged
 from controller.reports.slip_scores import (
-    LEAST,
-    NOT_JUDGED,
     PLAIN,
     SENSORS,
     TABLE_1,
@@ -71,7 +69,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         content={
             "ids": ids,
             "verdicts": VERDICTS,
-            "least": LEAST,
             "conditions": [_of_condition(scores, condition) for condition in conditions],
             "frequencies": _frequencies(runs),
             "stops": stop_times(runs, "arm.force", _waits_s, _way),
@@ -92,12 +89,12 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 def _headline(scores: Sequence[SensorScore]) -> Headline | None:
     """On how many sensors the paper's detector is as good as in the paper; None where nothing is judged."""
     plain = [score for score in scores if score.condition == TABLE_1 and score.method == "paper"]
-    judged = [score for score in plain if score.slips and score.verdict != NOT_JUDGED]
-    if not judged:
+    known = [score for score in plain if score.slips and score.decided]
+    if not known:
         return None
-    theirs = [SENSORS[score.sensor]["verdict"] for score in judged]
-    same = sum(score.verdict == paper for score, paper in zip(judged, theirs, strict=True))
-    of = f"{same} of {len(judged)}"
+    theirs = [SENSORS[score.sensor]["verdict"] for score in known]
+    same = sum(score.verdict == paper for score, paper in zip(known, theirs, strict=True))
+    of = f"{same} of {len(known)}"
 
     def counted(verdicts: Sequence[str]) -> str:
         return ", ".join(
@@ -105,12 +102,12 @@ def _headline(scores: Sequence[SensorScore]) -> Headline | None:
         )
 
     return Headline(
-        f"the paper's detector on {len(judged)} sensors, by misses and delay",
-        counted([score.verdict for score in judged]),
-        f"{len(judged)} sensors",
+        f"the paper's detector on {len(known)} sensors, by misses and delay",
+        counted([score.verdict for score in known]),
+        f"{len(known)} sensors",
         counted(theirs),
         "the paper, Table 1",
-        f"agree on {rate(same, len(judged))}",
+        f"agree on {rate(same, len(known))}",
         f"the paper's detector does as in the paper on {of} sensors",
     )
 
@@ -149,8 +146,8 @@ def _slips(score: SensorScore) -> Row:
     if score.scored:
         low, high = (number(end, 0, 100.0) for end in wilson(score.missed, score.scored))
         missed = f"{score.missed} of {score.scored} ({low} to {high} %)"
-    if score.verdict == NOT_JUDGED:
-        verdict = f"{NOT_JUDGED} ({score.scored} of {score.slips})"
+    if score.slips and not score.decided:
+        verdict = f"{score.verdict} (n = {score.scored} of {score.slips})"
     line = {
         "sensor": _name(score.sensor),
         "detector": METHODS[score.method],
@@ -285,18 +282,16 @@ def _compared_with_the_paper(score: SensorScore, simulated: bool) -> Result:
     kind = Kind(paper["kind"]) if simulated else Kind.MEASURED
     early = f"{score.early} of {score.slips} slips were called before they began"
     text = f"{_name(score.sensor)}: the paper's detector "
-    if score.verdict == NOT_JUDGED:
-        text += f"is not judged: it detected or missed {score.scored} of {score.slips} slips, and {LEAST} are the least"
-        return Result(kind, text + (f"; {early}." if score.early else "."))
     median_s = quantity("delay_s", float(np.median(score.delays_s)), 3) if score.delays_s else ""
     text += (
         f"misses {score.missed} of {score.scored}, {f'median {median_s}' if median_s else 'none detected'}: "
     )
-    text += f"{score.verdict}; the paper says {paper['verdict']}."
+    text += f"{score.verdict if score.decided else 'good, regular or bad'}; the paper says {paper['verdict']}"
+    text += f"; beside that, {early}" * bool(score.early)
+    if not score.decided:
+        return judged(kind, text, None, score.scored)
     agrees = score.verdict == paper["verdict"]
-    if not score.early:
-        return Result(kind, text, agrees)
-    return Result(kind, f"{text} Beside that, {early}.", None if agrees else False)
+    return Result(kind, f"{text}.", None if agrees and score.early else agrees)
 
 
 def _tally(score: SensorScore) -> str:
@@ -324,7 +319,7 @@ def _printed(run: Run) -> Mapping[str, Printed]:
 def _disagrees(score: SensorScore) -> bool:
     """Whether the verdict on the paper's detector is not the paper's."""
     own = score.method == "paper" and score.condition == TABLE_1
-    return own and score.verdict not in (SENSORS[score.sensor]["verdict"], NOTHING, NOT_JUDGED)
+    return own and score.decided and score.verdict != SENSORS[score.sensor]["verdict"]
 
 
 def _disagreeing(score: SensorScore) -> Mapping[str, Any]:

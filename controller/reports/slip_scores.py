@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from controller.recording.reader import Run
-from controller.reports.counts import METHODS, Row, total, values
+from controller.reports.counts import METHODS, Row, total, values, wilson
 from controller.reports.papers import table
 from controller.reports.run_account import setting_of
 from controller.scales import NOTHING
@@ -101,7 +101,7 @@ class SensorScore(NamedTuple):
         alarms: False ones, in `quiet_s` seconds in which it could have alarmed.
         touches: Touches at which it was armed; `touch_alarms` counts its alarms in descent and pressing.
         least_delay_s: How long it takes at least, by its own settings; NaN where it is not known.
-        verdict: good, regular, bad or not judged; a dash where there was no slip.
+        verdict: good, regular, bad, not decided or not judged; a dash where there was no slip.
     """
 
     sensor: str
@@ -127,6 +127,11 @@ class SensorScore(NamedTuple):
     def cut_short(self) -> int:
         """Slips that the arm's stop ended before they could be detected."""
         return self.slips - self.scored - self.early
+
+    @property
+    def decided(self) -> bool:
+        """Whether it is good, regular or bad."""
+        return self.verdict not in (NOTHING, NOT_JUDGED, NOT_DECIDED)
 
     @property
     def too_slow(self) -> bool:
@@ -205,21 +210,34 @@ VERDICTS: Mapping[str, Any] = {
 
 NOT_JUDGED = "not judged"
 
-LEAST = 3
-"""With fewer slips detected or missed there is no verdict: the median would be the delay of a single slip."""
+NOT_DECIDED = "not decided"
 
 
 def verdict_of(delays_s: ArrayLike) -> str:
-    """good, regular or bad; `NOT_JUDGED` where fewer than `LEAST` slips are left.
+    """good, regular or bad where both ends of the 95 % intervals of the missed share and of the median say so, else
+    `NOT_DECIDED`.
 
     Args:
         delays_s: Of the slips that were detected or missed, infinite where missed, shape (n,). A slip that was called
             before it began is neither: a failure of its own, reported beside the verdict.
     """
-    delays = np.asarray(delays_s, dtype=np.float64)
-    if len(delays) < LEAST:
-        return NOT_JUDGED
-    return verdict(float(np.mean(np.isinf(delays))), float(np.median(delays)))
+    delays = np.sort(np.asarray(delays_s, dtype=np.float64))
+    if not len(delays):
+        return NOT_DECIDED
+    missed = wilson(int(np.isinf(delays).sum()), len(delays))
+    best, worst = (verdict(*ends) for ends in zip(missed, median_within(delays), strict=True))
+    return best if best == worst else NOT_DECIDED
+
+
+def median_within(ascending: NDArray[np.float64]) -> tuple[float, float]:
+    """The 95 % interval of a median, from ranks; from 0 to infinity where there are fewer than six values."""
+    from scipy.special import bdtr
+
+    n = len(ascending)
+    below = int(
+        (bdtr(np.arange(n), n, 0.5) <= 0.025).sum()
+    )  # so many of the values on either side may be left out
+    return (float(ascending[below - 1]), float(ascending[n - below])) if below else (0.0, math.inf)
 
 
 def verdict(missed: float, median_s: float) -> str:

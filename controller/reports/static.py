@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
@@ -13,7 +12,10 @@ from controller.reports.counts import (
     Comparison,
     Mean,
     Row,
+    all_of,
+    larger,
     mean_of,
+    near,
     number,
     printed,
     quantity,
@@ -24,7 +26,7 @@ from controller.reports.counts import (
 from controller.reports.figures import FAINT, OURS, Figures
 from controller.reports.papers import table
 from controller.reports.run_account import series_of, setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Kind, Section, judged
 from controller.scales import NOTHING
 
 WINDOW_S = 0.6
@@ -45,14 +47,15 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             continue
         found = {name: mean_of(values([row for _, row in own], name)) for name in COLUMNS}
         means[paper["condition"]] = found
-        beside = Comparison(found["frequency_hz"].mean, paper["frequency_hz"])
-        beside = beside._replace(met=abs(beside.ours - beside.paper) <= paper["tolerance_hz"])
+        met = near(found["frequency_hz"], paper["frequency_hz"], paper["tolerance_hz"])
+        beside = Comparison(found["frequency_hz"].mean, paper["frequency_hz"], met)
         kind = Kind(paper["kind"]) if runs[0].simulated else Kind.MEASURED
         rows.append(_row(paper, len(own), found, beside, kind))
         place_m = setting_of(own[0][0], "behavior", f"{paper['condition']}_m")
         place = f", the probe at {quantity('place_m', place_m, 1)}" if place_m is not None else ""
         text = f"{paper['name'].capitalize()}: {beside.off('off_hz')} the paper's {beside.paper:g} Hz, "
-        summary.append(Result(kind, f"{text}at {number(beside.ours, 1)} Hz{place}.", beside.met))
+        text += f"at {number(beside.ours, 1)} Hz{place}"
+        summary.append(judged(kind, text, met, len(own)))
         drawn += [
             (paper["name"], found, series)
             for run, row in own
@@ -60,13 +63,14 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             and len(series := series_of(recording, "accelerometer")) > 1
         ][:1]
     falls, too = (
-        _falls([each[name].mean for each in means.values()]) for name in ("amplitude_m", "amplitude_m_s2")
+        _falls([each[name] for each in means.values()]) for name in ("amplitude_m", "amplitude_m_s2")
     )
-    if falls is not None:
+    if len(means) == 3:
         ratio = number(means["none"]["amplitude_m"].mean / means["full"]["amplitude_m"].mean, 1)
         text = f"Amplitude of motion {ratio} times smaller with full contact than without; it "
-        text += f"{'falls' if falls else 'does not fall'} from none over light to full."
-        summary.append(Result(Kind.PREDICTED if runs[0].simulated else Kind.MEASURED, text, falls))
+        text += f"{'does not fall' if falls is False else 'falls'} from none over light to full"
+        n = min(each["amplitude_m"].n for each in means.values())
+        summary.append(judged(Kind.PREDICTED if runs[0].simulated else Kind.MEASURED, text, falls, n))
     return Section(
         title="Static contact (A1)",
         content={
@@ -105,11 +109,9 @@ def _row(paper: Row, n: int, means: Mapping[str, Mean], beside: Comparison, kind
     }
 
 
-def _falls(means: Sequence[float]) -> bool | None:
-    """Whether an amplitude falls from condition to condition; None where one is missing."""
-    if len(means) < 3 or any(map(math.isnan, means)):
-        return None
-    return all(one > other for one, other in pairwise(means))
+def _falls(means: Sequence[Mean]) -> bool | None:
+    """Whether an amplitude falls from condition to condition; None where one is missing, or not decided."""
+    return all_of(larger(one, other) for one, other in pairwise(means)) if len(means) > 2 else None
 
 
 def _erratic(means: Mapping[str, Mapping[str, Mean]]) -> str:

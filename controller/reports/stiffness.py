@@ -8,11 +8,23 @@ from typing import Any
 
 from behaviors.static import StaticFactors
 from controller.recording.reader import Run
-from controller.reports.counts import Row, grouped, is_number, mean_of, number, rows_of, signed, under, values
+from controller.reports.counts import (
+    Row,
+    grouped,
+    is_number,
+    larger,
+    mean_of,
+    near,
+    number,
+    rows_of,
+    signed,
+    under,
+    values,
+)
 from controller.reports.figures import FAINT, LOOKS, Drawing, Figures
 from controller.reports.papers import table
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Kind, Result, Section, judged
 from controller.scales import NOTHING
 
 INERTIA_KG_M2, JOINT_N_M_RAD, ARM_M = 1.2e-4, 2.5, 0.05
@@ -119,18 +131,19 @@ def _beside_the_model(by_stiffness: Mapping[float, Sequence[Row]], simulated: bo
     """The printed frequencies of the model, beside what rings."""
     results = []
     for printed in table("backus_model"):
-        ring_hz = _mean(by_stiffness.get(printed["stiffness_n_m"], ()), "ring_hz")
+        ring = mean_of(values(by_stiffness.get(printed["stiffness_n_m"], ()), "ring_hz"))
+        ring_hz = ring.mean
         if math.isnan(ring_hz):
             continue
-        near = abs(ring_hz - printed["frequency_hz"]) <= printed["tolerance_hz"]
         text = f"{printed['contact'].capitalize()}"
         text += f" ({number(printed['stiffness_n_m'], 0)} N/m)" if printed["stiffness_n_m"] else ""
         text += f": the finger rings at {number(ring_hz, 1)} Hz, the paper's single link at {printed['frequency_hz']:g}"
-        text += f" ({signed(ring_hz - printed['frequency_hz'], 1)})."
+        text += f" ({signed(ring_hz - printed['frequency_hz'], 1)})"
         # free, the base's inertia was fitted to what the paper measured, 28 Hz, and not to its model
         stiff = printed["stiffness_n_m"] == 10000.0
         kind = Kind.MEASURED if not simulated else Kind.PREDICTED if stiff else Kind.FITTED
-        results.append(Result(kind, text, near))
+        met = near(ring, printed["frequency_hz"], printed["tolerance_hz"])
+        results.append(judged(kind, text, met, ring.n))
         loop_hz = _mean(by_stiffness[printed["stiffness_n_m"]], "frequency_hz")
         if stiff and abs(loop_hz - ring_hz) > 5.0:
             lost = f"The loop does not follow to there: it stays at {number(loop_hz, 0)} Hz, where the accelerometer's "
@@ -144,21 +157,21 @@ def _trends(
 ) -> list[Result]:
     """V.A: location and depth shift the frequency too."""
     results = []
-    ends = [_mean(by_location[where], "ring_hz") for where in ("d", "h") if where in by_location]
+    ends = [mean_of(values(by_location[where], "ring_hz")) for where in ("d", "h") if where in by_location]
     if len(ends) == 2:
-        text = f"The same contact rings at {number(ends[0], 1)} Hz at the distal end and at {number(ends[1], 1)} at "
-        text += "location h, 25.4 mm nearer the joint; the paper's model says that location matters."
-        results.append(Result(kind, text, ends[0] > ends[1]))
-    deep = [(_mean(own, "force_n"), _mean(own, "frequency_hz")) for own in by_depth.values()]
+        far, close = ends
+        text = f"The same contact rings at {number(far.mean, 1)} Hz at the distal end and at "
+        text += f"{number(close.mean, 1)} at location h, 25.4 mm nearer the joint; "
+        text += "the paper's model says that location matters"
+        results.append(judged(kind, text, larger(far, close), min(far.n, close.n)))
+    deep = [(_mean(own, "force_n"), mean_of(values(own, "frequency_hz"))) for own in by_depth.values()]
     if len(deep) > 1:
-        (low_n, low_hz), (high_n, high_hz) = min(deep), max(deep)
-        text = (
-            f"From {number(low_n, 2)} N to {number(high_n, 2)} N the loop rises from {number(low_hz, 1)} to "
-        )
+        (low_n, low), (high_n, high) = min(deep), max(deep)
+        text = f"From {number(low_n, 2)} N to {number(high_n, 2)} N the loop rises from {number(low.mean, 1)} to "
         text += (
-            f"{number(high_hz, 1)} Hz; the paper: between light and full contact frequency rises with force."
+            f"{number(high.mean, 1)} Hz; the paper: between light and full contact frequency rises with force"
         )
-        results.append(Result(kind, text, high_hz > low_hz))
+        results.append(judged(kind, text, larger(high, low), min(high.n, low.n)))
     return results
 
 

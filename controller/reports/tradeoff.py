@@ -9,9 +9,9 @@ import numpy as np
 
 from controller.measures.tradeoff import LATER_S, METHODS, SOON_S, WHEN
 from controller.recording.reader import Run
-from controller.reports.counts import Row, number, percent, quantity
+from controller.reports.counts import Row, decided, number, percent, quantity
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, RIVAL, Figures
-from controller.reports.section import Headline, Kind, Result, Section, rated
+from controller.reports.section import Headline, Kind, Result, Section, judged, rated
 
 NAMES = {
     "average": "averaged frequency (the paper's)",
@@ -43,10 +43,14 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     summary = [] if scores else [Result(None, "No approach touched the finger.")]
     n = max((len(each["before"]) for each in scores.values()), default=0)
     if "average" in scores:
-        low, high = ((scores["average"]["before"] > sigma).mean() for sigma in (2.0, 3.0))
+        alarmed = [scores["average"]["before"] > sigma for sigma in (2.0, 3.0)]
+        low, high = (each.mean() for each in alarmed)
+        more, fewer = (int((one & ~other).sum()) for one, other in (alarmed, alarmed[::-1]))
         text = f"After a baseline of 10 s the paper's averaged frequency alarms falsely in {percent(low)} of the "
-        text += f"approaches at 2 sigma and in {percent(high)} at 3; the paper: the lower the threshold, the more."
-        summary.append(Result(kind, text, bool(low > high) if low else None))
+        text += (
+            f"approaches at 2 sigma and in {percent(high)} at 3; the paper: the lower the threshold, the more"
+        )
+        summary.append(judged(kind, text, decided(more, more + fewer, 0.5) if more + fewer else None, n))
     if scores:
         found = {name: (each["soon"] > each["before"].max()).mean() for name, each in scores.items()}
         best = ", ".join(f"{NAMES[name]} {percent(part)}" for name, part in found.items())

@@ -46,7 +46,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import OURS, PAPER, Figures
 from controller.reports.run_account import acting_of, criterion_of, setting_of
-from controller.reports.section import ROWS, Kind, Result, Section, rows_where
+from controller.reports.section import ROWS, Kind, Result, Section, judged, rows_where
 from controller.reports.settings import shown
 from controller.scales import NOTHING, scale_of
 
@@ -309,16 +309,17 @@ def _beside_table_1(each: Bounded, kind: Kind) -> Result:
     if not math.isnan(rows.low):
         low, high = (1.0 + end / rows.paper for end in (rows.low, rows.high))
         text += f" ({low:.2f} to {high:.2f})"
-    text += {None: f", not decided with n = {rows.n}", True: "", False: ", beyond chance"}[each.same]
-    return Result(kind, f"{text}.", each.same)
+    return judged(kind, text + ", beyond chance" * (each.same is False), each.same, rows.n)
 
 
 def _beside_bound(each: Bounded, kind: Kind) -> Result:
     """A column beside the bound that the paper states."""
     bound, beside = each.bound, each.beside
     text = f"{bound['title'].capitalize()} at detection: {bound['over']} {_printed(bound, beside.ours)}, "
-    text += f"{beside.times} the paper's {_printed(bound, beside.paper)} ({bound['source']})."
-    return Result(kind, text, beside.met, goal=True)
+    text += f"{beside.times} the paper's {_printed(bound, beside.paper)} ({bound['source']})"
+    if each.kept is None:
+        return judged(kind, text, None, beside.n, goal=True)
+    return Result(kind, f"{text}.", beside.met, goal=True)
 
 
 def _learned(run: Run, acting: str) -> str:

@@ -194,12 +194,14 @@ def write_transient(
     return open_run(folder.path)
 
 
-def write_static(root: Path, frequencies_hz: dict[str, float], *, bench: str = "mock") -> Run:
+def write_static(
+    root: Path, frequencies_hz: dict[str, float], *, bench: str = "mock", repeats: int = 1
+) -> Run:
     folder = backus(root, "static", bench)
     recorder = Recorder(folder, START, streams=STREAMS, factors=["condition"], measures=STATIC_MEASURES)
     times_s = np.arange(100.0, 102.0, 1e-3)
     amplitudes = {"none": 12.0, "light": 9.0, "full": 6.0}
-    for trial, (condition, frequency_hz) in enumerate(frequencies_hz.items(), start=1):
+    for trial, (condition, frequency_hz) in enumerate([*frequencies_hz.items()] * repeats, start=1):
         recorder.begin_trial(trial, {"condition": condition}, 110.0 * trial)
         wave = amplitudes[condition] * np.sin(2 * np.pi * frequency_hz * times_s)
         wave += {"none": 0.1, "light": 1.5, "full": 0.2}[condition] * np.random.default_rng(trial).normal(

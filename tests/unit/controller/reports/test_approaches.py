@@ -14,7 +14,7 @@ from controller.reports.approaches import (
     table_rows,
     trends,
 )
-from controller.reports.counts import mean_of
+from controller.reports.counts import all_of, every, larger, mean_of, near
 from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 
@@ -86,11 +86,12 @@ def test_bounds_name_the_worst_approach_and_are_met_at_the_bound_itself(approach
 
 def test_a_bound_is_met_where_rows_agree_and_open_where_every_row_lies_far_below(approaches_of):
     def delays(scale):
-        rows = [Given(row["location"], row["speed_m_s"], scale * row["delay_s"]) for row in TABLE_1]
+        rows = [Given(row["location"], row["speed_m_s"], scale * row["delay_s"]) for row in TABLE_1] * 3
         return compare_columns(approaches := approaches_of(*rows), table_rows(approaches))[0]
 
     same, below = delays(1.0), delays(0.4)
     assert (same.beside.met, same.rows.met) == (True, True)
+    assert delays(1.1).kept is None, "0.34 s on average, of a printed 0.3 s that stands for 0.35 as well"
     assert (below.beside.met, below.rows.met) == (None, False)
     assert (below.rows.times, below.rows.same, below.rows.n) == ("2.5 times below", 14, 14)
     assert delays(1.5).beside.met is False, "0.45 s on average"
@@ -195,3 +196,36 @@ def test_rows_come_out_the_same_in_whatever_order_trials_ran(tmp_path):
         read_approaches([write_transient(tmp_path, given, order=order)]) for order in ((1, 2, 3), (3, 1, 2))
     ]
     assert [[each["trial"] for each in approaches] for approaches in ran] == [[1, 2, 3]] * 2
+
+
+@pytest.mark.parametrize(
+    ("values", "aim", "met"),
+    [  # Student's t of three values 0.1 apart: 4.303 x 0.1 / sqrt(3) = 0.248 either way
+        ((0.9, 1.0, 1.1), 1.2, True),
+        ((0.9, 1.0, 1.1), 1.3, None),
+        ((0.9, 1.0, 1.1), 1.7, None),
+        ((0.9, 1.0, 1.1), 1.8, False),
+        ((1.0,), 1.0, None),
+        ((1.0, 1.0), 1.0, True),
+    ],
+)
+def test_a_mean_is_near_where_its_whole_interval_is(values, aim, met):
+    assert near(mean_of(values), aim, within=0.5) is met
+
+
+def test_one_mean_is_larger_where_both_intervals_say_so():
+    low, high = mean_of((0.9, 1.0, 1.1)), mean_of((1.3, 1.4, 1.5))  # 0.4 apart; 0.248 x sqrt(2) = 0.351
+    assert (larger(high, low), larger(low, high), larger(low, mean_of((1.2, 1.3, 1.4)))) == (
+        True,
+        False,
+        None,
+    )
+    assert larger(mean_of((5.0,)), low) is None, "one trial has no interval"
+
+
+def test_a_bound_on_every_trial_is_kept_from_29_on_and_broken_by_one():
+    assert [every(0, 28), every(0, 29), every(1, 1000), every(0, 0)] == [None, True, False, None]
+
+
+def test_all_hold_unless_one_does_not_or_is_not_decided():
+    assert [all_of(each) for each in ([True], [True, None], [None, False], [])] == [True, None, False, None]

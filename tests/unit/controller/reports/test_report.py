@@ -171,7 +171,7 @@ PAGES = {
         ("one second", "three trials"),
     ),
     "what falls, and how erratic light contact is": (
-        lambda root: write_static(root, {"none": 28.0, "light": 30.0, "full": 50.0}),
+        lambda root: write_static(root, {"none": 28.0, "light": 30.0, "full": 50.0}, repeats=2),
         (
             "Amplitude of motion 6.4 times smaller with full contact than without; it falls from none",
             "that of the acceleration as well",
@@ -426,7 +426,7 @@ def test_what_was_put_in_or_assumed_has_no_mark_on_a_simulated_bench_and_has_one
     frequencies = {"none": 28.0, "light": 30.0, "full": 46.0}
     marks = {}
     for bench in ("mock", "hardware"):
-        page = build_report([write_static(tmp_path, frequencies, bench=bench)]).read_text("utf-8")
+        page = build_report([write_static(tmp_path, frequencies, bench=bench, repeats=2)]).read_text("utf-8")
         marks[bench] = re.findall(r'<li class="(\w+)"><span class="kind">(\w+)', page)
     assert marks["mock"] == [
         ("neither", "fitted"),
@@ -490,7 +490,7 @@ def test_an_experiment_opens_with_its_number_its_interval_and_the_papers(campaig
 
 
 def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path, undrawn):
-    run = write_static(tmp_path, {"full": 46.9, "none": 28.9, "light": 28.0}, bench="hardware")
+    run = write_static(tmp_path, {"full": 46.9, "none": 28.9, "light": 28.0}, bench="hardware", repeats=2)
     found = static.section([run], Figures(tmp_path))
     shown = [row["dominant frequency, Hz"] for row in found.content["at_rest"]]
     assert [(cells["Δ"], cells["kind"]) for cells in shown] == [
@@ -499,6 +499,10 @@ def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_
         ("−3.1", False),
     ]
     assert [result.met for result in found.summary][:3] == [True, True, False]
+    once = write_static(tmp_path, {"full": 46.9, "none": 28.9, "light": 28.0}, bench="hardware")
+    found = static.section([once], Figures(tmp_path))
+    assert [result.met for result in found.summary] == [None] * 4
+    assert all(result.text.endswith(": not decided with n = 1.") for result in found.summary)
 
 
 def own(run, loss=None, **devices):

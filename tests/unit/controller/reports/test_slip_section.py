@@ -12,6 +12,7 @@ from controller.reports import slip
 from controller.reports.report import build_report
 from controller.reports.slip import interval
 from controller.reports.slip_scores import (
+    NOT_DECIDED,
     NOT_JUDGED,
     PLAIN,
     PLANT,
@@ -75,21 +76,21 @@ def test_slips_that_were_called_early_are_neither_detected_nor_missed(tmp_path):
     early = [trial(**of("paper", early=1, **UNDETECTED))] * 5
     score = scores_of(write(tmp_path, [trial(), *early]))["fingertip", TABLE_1, "paper"]
     assert (score.slips, score.scored, score.early, score.cut_short) == (6, 1, 5, 0)
-    assert score.verdict == NOT_JUDGED, "one slip of six is no evidence"
+    assert score.verdict == NOT_DECIDED, "one slip of six is no evidence"
 
 
 def test_a_share_missed_is_one_of_those_detected_or_missed(tmp_path, undrawn):
     rows = [
-        *[trial()] * 4,
-        trial(**of("paper", missed=1, **UNDETECTED)),
-        *[trial(**of("paper", early=1, **UNDETECTED))] * 5,
+        *[trial()] * 72,
+        *[trial(**of("paper", missed=1, **UNDETECTED))] * 8,
+        *[trial(**of("paper", early=1, **UNDETECTED))] * 80,
     ]
     run = write(tmp_path, rows)
-    # one of five is regular, one of ten would be regular too, but of the ten five were never there to be missed
+    # 8 of 80 are regular for sure, 8 of 160 might be good: but of these 80 were never there to be missed
     assert scores_of(run)["fingertip", TABLE_1, "paper"].verdict == "regular"
     text = text_of(build_report([run]))
-    assert "B1 fingertip the paper's 5 of 10 1 of 5 (4 to 62 %) 0.050 0.050 regular good" in text
-    assert "Beside that, 5 of 10 slips were called before they began." in text
+    assert "B1 fingertip the paper's 80 of 160 8 of 80 (5 to 19 %) 0.050 0.050 regular good" in text
+    assert "regular; the paper says good; beside that, 80 of 160 slips were called before they began." in text
 
 
 def test_a_detector_that_was_never_given_its_time_is_not_judged(tmp_path, undrawn):
@@ -97,14 +98,12 @@ def test_a_detector_that_was_never_given_its_time_is_not_judged(tmp_path, undraw
     run = write(tmp_path, cut)
     assert scores_of(run)["fingertip", TABLE_1, "paper"].cut_short == 3
     text = text_of(build_report([run]))
-    assert (
-        "the paper's detector is not judged: it detected or missed 0 of 3 slips, and 3 are the least" in text
-    )
-    assert "not judged (0 of 3)" in text
+    assert "none detected: good, regular or bad; the paper says good: not decided with n = 0." in text
+    assert "not decided (n = 0 of 3)" in text
 
 
 def test_with_the_reflex_the_other_detector_has_no_verdict_whatever_it_detected(tmp_path, undrawn):
-    run = write(tmp_path, [trial()] * 3, behavior={"stop_on_slip": True})
+    run = write(tmp_path, [trial()] * 75, behavior={"stop_on_slip": True})
     stopped = condition_of(run, run.trials[0])
     assert (stopped.nuisance, stopped.reflex) == (PLAIN, "ours")
     scores = scores_of(run)
@@ -118,8 +117,8 @@ def test_with_the_reflex_the_other_detector_has_no_verdict_whatever_it_detected(
 @pytest.mark.parametrize("outcome", ["guard", "fault", "aborted", "no_contact"])
 def test_trials_that_did_not_run_to_their_end_are_left_out(tmp_path, outcome):
     cut = trial(outcome=outcome, **of("paper", missed=1, **UNDETECTED))
-    score = scores_of(write(tmp_path, [*[trial()] * 3, cut]))["fingertip", TABLE_1, "paper"]
-    assert (score.slips, score.missed, score.verdict) == (3, 0, "good")
+    score = scores_of(write(tmp_path, [*[trial()] * 75, cut]))["fingertip", TABLE_1, "paper"]
+    assert (score.slips, score.missed, score.verdict) == (75, 0, "good")
 
 
 @pytest.mark.parametrize(
@@ -208,16 +207,21 @@ def test_table_1_states_that_it_is_not_at_equal_false_alarms(tmp_path, undrawn):
 @pytest.mark.parametrize(
     ("delays_s", "grade"),
     [
-        ([0.1] * 2, NOT_JUDGED),
-        ([], NOT_JUDGED),
-        ([0.1] * 3, "good"),
-        ([0.1] * 9 + [NEVER], "regular"),
-        ([0.2] * 3, "regular"),
+        ([], NOT_DECIDED),
+        ([0.1] * 72, NOT_DECIDED),  # none missed of 72: up to 5.07 % (Wilson)
+        ([0.1] * 73, "good"),  # of 73: 4.998 %
+        ([0.1] * 72 + [NEVER] * 8, "regular"),
+        ([0.1] * 65 + [NEVER] * 15, NOT_DECIDED),  # 12 to 29 %
+        ([0.2] * 16, "regular"),
         ([NEVER] * 3, "bad"),
-        ([0.1, NEVER, NEVER], "bad"),
+        ([0.1, NEVER, NEVER], "bad"),  # 21 % at the least
+        ([0.3] * 5, NOT_DECIDED),  # a median has no interval yet
+        ([0.3] * 6, "bad"),
+        ([0.1] * 50 + [0.13] * 30, "good"),
+        ([0.1] * 42 + [0.13] * 38, NOT_DECIDED),  # ranks 31 and 50 of 80 hold the median
     ],
 )
-def test_a_verdict_needs_three_slips_that_were_detected_or_missed(delays_s, grade):
+def test_a_verdict_is_what_both_ends_of_the_intervals_say(delays_s, grade):
     assert verdict_of(delays_s) == grade
 
 

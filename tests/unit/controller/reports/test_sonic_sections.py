@@ -162,10 +162,12 @@ def test_contact_of_the_papers_method_that_does_not_come_out_is_missed(tmp_path)
 
 def test_a_finger_need_not_feel_with_its_top(tmp_path):
     deaf = approached(side="top", felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None)
-    section = section_of(aura, write(tmp_path, "aura", [approached(), deaf], behavior={"touch": True}))
+    section = section_of(
+        aura, write(tmp_path, "aura", [*[approached()] * 29, deaf], behavior={"touch": True})
+    )
     assert (
         Kind.ASSUMED,
-        "Contact, ours: 1 of 1 touches detected with the other sides than the top, 0 of 1 with the top; "
+        "Contact, ours: 29 of 29 touches detected with the other sides than the top, 0 of 1 with the top; "
         "the paper detected all of the former.",
         True,
         True,
@@ -283,7 +285,7 @@ def marks(path):
 
 
 def test_a_run_that_measured_all_that_was_planned_is_judged(tmp_path):
-    page = build_report([write(tmp_path, "centering", [centred(0.001), centred(0.002)])])
+    page = build_report([write(tmp_path, "centering", [centred(0.001), centred(0.002)] * 15)])
     assert marks(page) == ["met"]
 
 
@@ -317,13 +319,17 @@ def test_a_trial_that_was_run_again_counts_once(tmp_path):
 
 
 def test_the_papers_method_beside_its_own_worst_is_no_good_news_and_ours_is_compared_with_it(tmp_path):
-    rows = [centred(0.0035, method="paper"), centred(0.0002)]
+    rows = [centred(0.0035, method="paper"), *[centred(0.0002)] * 29]
     theirs, beside, ours = section_of(centering, write(tmp_path, "centering", rows)).summary[::-1]
     assert theirs.text.startswith("Pipe, the paper's, 10 mm/s: 2.3 times below the 8.0 mm that the paper has")
     assert theirs.mark == "neither"
     assert "12.5 times below the 2.5 mm aimed at" in ours.text
     assert "17.5 times smaller than the paper's method's on this bench" in beside.text
     assert ours.mark == "met"
+    few = section_of(centering, write(tmp_path, "centering", rows[:-1])).summary
+    assert few[0].text.endswith("not decided with n = 28."), "nine in ten: 0.9 ** 28 is above 5 %"
+    one = section_of(centering, write(tmp_path, "centering", [*rows[:2], centred(0.0026)])).summary
+    assert one[0].mark == "missed", "one beyond a bound on the worst decides it"
 
 
 def test_an_approach_along_another_axis_has_a_result(tmp_path):
