@@ -341,25 +341,56 @@ def _before(
     return times_s[late] - t_s, statistic[late]
 
 
-def _delays(what: str, courses: Sequence[tuple[Floats, Floats]], threshold: float) -> Iterator[Row]:
+class Delays(NamedTuple):
+    """How events were told at a threshold.
+
+    Attributes:
+        events: How many there were.
+        told: How many within `DELAY_S`; what was above before is missed.
+        early: How many of those missed were above before.
+        median_s, p90_s: Of all, missed ones last, each with its 95 % interval by ranks; infinite where so many were
+            missed, or so few there were.
+    """
+
+    events: int
+    told: int
+    early: int
+    median_s: tuple[float, float, float]
+    p90_s: tuple[float, float, float]
+
+
+def delays_at(courses: Sequence[tuple[Floats, Floats]], threshold: float) -> Delays:
+    """Delays of a detector at a threshold.
+
+    Args:
+        courses: Of each event: times since it, s, from a little before it on, and the statistic then.
+    """
     delays, early = [], 0
     for since_s, statistic in courses:
         above = since_s[np.nan_to_num(statistic, nan=-math.inf) > threshold]
         known = len(above) and above[0] >= 0.0
         early += bool(len(above)) and not known
         delays.append(float(above[0]) if known else math.inf)
-    ordered, n = np.sort(delays), len(delays)
-    told = int(np.sum(ordered <= DELAY_S))
-    low, high = wilson(told, n)
-    how = f"within {DELAY_S:g} s; {early} were above before, and count as missed"
-    yield row(f"{what} told", told / n, "", how, low=low, high=high, n=n)
-    for name, share in (("median", 0.5), ("90 %", 0.9)):
+    ordered, n = np.sort(np.where(np.array(delays) > DELAY_S, math.inf, delays)), len(delays)
+
+    def ranked(share: float) -> tuple[float, float, float]:
         rank = 1.96 * math.sqrt(n * share * (1.0 - share))
         places = [math.ceil(n * share + side * rank) - 1 for side in (0, -1, 1)]
-        ends = [1e3 * float(ordered[place]) if 0 <= place < n else math.nan for place in places]
-        yield row(
-            f"{what} delay, {name}", ends[0], "ms", "of all, missed ones last", low=ends[1], high=ends[2], n=n
-        )
+        value, low, high = (float(ordered[max(0, place)]) if place < n else math.inf for place in places)
+        return value, low, high
+
+    return Delays(n, int(np.isfinite(ordered).sum()), early, ranked(0.5), ranked(0.9))
+
+
+def _delays(what: str, courses: Sequence[tuple[Floats, Floats]], threshold: float) -> Iterator[Row]:
+    found = delays_at(courses, threshold)
+    n = found.events
+    low, high = wilson(found.told, n)
+    how = f"within {DELAY_S:g} s; {found.early} were above before, and count as missed"
+    yield row(f"{what} told", found.told / n, "", how, low=low, high=high, n=n)
+    for name, ends in (("median", found.median_s), ("90 %", found.p90_s)):
+        value, low, high = (1e3 * end for end in ends)
+        yield row(f"{what} delay, {name}", value, "ms", "of all, missed ones last", low=low, high=high, n=n)
 
 
 # --- what it cannot say, and the page -------------------------------------------------------------

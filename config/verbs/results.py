@@ -1,4 +1,4 @@
-"""Verbs on a run folder: `report`, `watch`, `open`, `export`, `compare`."""
+"""Verbs on a run folder: `report`, `watch`, `open`, `export`, `record-set`, `compare`."""
 
 from __future__ import annotations
 
@@ -111,6 +111,31 @@ def export(run: str, to: str, into: Path | None, out: Path) -> None:
         click.echo(path)
 
 
+@click.command("record-set", cls=verbs.Verb, short_help="Write a run as a data set that others can load.")
+@click.argument("run", metavar="RUN")
+@click.option("--into", type=click.Path(path_type=Path), required=True, help="Folder to write into.")
+@click.option("--licence", metavar="SPDX", required=True, help="Of the data, for example CC-BY-4.0.")
+@click.option("--by", metavar="TEXT", required=True, help="Who publishes it.")
+@click.option("--name", metavar="TEXT", help="Of the data set; the folder's name otherwise.")
+@verbs.out_option
+def record_set(run: str, into: Path, licence: str, by: str, name: str | None, out: Path) -> None:
+    """Write a RUN as a data set that others can load without this program, and print the files.
+
+    samples.parquet (trial, stream, channel, t_s, value, unit), trials.parquet (factors and measures), labels.parquet
+    (when something touched, moved or slid, by the truth of a simulation or by encoders; when each sensor first showed
+    the touch, with its uncertainty), an MCAP file a trial, and dataset.json: licence, units, rates, seed, checksums.
+
+    \b
+    Example:
+      run.py record-set latest --into slips --licence CC-BY-4.0 --by "A lab"
+    """
+    from controller.record_set import write_set
+    from controller.recording.reader import open_run
+
+    for path in write_set(open_run(run, out), into, licence=licence, name=name or into.name, by=by):
+        click.echo(path)
+
+
 @click.command(cls=verbs.Verb, short_help="Show what differs between two runs.")
 @click.argument("first", metavar="RUN")
 @click.argument("second", metavar="RUN")
@@ -153,4 +178,4 @@ def compare(first: str, second: str, out: Path) -> None:
     click.echo(side_by_side(*runs, lines))
 
 
-VERBS = (report, watch, open_, export, compare)
+VERBS = (report, watch, open_, export, record_set, compare)
