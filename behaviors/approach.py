@@ -1,7 +1,5 @@
 """Approach at constant speed until a detector reports contact, stop, stand still; and the trials of an arm's tip."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

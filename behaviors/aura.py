@@ -1,7 +1,5 @@
 """C2, C4, C5: a finger approaches an object with one of its sides, and may touch it (Rupavatharam et al., IV)."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field, Strict

@@ -1,7 +1,5 @@
 """C3: find an object between two fingers by its aura, go to the middle, close (Rupavatharam et al., III.D, IV.A.2)."""
 
-from __future__ import annotations
-
 from behaviors.grip import Gripping, GripSettings, gripping, gripping_plans
 from behaviors.machine import from_mover, on
 from behaviors.search import SEARCHING, Search, SearchFactors, SearchSettings

@@ -1,7 +1,5 @@
 """C1: sweep the drive for the frequency that transfers best (Rupavatharam et al., III.A.2)."""
 
-from __future__ import annotations
-
 from typing import Self
 
 from pydantic import Field, model_validator

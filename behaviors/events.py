@@ -3,8 +3,6 @@
 Statuses of devices (`drivers.core.messages.Status`) are events too; detectors and the loop add those below.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

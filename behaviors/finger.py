@@ -1,7 +1,5 @@
 """What the experiments with the oscillating finger share: its devices and streams, and how a trial begins and ends."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from behaviors.machine import Behavior

@@ -1,7 +1,5 @@
 """The first touch on a new bench: slowly, a person's word before each motion."""
 
-from __future__ import annotations
-
 import math
 
 from pydantic import Field

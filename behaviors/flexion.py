@@ -1,7 +1,5 @@
 """A3: approach while the tendon moves (Backus and Dollar, V.C: flexing raises the resonance as a contact does)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

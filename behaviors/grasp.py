@@ -1,7 +1,5 @@
 """Find an object by its aura, centre on it, close until it is felt, lift it, hold it against slip, set it down."""
 
-from __future__ import annotations
-
 from behaviors.grip import gripping, gripping_plans
 from behaviors.lift import LIFTING, Lifting, LiftSettings, lifting_plans
 from behaviors.machine import from_mover, on

@@ -1,7 +1,5 @@
 """Close on an object until both fingers feel it, release: a part of a trial (Rupavatharam et al., IV.A.2)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """Lift what the jaws hold, hold it against slip, set it down again: a part of a trial."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated

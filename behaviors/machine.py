@@ -1,7 +1,5 @@
 """The base of every behavior: a `transitions` machine that takes events and returns commands."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """B7: touch after touch with the tip turned further, up and down its range (Fernandez et al., section 2, Fig. 2)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Self

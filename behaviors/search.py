@@ -1,7 +1,5 @@
 """Find an object between two fingers by its aura, go to its middle: a part of a trial (Rupavatharam et al., III.D)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Literal

@@ -1,7 +1,5 @@
 """B8: touch, roll, slip, stop, and what a force sensor makes of it (Fernandez et al., sections 4.3 and 5)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What the experiments with sonic fingers share: coming in from above, tracking touches, leaving, failing."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """A1: none, light or full contact, at rest; the finger's waveform (Backus and Dollar, III.C, Fig. 4)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 

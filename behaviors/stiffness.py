@@ -1,7 +1,5 @@
 """A6, A4b: a contact at rest as in A1, then the finger rings without its drive (Backus and Dollar, II, V.A, V.C)."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from behaviors.machine import StatePlan, on

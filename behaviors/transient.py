@@ -1,7 +1,5 @@
 """A2: approach at constant speed until contact is detected, stop, retract (Backus and Dollar, III.C)."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """B6: known weights hung on a bridge, loading and unloading (Fernandez et al., 4.2, Fig. 5 and 6)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Literal, Self

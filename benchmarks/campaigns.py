@@ -3,8 +3,6 @@
 Rows must be the same to the byte however they were run and however often killed; this counts it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Centering in difficult rooms, the paper's method at its best: `python -m benchmarks centering_rooms`."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ valid from the first frame on, ready made. results/chain.md keeps an earlier run
 frames (chain_rivals.json).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from functools import partial

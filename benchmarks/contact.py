@@ -5,8 +5,6 @@ separate approaches. Detectors learn from the same baseline of 10 s; a rival's b
 set the thresholds. results/contact.md keeps what an earlier run found of rivals that were weaker.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@ Thresholds of one run come from the rests of the other three. All get the same s
 causal band-pass. And the simulated finger in noise that grows, or a hum: what of it is called contact.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple

@@ -5,8 +5,6 @@ Beside each stands its former cost, from that file.
 python -m benchmarks.costs [PROFILE...]: these alone; the others keep their measured values.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

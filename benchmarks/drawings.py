@@ -5,8 +5,6 @@
 Colours and markers are the reports': ours, the paper's, rivals, the truth or a bound (`controller.reports.figures`).
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ The device must end the motion: the stage has a target, controllers and grippers
 behave as their interface pages state: no real one was at hand.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -5,8 +5,6 @@ each stop: 1e-4 of full scale, 5 to 60 Hz, gone in 0.08 to 0.25 s, in a directio
 other passages, or are as shipped.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping

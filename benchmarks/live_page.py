@@ -1,7 +1,5 @@
 """From a click on the live page to the loop, and the page's cost to the loop, also when the page misbehaves."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

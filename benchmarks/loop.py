@@ -3,8 +3,6 @@
 `python -m benchmarks loop [--quick]`. A trial or a few of each profile; start of Python and compiling are left out.
 """
 
-from __future__ import annotations
-
 import json
 import statistics
 import tempfile

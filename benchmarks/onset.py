@@ -4,8 +4,6 @@ Real blows to a force sensor (after `make recordings`) with noise added, and sim
 pickers. The growths that ours knows were chosen on two of the three runs of blows; the first run and fresh seeds judge.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple

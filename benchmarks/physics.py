@@ -5,8 +5,6 @@
 earlier run with more rivals: a method of order 8, scipy's and MuJoCo.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

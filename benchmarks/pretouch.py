@@ -5,8 +5,6 @@ with the arm's motion and encoder written down here, without driver and loop. Wh
 docs/explanation/aura.md. Thresholds are from some passages, rates from others.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -6,8 +6,6 @@ once; some kinds are in no room that sets the one threshold (`NEVER`). Sizes in 
 at the study's drive. A room is drawn anew for each passage.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The paper's contact at every window and threshold, which it does not print, on the trials of `mock/touch`."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import product

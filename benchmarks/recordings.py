@@ -5,8 +5,6 @@ They are never committed: most of the repositories state no licence. A local cop
 `biotac=/data/BioTac_slide_20_50`. Studies run without them and report the missing rows.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import subprocess

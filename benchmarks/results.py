@@ -1,7 +1,5 @@
 """Storage of benchmark figures, with the machine they were measured on."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

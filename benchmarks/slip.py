@@ -6,8 +6,6 @@ recordings and on simulated seeds from 40,000 on. What is reported is the judgin
 the blows, which chose nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial

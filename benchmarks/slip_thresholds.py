@@ -7,8 +7,6 @@ and fro, smoothly and with a bump a second. The thresholds of the profile `mock/
 that the paper prints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any

@@ -4,8 +4,6 @@ python -m benchmarks.soak                            everything: 20 runs of each
 python -m benchmarks.soak --runs 2 --tests 0 emulated/slip
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -4,8 +4,6 @@ The stage is at a pty, the arm behind ur_rtde and TCP on loopback. The arm's rea
 emulated controller: no real one was at hand.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Sequence

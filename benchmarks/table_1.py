@@ -5,8 +5,6 @@ behind "10 samples" and noise of the frequency, for both readings of its sigma. 
 other row by least squares of the time alone, and judged on other seeds and all rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
 from itertools import combinations_with_replacement

@@ -1,7 +1,5 @@
 """What `run.py list` shows: names and summaries, nothing validated and nothing heavy imported."""
 
-from __future__ import annotations
-
 import math
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Shards joined into the run folder that one run would have written; and whether a run can go on."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime

@@ -1,7 +1,5 @@
 """What `replay` and `calibrate` share: a detector, and its input from a recording."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The program's own call for scripts: the same campaign as `run.py run`, trials from Python."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The sections of a profile, each held against the settings class that it configures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter

@@ -4,8 +4,6 @@ A factor is the experiment's own (`speed_m_s`, `location`) or, with a dotted nam
 trial (`plant.noise_scale`, `detectors.contact.sample_hz`).
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import math

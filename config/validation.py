@@ -1,7 +1,5 @@
 """From the refusal of a settings class to one line with the place and the remedy."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import re

@@ -1,7 +1,5 @@
 """Whether what is subscribed arrives: a stream that falls silent or sticks ends the trial, in motion and at rest."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 

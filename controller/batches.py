@@ -1,7 +1,5 @@
 """A campaign whose trials are run elsewhere: batches of them are put into one run folder as they come, in order."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime

@@ -1,7 +1,5 @@
 """What a sensor can do, from its recordings: one page and one JSON, in the same words and units for every sensor."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence

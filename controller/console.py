@@ -1,7 +1,5 @@
 """The person at the bench: how they interrupt a campaign, and what they see of it off a terminal."""
 
-from __future__ import annotations
-
 import os
 import re
 import select

@@ -1,7 +1,5 @@
 """What `run.py check` tries of a user's own devices, signals and detectors: a line for each promise that is broken."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace

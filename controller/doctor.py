@@ -1,7 +1,5 @@
 """A bench looked at without moving it: the computer, every device opened, every sensor read for a moment."""
 
-from __future__ import annotations
-
 import os
 import resource
 from collections import Counter

@@ -1,7 +1,5 @@
 """The last gate before the devices: it refuses what is unsafe, and stops every mover by itself."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """What a person sees of a bench by hand: its streams and margins, drawn on a terminal or printed line by line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from textwrap import wrap

@@ -1,7 +1,5 @@
 """A mover led by keys: it moves while a key is held, slowly, and stops when the key no longer comes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Layout v3.0 of huggingface/lerobot (src/lerobot/datasets): data/ and meta/ in Parquet, meta/info.json, meta/stats.json.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

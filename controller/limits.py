@@ -1,7 +1,5 @@
 """What each mover of a bench may do, and which of its commands that lets through. Pure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A campaign as a live view on a terminal."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress

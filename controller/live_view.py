@@ -1,7 +1,5 @@
 """What a person sees of a trial that runs, on the terminal and on the live page: signals, thresholds, margins, ages."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice

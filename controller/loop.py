@@ -1,7 +1,5 @@
 """One thread: samples in, guard, detectors, behavior, commands out, turn after turn until the trial ends."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """What a command's fields may hold: finite numbers, of known types, as many as declared. Pure."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 from functools import cache

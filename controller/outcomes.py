@@ -1,7 +1,5 @@
 """What the outcome of a trial means: which words are success, and what older runs called the same."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 

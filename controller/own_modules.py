@@ -1,7 +1,5 @@
 """What `module:attribute` names: a part of the program, or the user's own, found beside a profile."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import sys

@@ -1,7 +1,5 @@
 """Thresholds from a bench at rest: what its detectors make of a minute in which nothing happens."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple

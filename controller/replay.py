@@ -1,7 +1,5 @@
 """A recording through a detector: run folders, and files of other programs; one event a line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The bench as the controller sees it: devices, a clock, and nothing about what they are made of."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal

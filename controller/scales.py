@@ -4,8 +4,6 @@ A name ends in the SI unit of its value, as in `stop_travel_m`. Heading and cell
 line and page, are both made from its one `Scale`.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Every mover of a bench stopped from a fresh process, beside whatever runs; of each, whether it stands still."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Whether the streams that a trial subscribes to exist, checked before anything moves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence, Set
 from difflib import get_close_matches
 

@@ -1,7 +1,5 @@
 """A transducer's sweep as a lab measures it: a table of frequencies and responses, its figures and its picture."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What answers at ports that no profile uses: each is asked for a name, which moves and changes nothing."""
 
-from __future__ import annotations
-
 import logging
 import re
 import time

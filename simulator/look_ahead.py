@@ -1,7 +1,5 @@
 """Many turns at once where nothing can be commanded meanwhile: what is kept to go back, and how far to look."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections import defaultdict, deque

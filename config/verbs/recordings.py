@@ -1,7 +1,5 @@
 """Verbs on recordings, of this program or another: `replay`, `calibrate`, `characterize`, `sweep`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

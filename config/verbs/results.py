@@ -1,7 +1,5 @@
 """Verbs on a run folder: `report`, `watch`, `open`, `export`, `record-set`, `compare`."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

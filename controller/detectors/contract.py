@@ -1,7 +1,5 @@
 """What holds for every detector, shipped or the user's own; each clause takes samples in which it finds something."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 

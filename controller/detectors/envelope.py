@@ -1,7 +1,5 @@
 """What detectors on a finger's envelope share: its samples, each with the mover's position, and how they are pushed."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import deepcopy

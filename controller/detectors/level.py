@@ -1,7 +1,5 @@
 """Contact by the level of a finger's envelope: the paper's z-score, and jumps off the circle that stay."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated

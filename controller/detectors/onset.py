@@ -1,7 +1,5 @@
 """The time at which something knocked or touched, with its uncertainty, from any vibration channel."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Pre-touch by the paper: spectral power between 0 and 100 Hz, window by window."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

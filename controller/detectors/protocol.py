@@ -1,7 +1,5 @@
 """The detector interface, and the readings that a detector shows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 

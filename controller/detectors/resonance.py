@@ -1,7 +1,5 @@
 """Contact from the waveform of an oscillating finger: phase and amplitude against their prediction."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Literal

@@ -1,7 +1,5 @@
 """Contact from a rise of the finger's resonant frequency (Backus and Dollar, III.B)."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Contact from a force that rises above its level at rest, as when a hand reaches the table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Annotated

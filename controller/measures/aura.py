@@ -1,7 +1,5 @@
 """C2, C4, C5: each detector's events on approaches, touches and empty space (Rupavatharam et al., IV)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ the largest difference between loading and unloading at the same load over the f
 resolution is "the smallest change detected". The criterion of detection is not printed: `DETECTED_SIGMA` here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """C3: the middle found, and the time taken (Rupavatharam et al., III.D, IV.A.2, Fig. 8c)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """C1: transmission of each frequency of a sweep (Rupavatharam et al., III.A.2)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The first touch on a new bench: where contact was detected, how hard it pressed, how far the mover went on."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from behaviors.events import Contact

@@ -1,7 +1,5 @@
 """A3: false contacts while the finger is flexed, with a fixed threshold and with one that follows the tendon."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """A grasp: what the search came to, what was felt, and how the object was held."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

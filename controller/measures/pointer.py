@@ -1,7 +1,5 @@
 """B7: the angle of the contact against the true angle (Fernandez et al., Fig. 2 and 11)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """A4: which link was touched, from an accelerometer on each (Backus and Dollar, V.C)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """B8: events of each slip detector, true slip, and the paper's statistic."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """A5: what each threshold would have detected, on approaches without a stop (Backus and Dollar, III.B, V.C)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A2: delay, extent and force at detection, against the load cell (Backus and Dollar, III.C, Table I)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

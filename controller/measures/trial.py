@@ -1,7 +1,5 @@
 """Input of a measure: the trial's events and streams, live or from a recording."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """B6: a bridge's gain, hysteresis and resolution from weights (Fernandez et al., 4.2, Fig. 6)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The thread that does all writing of a run, so that the loop never waits for a disk."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Run folders that are written on: of trials that have ended, for one folder of all; and a run that broke off."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections import Counter

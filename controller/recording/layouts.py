@@ -1,7 +1,5 @@
 """Layouts with which Foxglove and PlotJuggler open a recording: detectors, guard, signals, states, events."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from itertools import cycle, pairwise

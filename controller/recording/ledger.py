@@ -1,7 +1,5 @@
 """trials.csv, one line a trial, appended as it ends, the same bytes for the same seed; and events.jsonl."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io

@@ -3,8 +3,6 @@
 A chunk holds messages of one trial; nothing is unpacked before it is asked for.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

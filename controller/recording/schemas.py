@@ -7,8 +7,6 @@
 - `foxglove.Log`: what happened, in Foxglove's own schema, for its log panel.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any

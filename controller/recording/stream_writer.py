@@ -1,7 +1,5 @@
 """Turns what the loop saw into `recording.mcap`, on the recorder's thread."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime

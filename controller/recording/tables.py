@@ -1,7 +1,5 @@
 """What other programs recorded: numbers by column, and their times, out of text, NPZ, MAT, MCAP, WAV and FLAC."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """The numbers of A2: approaches read from runs, grouped, and compared with the paper's Table I, bounds and trends."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The part of the page on C2, C4 and C5: approaches, touches and nothing at all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The part of the page on C3: how well the middle is found, beside the paper's Fig. 8c."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

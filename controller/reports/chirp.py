@@ -1,7 +1,5 @@
 """The part of the page on C1: which frequency transfers best."""
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """What a report opens with: a sentence of verdict, three numbers, and the typical and the worst trial, drawn."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import statistics

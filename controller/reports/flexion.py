@@ -1,7 +1,5 @@
 """The part of the page on A3: contact while the tendon moves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The part of the page on A4b: location along the link from the phase between two accelerometers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple

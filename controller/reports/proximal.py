@@ -1,7 +1,5 @@
 """The part of the page on A4: which link was touched."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

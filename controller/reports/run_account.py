@@ -1,7 +1,5 @@
 """How a run was run: from its manifest, nothing left out."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """What a part of the page is made of, and the templates that every page is made with."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The settings behind a page: which runs may be averaged, what differs between the others, what the paper has."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What slip detectors detected, missed and called too early, pooled over trials of one kind."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The part of the page on A1: no, light and full contact at rest, beside the paper's Fig. 4."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 

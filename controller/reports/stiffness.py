@@ -1,7 +1,5 @@
 """The part of the page on A6: frequency against the contact's stiffness, location and depth."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

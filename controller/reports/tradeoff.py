@@ -1,7 +1,5 @@
 """The part of the page on A5: sensitivity against false contacts for every threshold."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The trials on the page: a table of all, and the signals of each: samples, detections, truth and states."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """Page's CUSUM over knocks, which no single blow can drive far, and the likelihood of vibration beside it. Compiled."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

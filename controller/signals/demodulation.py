@@ -5,8 +5,6 @@ an output sample. Counts and taps are whole numbers whose sums stay below 2^53: 
 whatever order it is added, so that blocks and processors change nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple

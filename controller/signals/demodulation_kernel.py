@@ -1,7 +1,5 @@
 """What is done to every frame of a carrier. Compiled."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Final

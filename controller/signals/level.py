@@ -1,7 +1,5 @@
 """Levels: how far a sample is from its own window, and jumps off the circle that an undulation draws. Compiled."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

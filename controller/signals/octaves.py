@@ -3,8 +3,6 @@
 A slip shakes several neighbouring octaves at once. Hum shakes one, and a smoothly starting arm the lowest alone.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Signals: streams computed from other streams, while they are subscribed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol
 

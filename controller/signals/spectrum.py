@@ -1,7 +1,5 @@
 """Spectra of short records, and of consecutive blocks of a stream."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Calibrated forces of a strain-gauge fingertip: three bridges in volts → Fx, Fy, Ft, Fn and the contact's angle."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated
 

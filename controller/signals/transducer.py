@@ -1,7 +1,5 @@
 """A transducer's sweep: where it resonates, how broad, and whether one resonance explains it or two are needed."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 

@@ -13,8 +13,6 @@ cell, so a sample costs the same after a minute as after a day.
 docs/explanation/pretouch.md derives it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

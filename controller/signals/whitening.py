@@ -6,8 +6,6 @@ weighted least squares. Free ringing of a structure is predicted, whatever its f
 not.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

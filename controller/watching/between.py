@@ -1,7 +1,5 @@
 """Between two trials: a campaign that is held there, and what those who watch have done by hand meanwhile."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A run that others may watch: it publishes its state and receives their commands, on a thread of its own."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

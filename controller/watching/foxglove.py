@@ -1,7 +1,5 @@
 """A live stream for Foxglove: what is recorded, as it is recorded. It takes no command and offers no service."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 

@@ -1,7 +1,5 @@
 """The approach axis of an arm, and the geometry of its poses. Pure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 

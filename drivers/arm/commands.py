@@ -1,7 +1,5 @@
 """Which commands an arm takes, and how they are clamped. Every number is checked here, before it goes anywhere."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from dataclasses import replace

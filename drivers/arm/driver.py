@@ -1,7 +1,5 @@
 """Any make of arm: its client library runs in a process that can be killed and replaced."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar

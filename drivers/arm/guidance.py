@@ -1,7 +1,5 @@
 """How fast a tool speed may be in this cycle, so that the tool stays inside its bounds. Pure."""
 
-from __future__ import annotations
-
 import math
 
 from drivers.arm.axis import Axis

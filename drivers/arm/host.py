@@ -1,7 +1,5 @@
 """The program's side of the arm's process: starts it, reads it, kills it. No thread: the loop reads the pipe."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

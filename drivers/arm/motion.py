@@ -5,8 +5,6 @@ One thing moves the arm at a time. A `MoveAt` and a `Twist` are tool speeds, sen
 because a second mover ends the controller's program.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from enum import Enum, auto

@@ -4,8 +4,6 @@ Downwards go `Start` and `drivers.core.messages` commands; upwards go `Opened`, 
 `drivers.core.messages` statuses. All times in the pipe are the clock's monotonic seconds, which both processes share.
 """
 
-from __future__ import annotations
-
 import pickle
 import select
 import socket

@@ -8,8 +8,6 @@ destroying the link, for a client library's destructors may wait or abort.
 Both threads tell the bench's clock when they look at it next (`Clock.hold`).
 """
 
-from __future__ import annotations
-
 import math
 import os
 import socket

@@ -1,7 +1,5 @@
 """Where an arm starts, and how far and fast it may go."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Self
 

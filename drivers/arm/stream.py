@@ -1,7 +1,5 @@
 """The controller's rows as sample blocks: sequence, loss and bench time. Pure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

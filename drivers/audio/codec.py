@@ -11,8 +11,6 @@ The host writes lines of JSON; the recorder writes frames, each a header of 16 b
 All numbers are little-endian; sound is packed signed 24-bit counts, the channels of a frame side by side.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct

@@ -1,7 +1,5 @@
 """Commands and stream of the fingers' audio: for driver and mock alike. Pure."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final
 

@@ -1,7 +1,5 @@
 """The fingers' sound: carrier in, drive out; from a sound card, a file or a recorder on the network."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Final
 

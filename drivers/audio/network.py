@@ -1,7 +1,5 @@
 """A recorder on the network: sound and messages over one TCP connection."""
 
-from __future__ import annotations
-
 import math
 import socket
 import threading

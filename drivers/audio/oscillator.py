@@ -5,8 +5,6 @@ frame's number alone is the in-phase reference. Frequencies are whole millihertz
 numbers, exact at every frame for ever, with no memory.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whether what the fingers send is fit for use: clipped, silent, or of 16 bits. Pure."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

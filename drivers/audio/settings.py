@@ -1,7 +1,5 @@
 """Where the fingers' sound comes from, and what is asked of it."""
 
-from __future__ import annotations
-
 from typing import Annotated, Final
 
 from pydantic import Field, Strict

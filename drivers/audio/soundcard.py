@@ -1,7 +1,5 @@
 """A sound card, through PortAudio: input, and output in the same stream where the card has one."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence

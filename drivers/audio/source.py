@@ -1,7 +1,5 @@
 """What every source of the fingers' sound offers the driver, and the table of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module

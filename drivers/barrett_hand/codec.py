@@ -5,8 +5,6 @@ is a group. A query is `[property]`, a reply, which goes to group 6, `[0x80 | pr
 little-endian.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 

@@ -1,7 +1,5 @@
 """The BarrettHand's finger torques, polled on a CAN bus."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """One finger's strain gauge: raw readings → blocks in newtons, zero, saturation. Pure."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

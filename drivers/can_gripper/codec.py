@@ -8,8 +8,6 @@ first, so that bit 5 of the byte is the low one; the vendor's own client takes i
 not distinguish 1 from 2 by these bits: `GripperState.object` is true for both, and the command gives the direction.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass

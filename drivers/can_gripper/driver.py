@@ -1,7 +1,5 @@
 """The gripper: SSG-48 on a CAN bus."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence

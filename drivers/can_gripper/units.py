@@ -1,7 +1,5 @@
 """SSG-48: SI ⇄ what it counts, and which commands it takes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Final

@@ -1,7 +1,5 @@
 """What every mover on an approach axis has: bounds of travel and speed, and commands held against them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Self

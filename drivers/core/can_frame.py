@@ -1,7 +1,5 @@
 """What travels on a CAN bus, as every codec here sees it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 MAX_DATA_BYTES = 8

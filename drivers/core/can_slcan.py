@@ -1,7 +1,5 @@
 """python-can's slcan, without waiting."""
 
-from __future__ import annotations
-
 import os
 
 from can.exceptions import CanOperationError

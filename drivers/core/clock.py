@@ -1,7 +1,5 @@
 """The only module that reads the time."""
 
-from __future__ import annotations
-
 import math
 import time
 from datetime import UTC, datetime

@@ -15,8 +15,6 @@ Error, with the delays measured on a pty (22 us p50, 3.6 ms p99, 16 ms max), 100
 of the time. The tests hold it to these.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -8,8 +8,6 @@ with equal kernels share what is compiled, wherever they lie, and trees with dif
 `kept_in()` names the folder: one for each machine and version of what compiles.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import pickle

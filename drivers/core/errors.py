@@ -1,7 +1,5 @@
 """What can go wrong with a device. Each error is also the standard one that fits it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The base of sensors on a serial port that send a line for each sample."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar, NamedTuple
 

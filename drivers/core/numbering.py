@@ -4,8 +4,6 @@ A device with its own clock time-stamps its samples, and some also count them; `
 and host times. Where the host polls each sample it knows these already, and needs `Samples` alone.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

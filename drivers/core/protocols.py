@@ -1,7 +1,5 @@
 """The one interface that every device has, mock, emulated or real."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 

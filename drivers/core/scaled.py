@@ -1,7 +1,5 @@
 """Streams whose unit, scale and zero a profile gives: columns of printed lines, inputs of a converter, counters."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence

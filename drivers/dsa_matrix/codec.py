@@ -3,8 +3,6 @@
 Source: docs/reference/sensors.md; the layout of the infos is that of the maker's public library.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

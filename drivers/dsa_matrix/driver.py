@@ -1,7 +1,5 @@
 """Tactile matrices behind a DSACON32-M on a serial line."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 

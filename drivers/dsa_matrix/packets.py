@@ -4,8 +4,6 @@ Source: docs/reference/sensors.md, and the command set as the maker's public lib
 little-endian; a packet without a payload has no CRC.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 

@@ -1,7 +1,5 @@
 """The arm of Franka Robotics: any arm, over a link to its control interface."""
 
-from __future__ import annotations
-
 from drivers.arm.driver import ArmDriver
 from drivers.franka_arm.link import FrankaLink
 from drivers.franka_arm.settings import FrankaArmSettings

@@ -1,7 +1,5 @@
 """What a Franka arm has beside what any arm has."""
 
-from __future__ import annotations
-
 from typing import Self
 
 from pydantic import Field, model_validator

@@ -1,7 +1,5 @@
 """The outcome of a command, from the sequence of the gripper's states. Pure."""
 
-from __future__ import annotations
-
 import math
 
 from drivers.core.messages import (

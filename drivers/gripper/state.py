@@ -1,7 +1,5 @@
 """What a gripper says of itself, whatever its make."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 

@@ -1,7 +1,5 @@
 """Which commands any gripper takes; SI ⇄ what it counts is its make's. Pure."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from dataclasses import replace

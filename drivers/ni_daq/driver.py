@@ -1,7 +1,5 @@
 """A National Instruments device through NI-DAQmx: analog inputs, counters, an analog output."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from drivers.core.clock_model import DeviceClock

@@ -1,7 +1,5 @@
 """An analog output of a NI-DAQmx device, and the thread that writes to it."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What a profile says of a device's inputs, counters and output."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, Self
 

@@ -9,8 +9,6 @@
 `load` is for a program that answers; a person reads `says`. A newer question replaces an older one.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

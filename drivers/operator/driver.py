@@ -1,7 +1,5 @@
 """The person at the bench: asked on the console, or at the far end of a line."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from typing import Any

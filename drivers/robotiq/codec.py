@@ -4,8 +4,6 @@ Source: docs/reference/can_gripper.md. A question is `GET NAME`, its answer `NAM
 `SET NAME value …`, its answer `ack`.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

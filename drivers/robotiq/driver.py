@@ -1,7 +1,5 @@
 """A Robotiq gripper: 2F-85, 2F-140 or Hand-E on a UR arm, through the socket of its URCap."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Which Robotiq gripper, and where."""
 
-from __future__ import annotations
-
 from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator

@@ -1,7 +1,5 @@
 """Which commands a sensor board takes and refuses: for driver and mock alike. Pure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Orders to the board: tags, replies, one repetition, silence."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drivers.core.links import SerialLink

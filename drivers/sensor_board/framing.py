@@ -4,8 +4,6 @@ The CRC is CRC-16/IBM-3740 (polynomial 0x1021, init 0xFFFF, not reflected) over 
 Source: docs/reference/sensors.md.
 """
 
-from __future__ import annotations
-
 import binascii
 from dataclasses import dataclass, field
 from typing import Final

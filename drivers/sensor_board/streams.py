@@ -1,7 +1,5 @@
 """From the board's frames to sample blocks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

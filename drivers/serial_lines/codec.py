@@ -1,7 +1,5 @@
 """Lines of numbers, as sketches print them: fields, a separator, perhaps a check. No I/O."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from functools import reduce

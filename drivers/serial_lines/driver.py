@@ -1,7 +1,5 @@
 """Any board that prints a line of numbers for each sample: columns, units and rate are the profile's."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """What a profile says of a board that prints lines."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Self
 

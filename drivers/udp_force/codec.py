@@ -1,7 +1,5 @@
 """The RDT protocol of a Net F/T box: requests of 8 bytes, records of 36, big-endian. No I/O."""
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A six-axis force sensor behind a Net F/T box: forces, torques, and the force along one axis."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import urllib.request

@@ -1,7 +1,5 @@
 """A UR arm stopped beside the program that holds it: over the dashboard, which takes any number of clients."""
 
-from __future__ import annotations
-
 import math
 
 from drivers.arm.link import STILL_M_S, STILL_RAD_S, LinkError

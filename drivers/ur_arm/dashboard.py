@@ -1,7 +1,5 @@
 """The controller's dashboard: a line out, a line in, each with a deadline."""
 
-from __future__ import annotations
-
 import re
 import socket
 

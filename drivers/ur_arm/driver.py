@@ -1,7 +1,5 @@
 """The arm of Universal Robots: any arm, over a link to its controller."""
 
-from __future__ import annotations
-
 from drivers.arm.driver import ArmDriver
 from drivers.ur_arm.aside import stop_beside
 from drivers.ur_arm.link import UrLink

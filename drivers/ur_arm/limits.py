@@ -1,7 +1,5 @@
 """A UR controller's limits of its joints, from the configuration data of its primary interface."""
 
-from __future__ import annotations
-
 import socket
 import struct
 import time

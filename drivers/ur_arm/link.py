@@ -1,7 +1,5 @@
 """The link to a UR controller through ur_rtde and the dashboard: rows, and what is checked before anything moves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from itertools import pairwise

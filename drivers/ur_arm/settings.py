@@ -1,7 +1,5 @@
 """What a Universal Robots arm has beside what any arm has: its controller's cycle, its tool, its watchdog."""
 
-from __future__ import annotations
-
 from typing import Literal, Self
 
 from pydantic import Field, model_validator

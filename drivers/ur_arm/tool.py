@@ -1,7 +1,5 @@
 """What the controller takes the tool for: read at opening, held against the profile, recorded. Pure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import NamedTuple

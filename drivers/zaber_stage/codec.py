@@ -6,8 +6,6 @@ A command is `/device axis [id] text[:LRC]`; a reply is
 `#dd a [id] text` are unsolicited.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

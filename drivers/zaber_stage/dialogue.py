@@ -1,7 +1,5 @@
 """Questions and answers with one Zaber device: ids, checksums, repeats, silence."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from drivers.core.clock import Clock

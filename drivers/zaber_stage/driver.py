@@ -1,7 +1,5 @@
 """The linear stage: Zaber ASCII over a serial port."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator, Mapping, Sequence
 from typing import TypeVar

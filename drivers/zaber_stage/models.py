@@ -1,7 +1,5 @@
 """Stages that are known by their device id: what the protocol does not tell, the length of a microstep."""
 
-from __future__ import annotations
-
 import tomllib
 from functools import cache
 from pathlib import Path

@@ -2,8 +2,6 @@
 
 For driver and mock alike."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal, Self
 

@@ -4,8 +4,6 @@ A procedure is a generator: it yields lines and is sent the reply to each. It to
 begins with one of `SETS_OUT` sets the stage in motion.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator, Mapping
 from typing import NamedTuple

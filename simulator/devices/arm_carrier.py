@@ -1,7 +1,5 @@
 """An arm's tool with what the bench has in it: the controller's cycles in, the bench's wrench out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """An emulated recorder of the fingers: its side of the connection; no socket, no clock of the host's."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, Protocol, get_args

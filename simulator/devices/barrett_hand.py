@@ -1,7 +1,5 @@
 """The emulated fingers of a BarrettHand: CAN frames on the forces at their tips; no bus, no clock."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, Literal, Protocol, get_args

@@ -1,7 +1,5 @@
 """An emulated SSG-48: CAN frames on the motion of a drive; no bus, no clock."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, Literal, get_args

@@ -1,7 +1,5 @@
 """Emulated tactile matrices behind a DSACON32-M: packets on whatever their texels feel; no port, no clock."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, Protocol, get_args

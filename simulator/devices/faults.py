@@ -1,7 +1,5 @@
 """What goes wrong on a bench of software, and when: timed by the scene, unknown to detectors."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import suppress

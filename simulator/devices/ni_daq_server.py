@@ -1,7 +1,5 @@
 """A server of the gRPC calls that NI's `nidaqmx` makes for analog inputs, counters and an analog output."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent import futures

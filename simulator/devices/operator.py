@@ -1,7 +1,5 @@
 """An emulated person at the far end of a line: reads requests, takes a while, hangs weights, confirms."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """An emulated Robotiq gripper behind its URCap's socket: lines on the motion of a drive; no socket, no clock."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any, Literal, get_args

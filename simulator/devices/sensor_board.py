@@ -1,7 +1,5 @@
 """An emulated sensor board: frames on whatever its sensors are wired to; no port, no clock of the host's."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

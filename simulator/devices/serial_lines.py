@@ -1,7 +1,5 @@
 """An emulated board that prints lines: what its columns show of the bench, on a clock of its own."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

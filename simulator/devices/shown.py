@@ -1,7 +1,5 @@
 """What the columns and inputs that a profile describes show of the bench."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 

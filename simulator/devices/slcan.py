@@ -5,8 +5,6 @@ identifier, one of length, the data); an order is answered by CR, a transmission
 BEL alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Final, Literal, Protocol, get_args
 

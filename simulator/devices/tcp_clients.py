@@ -1,7 +1,5 @@
 """Loopback clients of an emulated device: accepted, read, answered and dropped; nothing here waits."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Callable
 

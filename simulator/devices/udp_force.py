@@ -1,7 +1,5 @@
 """An emulated Net F/T box: records of what the bench does to its tool, on a clock of its own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """An emulated linear stage: Zaber ASCII on the motion of a `StageAxis`; no port, no clock."""
 
-from __future__ import annotations
-
 import tomllib
 from collections import deque
 from collections.abc import Callable, Mapping

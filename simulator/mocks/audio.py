@@ -1,7 +1,5 @@
 """The fingers' sound on the mock bench: carrier or envelope, in the process and in virtual time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final

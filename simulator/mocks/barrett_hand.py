@@ -1,7 +1,5 @@
 """The BarrettHand of the mock bench: what its fingers feel, sampled in the process."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """What mock drivers share, those over a line in memory and those by hand; faults begin when the scene sets them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar

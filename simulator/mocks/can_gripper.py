@@ -1,7 +1,5 @@
 """The gripper of the mock bench: the drive's motion, in the process."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

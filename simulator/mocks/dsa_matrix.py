@@ -1,7 +1,5 @@
 """The tactile matrices of the mock bench: what their texels feel, sampled in the process."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A device with analog inputs on the mock bench: the real driver on its emulated twin, without the maker's library."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from drivers.core.messages import Command, Excite, Listen, Tone

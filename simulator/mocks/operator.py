@@ -1,7 +1,5 @@
 """The person of the mock bench: the real driver on the emulated person."""
 
-from __future__ import annotations
-
 import math
 
 from drivers.operator.driver import Person, PersonSettings

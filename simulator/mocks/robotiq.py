@@ -1,7 +1,5 @@
 """A Robotiq gripper of the mock bench: the real driver on its emulated twin."""
 
-from __future__ import annotations
-
 from drivers.robotiq.driver import Robotiq
 from drivers.robotiq.settings import RobotiqSettings
 from simulator.devices.robotiq import EmulatedRobotiq

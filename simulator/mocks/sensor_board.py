@@ -1,7 +1,5 @@
 """The sensor board of the mock bench: what the plant does, sampled and quantised in the process."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A board of the mock bench that prints lines: the real driver on its emulated twin."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from drivers.core.messages import Command, DeviceInfo

@@ -1,7 +1,5 @@
 """A force sensor's box on the mock bench: the real driver on its emulated twin."""
 
-from __future__ import annotations
-
 from drivers.udp_force.codec import BoxSettings
 from drivers.udp_force.driver import UdpForce
 from simulator.devices.udp_force import EmulatedUdpForce

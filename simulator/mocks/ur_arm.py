@@ -1,7 +1,5 @@
 """The arm of the mock bench: its tool carries the probe along the approach axis, in the process."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

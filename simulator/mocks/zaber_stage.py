@@ -1,7 +1,5 @@
 """The linear stage of the mock bench: commands move a simulated axis in the process."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

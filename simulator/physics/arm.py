@@ -4,8 +4,6 @@ Source of the dimensions: Universal Robots, "DH parameters for calculations of k
 row. The closed inverse is the one of Hawkins, "Analytic inverse kinematics for the universal robots" (2013).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

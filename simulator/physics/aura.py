@@ -1,7 +1,5 @@
 """Two fingers' aura: what their bridges put out, at envelope and at carrier level."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The drive of the transducers: tones and sweeps on the converter's own clock, exact in phase for ever."""
 
-from __future__ import annotations
-
 import bisect
 import math
 from typing import NamedTuple

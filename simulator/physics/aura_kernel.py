@@ -1,7 +1,5 @@
 """The sound field of two fingers, instant by instant. Compiled. The equations are those of docs/explanation/aura.md."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

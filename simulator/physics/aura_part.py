@@ -1,7 +1,5 @@
 """Sound of two fingers on a gripper, as a part of a bench: their drive, and what their bridges show."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Literal
 

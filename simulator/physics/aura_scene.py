@@ -1,7 +1,5 @@
 """Where two fingers and an object are, millisecond by millisecond, and which finger touches it."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 

@@ -1,7 +1,5 @@
 """Settings of the aura: what the paper prints, and what had to be assumed."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Mapping

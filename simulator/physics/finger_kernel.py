@@ -3,8 +3,6 @@
 Numbers in brackets are those of the equations in docs/explanation/finger_physics.md.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

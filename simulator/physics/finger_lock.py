@@ -1,7 +1,5 @@
 """The locked free finger, and leaps over its motion while it is not observed."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The resonant finger as a part of a bench: a probe in the tool meets it, a board reads it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every number of the finger: mechanics, electronics, noise; each with its unit and where it is from."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Self

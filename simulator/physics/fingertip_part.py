@@ -1,7 +1,5 @@
 """A tip with a force sensor, in an arm's tool, on a table, as a part of a bench."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What stands on the slip bench: sensors, streams, and the numbers of its profile section."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 

@@ -1,7 +1,5 @@
 """A gripper and an object, millisecond by millisecond: what touches, is pushed, held, lifted or dropped. Compiled."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

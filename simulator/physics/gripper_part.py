@@ -1,7 +1,5 @@
 """A gripper in the tool and the object that it closes on, or presses on, as a part of a bench."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 

@@ -1,7 +1,5 @@
 """A gripper's loops on its jaws, tick by tick: speed loop, finding of objects, calibration, dry friction. Compiled."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

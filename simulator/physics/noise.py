@@ -5,8 +5,6 @@ Philox4x32-10 (Salmon, Moraes, Dror, Shaw: Parallel random numbers, as easy as 1
 cut into blocks or shared among workers changes no sample.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A force sensor in the right finger's pad, as a part of a bench: it feels what the gripper holds slip."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

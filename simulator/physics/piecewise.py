@@ -8,8 +8,6 @@ Time inside a piece is a fraction u in [0, 1] of the piece's length, so that coe
 of coefficients are values at the end, sums of their magnitudes are bounds.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

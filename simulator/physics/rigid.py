@@ -5,8 +5,6 @@ Compiled, since a controller's cycle needs dozens of them.
 A pose is (x, y, z, rx, ry, rz): metres, and a rotation vector whose length is the angle in radians.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -6,8 +6,6 @@ away, standing still, the next patch of the table) everything is linear: the pie
 `piecewise`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

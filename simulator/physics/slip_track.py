@@ -1,7 +1,5 @@
 """What has lately come out of a slip plant, sample by sample, and the truth about contact and slip."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

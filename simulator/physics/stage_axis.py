@@ -1,7 +1,5 @@
 """Motion of one axis: trapezoidal speed profiles in closed form, without a clock."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Sequence

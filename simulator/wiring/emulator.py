@@ -7,8 +7,6 @@ input ends. A control port on loopback takes one JSON line a request: {"trial": 
 the plant's account and where things stand, or why the request was {"refused": …}.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import json

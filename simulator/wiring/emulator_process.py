@@ -1,7 +1,5 @@
 """The run's side of an emulator: starts the process, joins one that runs, begins trials in it."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import select

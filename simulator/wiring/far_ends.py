@@ -1,7 +1,5 @@
 """Where emulated devices meet the host: a serial line or a network, and the faults of either."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

@@ -6,8 +6,6 @@ fitted (docs/explanation/finger_physics.md, docs/explanation/slip.md). How close
 (`tolerance_hz`) is ours: the paper has only "approximately". Table I's zero of the micrometer is taken as distal.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping
 from pathlib import Path

@@ -4,8 +4,6 @@ Facts marked [E] in the comments are what a re-implementation of the control scr
 was at hand.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence

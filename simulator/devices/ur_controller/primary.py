@@ -1,7 +1,5 @@
 """What a controller sends at its primary and secondary interface: its version once, then its state."""
 
-from __future__ import annotations
-
 import struct
 
 from simulator.devices.ur_controller.controller import Runtime, Safety, UrController

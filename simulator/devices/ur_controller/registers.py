@@ -1,7 +1,5 @@
 """The controller's registers, and how the client's control script uses them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, MutableMapping, Sequence
 from typing import cast
 

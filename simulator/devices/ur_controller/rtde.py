@@ -4,8 +4,6 @@ Source: Universal Robots, "Real-Time Data Exchange (RTDE) guide", protocol versi
 big-endian u16 of its whole size, a u8 of its kind, and a body.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable, Iterator, Sequence

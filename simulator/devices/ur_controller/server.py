@@ -3,8 +3,6 @@
 The server belongs in a process of its own: the client holds its interpreter's lock while it connects.
 """
 
-from __future__ import annotations
-
 import math
 import select
 import socket
