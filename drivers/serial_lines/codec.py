@@ -7,6 +7,8 @@ from operator import xor
 from typing import Literal, NamedTuple
 
 from drivers.core.errors import CodecError
+from drivers.core.line_sensor import LONGEST_LINE
+from drivers.core.links import LineBuffer
 
 Check = Literal["none", "xor", "sum"]
 
@@ -28,6 +30,24 @@ class LineFormat(NamedTuple):
 
     separator: str = ","
     check: Check = "none"
+
+    @property
+    def model(self) -> str:
+        """What sends it."""
+        return "lines over serial"
+
+    @property
+    def ending(self) -> str:
+        """What completes a line, for a message."""
+        return "end of a line"
+
+    def buffer(self) -> LineBuffer:
+        """What cuts bytes into lines."""
+        return LineBuffer(LONGEST_LINE)
+
+    def shown(self, line: bytes) -> str:
+        """A line, for a person."""
+        return line.decode("ascii", "replace")
 
     def decode(self, line: bytes) -> list[float]:
         """The numbers of a line without its end; NaN where the board had no value.

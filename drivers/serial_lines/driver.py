@@ -14,7 +14,7 @@ from drivers.core.messages import Command, DeviceInfo, Tare
 from drivers.core.numbering import ENDLESS, SampleStream
 from drivers.core.scaled import ScaledStreams
 from drivers.core.wire import TURN_S, check_sensor
-from drivers.serial_lines.codec import SHOWN, LineFormat
+from drivers.serial_lines.codec import SHOWN
 from drivers.serial_lines.settings import SerialLinesSettings
 
 RATE_ERROR = 0.03
@@ -59,16 +59,18 @@ class SerialLines(LineSensor):
 
     def account(self) -> Mapping[str, object]:
         """Lines that made no sense, and what is printed at zero."""
-        return {**super().account(), "offsets": dict(self._scaled.zeros)}
+        malformed = self._malformed + self._lines.dropped
+        return {"malformed": malformed, "offsets": dict(self._scaled.zeros)}
 
     def _prepare(self) -> None:
         s = self._settings
-        self._format = LineFormat(s.separator, s.checksum)
+        self._format = s.format
         self._scaled = ScaledStreams(self.name, s.streams)
         self._forget()
 
     def _forget(self) -> None:
         super()._forget()
+        self._lines = self._format.buffer()
         self._width: int = 0
         self._seen: int = 0
         self._bytes = 0
@@ -89,10 +91,10 @@ class SerialLines(LineSensor):
         self._streams = {
             info.name: SampleStream(info, clock, self._clock, np.float64, modulus) for info in infos
         }
-        details = {"port": s.port, "prints": self._latest.decode(), "columns": self._width}
+        details = {"port": s.port, "prints": self._format.shown(self._latest), "columns": self._width}
         return DeviceInfo(
             self.name,
-            "lines over serial",
+            self._format.model,
             streams={info.name: info for info in infos},
             clock=f"{self.name}'s own" if own else "arrivals",
             details=details | ({"rate_hz": round(rate_hz, 3)} if rate_hz else {}),
@@ -136,8 +138,8 @@ class SerialLines(LineSensor):
             return ProtocolError(
                 self.name,
                 doing,
-                f"{self._bytes} bytes came and no end of a line",
-                f"is {s.baud} the baud rate that its sketch begins with?",
+                f"{self._bytes} bytes came and no {self._format.ending}",
+                f"is {s.baud} the baud rate that it sends at?",
             )
         if sound:
             return ProtocolError(

@@ -1,13 +1,15 @@
 """What a profile says of a board that prints lines."""
 
+import math
 from collections.abc import Sequence
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
 from drivers.core.line_sensor import LineSensorSettings
 from drivers.core.scaled import ScaledStream
-from drivers.serial_lines.codec import Check
+from drivers.serial_lines import bota
+from drivers.serial_lines.codec import Check, LineFormat
 
 
 class LineStream(ScaledStream):
@@ -27,6 +29,8 @@ class SerialLinesSettings(LineSensorSettings):
 
     reply_timeout_s: float = Field(default=5.0, gt=0.0, le=60.0)
     """How long after opening until it prints sound lines. Assumption: a boot loader waits for 2 s at the most."""
+    frames: Literal["lines", "bota"] = "lines"
+    """What it sends: lines of text, or frames of Bota Systems' serial force sensors, with `time_column` 6."""
     separator: str = Field(default=",", min_length=1, max_length=4)
     """What stands between two numbers; " " is any run of blanks."""
     checksum: Check = "none"
@@ -59,13 +63,24 @@ class SerialLinesSettings(LineSensorSettings):
         taken = {
             column: name for column, name in zip(own, ("time", "counter"), strict=True) if column is not None
         }
+        if self.frames == "bota" and self.time_column != bota.TIME_COLUMN:
+            raise ValueError(
+                f"a frame has its time in column {bota.TIME_COLUMN}: time_column = {bota.TIME_COLUMN}"
+            )
+        end = bota.NUMBERS if self.frames == "bota" else math.inf
         for name, stream in self.streams.items():
             for column in stream.columns:
-                if column < 0 or column in taken:
+                if not 0 <= column < end or column in taken:
+                    known = "count from 0" if column < 0 else f"a frame has 0 to {bota.NUMBERS - 1}"
                     raise ValueError(
-                        f"stream {name}: column {column} is {taken.get(column, 'none; count from 0')}"
+                        f"stream {name}: column {column} is {taken.get(column, f'none; {known}')}"
                     )
         return self
+
+    @property
+    def format(self) -> LineFormat | bota.BotaFormat:
+        """How its numbers are written."""
+        return bota.BotaFormat() if self.frames == "bota" else LineFormat(self.separator, self.checksum)
 
     @property
     def fields(self) -> int:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from drivers.serial_lines.codec import LineFormat
 from drivers.serial_lines.settings import SerialLinesSettings
 from simulator.devices.shown import ShownColumns
 from simulator.physics.bench import Bench
@@ -42,7 +41,7 @@ class EmulatedSerialLines:
 
     def __init__(self, settings: SerialLinesSettings, bench: Bench) -> None:
         self._settings, self._bench = settings, bench
-        self._format = LineFormat(settings.separator, settings.checksum)
+        self._format = settings.format
         self._own_hz = settings.rate_hz or IRREGULAR_HZ  # by its own clock
         self._rate_hz = self._own_hz * (1.0 + DRIFT_PPM * 1e-6)
         self._shown = ShownColumns(settings.streams, bench, DEVICE)

@@ -57,8 +57,9 @@ def test_the_page_shows_the_profile_that_is_tested(profile: Path) -> None:
     assert f"```toml\n{profile.read_text()}```" in PAGE.read_text()
 
 
-def test_a_force_sensors_box_is_the_load_cell_as_the_page_says(rows: Any) -> None:
-    profile = Path("tests/data/udp_force.toml")
+@pytest.mark.parametrize("name", ["udp_force", "bota"])
+def test_a_force_sensor_is_the_load_cell_as_the_page_says(rows: Any, name: str) -> None:
+    profile = Path(f"tests/data/{name}.toml")
     assert f"```toml\n{profile.read_text()}```" in PAGE.read_text()
     trials = '[{ location = "f", speed_m_s = 0.0045 }]'
     sets = ("behavior.settle_s=2.0", "trials.repeats=1", f"trials.list={trials}", "behavior.detector=ours")

@@ -10,6 +10,7 @@ import pytest
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import CommandError, DeviceError, PortError, ProtocolError, SilentError
 from drivers.core.messages import Failed, Listen, Lost, MoveTo, Refused, Sent, Tare
+from drivers.serial_lines.bota import BotaFormat
 from drivers.serial_lines.driver import SerialLines
 from drivers.serial_lines.settings import SerialLinesSettings
 from simulator.mocks.base import MemoryLine
@@ -345,3 +346,26 @@ def test_a_command_that_is_not_for_it_is_refused_in_one_line() -> None:
 def test_settings_that_contradict_each_other_are_refused(given: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         driver(None, **given)
+
+
+def test_frames_of_a_bota_sensor_are_read_from_the_middle_of_one_on_and_what_it_cannot_tell_is_no_value() -> (
+    None
+):
+    frames = BotaFormat()
+
+    def sent(tick: int) -> bytes:
+        beyond_its_range = 2 * (tick == 80)
+        return frames.encode(map(str, [0, 0, tick, 0, 0, 0, 10_000 * tick, 25.0, beyond_its_range]))
+
+    force = {"force": {"columns": (2,), "unit": "N"}}
+    crank = opened(Board(sent, banner=sent(0)[20:]), frames="bota", time_column=6, streams=force)
+    assert crank.info.model == "Bota Systems, serial"
+    crank.listen(FORCE)
+    crank.turn(1.0)
+    found = values(crank)[:, 0]
+    (none,) = np.flatnonzero(np.isnan(found))
+    assert found[none + 1] == 81.0
+    assert set(np.diff(found[none + 1 :])) == {1.0}
+    assert crank.device.account()["malformed"] == 1
+    with refused(ProtocolError, "no sound frame", "is 115200 the baud rate"):
+        opened(Board(lambda tick: b"\xaa\x55\r\n" * 20), frames="bota", time_column=6, streams=force)
