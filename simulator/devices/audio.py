@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,36 +16,6 @@ from drivers.core.settings import Settings
 from simulator.physics.bench import Bench, part
 
 Fault = Literal["drop", "silent", "refuse", "restart", "clip"]
-
-
-class AudioBench(Protocol):
-    """A bench with two fingers whose sound is recorded, and one drive for both; its time is the devices'."""
-
-    @property
-    def level(self) -> Literal["envelope", "carrier"]:
-        """What it computes."""
-
-    def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
-        """Let time pass until `t_s`."""
-
-    def drive(self, frequency_hz: float, level: float) -> None:
-        """Drive the transducers with one frequency, from the bench's present time on."""
-
-    def chirp(self, from_hz: float, to_hz: float, duration_s: float, level: float) -> None:
-        """Sweep from the bench's present time on, then be silent."""
-
-    def silence(self) -> None:
-        """No drive, from the bench's present time on."""
-
-    def baseband(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """What an ideal chain would give of both fingers at whole milliseconds, full scale 1, shape (n, 2)."""
-
-    def carrier(self, first_frame: int, n: int, *, drift_ppm: float = 0.0) -> NDArray[np.int32]:
-        """24-bit counts of both fingers, shape (n, 2).
-
-        Frame k is at k / 96,000 s on a clock that runs so much faster than the devices'; a tone's phase is 0 at
-        frame 0.
-        """
 
 
 class EmulatedAudioSettings(Settings):
@@ -83,7 +53,7 @@ class EmulatedAudio:
         lossy: True drops every packet.
     """
 
-    def __init__(self, settings: EmulatedAudioSettings, bench: AudioBench) -> None:
+    def __init__(self, settings: EmulatedAudioSettings, bench: Bench) -> None:
         self._settings = settings
         self._bench = bench
         self._line = bytearray()

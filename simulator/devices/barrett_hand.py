@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +12,9 @@ from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
 from simulator.devices.slcan import EmulatedSlcan
-from simulator.physics.bench import part
+from simulator.physics.bench import Bench, part
 
 Fault = Literal["silent", "saturate"]
-
-
-class FingerForces(Protocol):
-    """The forces that the fingers feel. Its time is passed in."""
-
-    def advance(self, t_s: float) -> None:
-        """Let time pass until `t_s`."""
-
-    def forces_n(self, finger: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Force at a fingertip, compression positive, at ascending times up to the present; shape (n,)."""
 
 
 def counts(forces_n: NDArray[np.float64], settings: FingerStrainSettings) -> NDArray[np.int64]:
@@ -46,7 +36,7 @@ class EmulatedBarrettHand:
         asleep: As all are after power-up.
     """
 
-    def __init__(self, settings: FingerStrainSettings, source: FingerForces, *, asleep: bool = True) -> None:
+    def __init__(self, settings: FingerStrainSettings, source: Bench, *, asleep: bool = True) -> None:
         self._settings = settings
         self._ready_s = dict.fromkeys(codec.FINGERS, math.inf if asleep else -math.inf)
         self._source = source

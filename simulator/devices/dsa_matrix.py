@@ -1,8 +1,8 @@
 """Emulated tactile matrices behind a DSACON32-M: packets on whatever their texels feel; no port, no clock."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol, get_args
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,10 @@ from drivers.core.errors import CodecError
 from drivers.core.settings import Settings
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
-from simulator.physics.bench import part
-from simulator.physics.fingertip_settings import Matrix
+from simulator.devices.faults import FRAME_FAULTS, FrameFaults
+from simulator.physics.bench import Bench, part
 
 Fault = Literal["drop", "flip", "truncate", "silent", "refuse", "reboot"]
-
-FRAME_FAULTS = ("drop", "flip", "truncate")
 
 BITS_PER_BYTE = 10
 """On the line: 8 data bits, a start and a stop bit."""
@@ -35,22 +33,6 @@ UNKNOWN = 13
 
 FASTEST_HZ = 1000
 """Most frames a second that it takes (assumption: its clock counts milliseconds)."""
-
-
-class Texels(Protocol):
-    """What the texels feel. Its time is passed in."""
-
-    def matrices(self) -> Sequence[Matrix]:
-        """What is connected, in the order of the controller's numbers."""
-
-    def advance(self, t_s: float) -> None:
-        """Let time pass until `t_s`."""
-
-    def texels_v(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the texels read at ascending times up to the present, shape (n, cells).
-
-        Cells come matrix after matrix, each row after row.
-        """
 
 
 def counts(texels_v: NDArray[np.float64], threshold: int = 0) -> NDArray[np.uint16]:
@@ -86,7 +68,7 @@ class EmulatedDsaMatrix:
     silently (assumption: a buffer of one frame).
     """
 
-    def __init__(self, settings: EmulatedDsaMatrixSettings, source: Texels) -> None:
+    def __init__(self, settings: EmulatedDsaMatrixSettings, source: Bench) -> None:
         self._settings = settings
         self._source = source
         self._matrices = tuple(source.matrices())
@@ -101,8 +83,7 @@ class EmulatedDsaMatrix:
         self._rate_hz, self._rle = 0, False
         self._tick = 0
         self._silent = False
-        self._spoil: list[str] = []
-        self._spoiled = 0
+        self._spoil = FrameFaults()
         self._refusals = 0
 
     def receive(self, data: bytes, t_s: float) -> bytes:
@@ -135,7 +116,7 @@ class EmulatedDsaMatrix:
         """
         self._run(t_s)
         if kind in FRAME_FAULTS:
-            self._spoil += [kind] * frames
+            self._spoil.add(kind, frames)
         elif kind == "refuse":
             self._refusals += 1
         elif kind == "silent":
@@ -183,15 +164,8 @@ class EmulatedDsaMatrix:
         packet = encode_packet(codec.encode_answer(codec.Frame(time_ms, self._rle, texels)))
         if self._free_s - host_s > len(packet) * BITS_PER_BYTE / self._settings.baud:
             return
-        fault = self._spoil.pop(0) if self._spoil else None
-        if fault == "truncate":
-            packet = packet[: len(packet) // 2]
-        elif fault == "flip":
-            self._spoiled += 1
-            place = 37 * self._spoiled % (8 * len(packet))
-            packet = bytes(byte ^ (1 << place % 8) * (at == place // 8) for at, byte in enumerate(packet))
-        if fault != "drop":
-            self._send(packet, host_s)
+        if sent := self._spoil.sent(packet):
+            self._send(sent, host_s)
 
     # the line
 

@@ -106,6 +106,34 @@ def inject_begun(faults: FaultSchedule, device: Any, trial_s: float, t_s: float)
                 device.inject(kind, t_s)
 
 
+FRAME_FAULTS = ("drop", "flip", "truncate")
+
+
+class FrameFaults:
+    """What happens to the next frames that a device sends: dropped, one bit flipped, or truncated."""
+
+    def __init__(self) -> None:
+        self._next: list[str] = []
+        self._flips = 0
+
+    def add(self, kind: str, frames: int) -> None:
+        """So many more."""
+        self._next += [kind] * frames
+
+    def sent(self, frame: bytes, delimiter: int = 0) -> bytes:
+        """What is sent of a frame; no bit is flipped in its `delimiter`, the last bytes."""
+        kind = self._next.pop(0) if self._next else None
+        if kind == "drop":
+            return b""
+        if kind == "truncate":
+            return frame[: len(frame) // 2]
+        if kind == "flip":
+            self._flips += 1
+            byte, bit = divmod(37 * self._flips % (8 * (len(frame) - delimiter)), 8)
+            return frame[:byte] + bytes([frame[byte] ^ 1 << bit]) + frame[byte + 1 :]
+        return frame
+
+
 def corrupted(faults: FaultSchedule, out: bytes, t_s: float, whole: bool = False) -> bytes:
     """What arrives of the bytes that a device has sent at `t_s`; datagrams come `whole` or not at all."""
     if faults.active(t_s, "silent") or faults.active(t_s, "lose"):

@@ -1,9 +1,9 @@
 """An emulated sensor board: frames on whatever its sensors are wired to; no port, no clock of the host's."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,35 +25,10 @@ from drivers.sensor_board.codec import (
     encode,
 )
 from drivers.sensor_board.framing import BoardFrameDecoder
+from simulator.devices.faults import FRAME_FAULTS, FrameFaults
 from simulator.physics.bench import Bench, StreamSpec, part
 
 INT32 = np.iinfo(np.int32)
-
-
-class BoardSource(Protocol):
-    """What the board is wired to. Its time is passed in."""
-
-    def streams(self) -> Sequence[StreamSpec]:
-        """What can be observed, in the order of the board's stream ids."""
-
-    def advance(self, t_s: float, observe: frozenset[str]) -> None:
-        """Let time pass until `t_s`; only streams named in `observe` will be sampled."""
-
-    def sample(self, stream: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A regular stream, in its unit, at ascending times between the board's last two calls of `advance`.
-
-        Returns:
-            Shape (n,) or (n, channels) for times of shape (n,).
-        """
-
-    def events(self, stream: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times in seconds and values in the unit of an irregular stream since the last call, shapes (n,)."""
-
-    def excite(self, on: bool) -> None:
-        """Switch the excitation, from the present time on."""
-
-    def set_tendon(self, position_m: float) -> None:
-        """Set the tendon, from the present time on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,8 +117,6 @@ class Channel:
 
 Fault = Literal["drop", "flip", "truncate", "silent", "refuse", "busy", "reboot", "restart"]
 
-FRAME_FAULTS = ("drop", "flip", "truncate")
-
 ANSWER_FAULTS = {"refuse": ReplyStatus.REFUSED, "busy": ReplyStatus.BUSY}
 
 
@@ -191,7 +164,7 @@ class EmulatedSensorBoard:
         source: What its sensors and its drive are wired to.
     """
 
-    def __init__(self, settings: EmulatedSensorBoardSettings, source: BoardSource) -> None:
+    def __init__(self, settings: EmulatedSensorBoardSettings, source: Bench) -> None:
         self._settings = settings
         self._source = source
         self._channels = [
@@ -204,8 +177,7 @@ class EmulatedSensorBoard:
         self._watchdog_s = math.inf
         self._fed_s = 0.0
         self._silent = False
-        self._spoil: list[Fault] = []
-        self._spoiled = 0
+        self._spoil = FrameFaults()
         self._answers: list[ReplyStatus] = []
         self._orders: Mapping[int, Callable[[int, BoardClock], bool]] = {
             BoardCode.HELLO: self._hello,
@@ -252,7 +224,7 @@ class EmulatedSensorBoard:
         """
         self._run(t_s)
         if kind in FRAME_FAULTS:
-            self._spoil += [kind] * frames
+            self._spoil.add(kind, frames)
         elif kind in ANSWER_FAULTS:
             self._answers.append(ANSWER_FAULTS[kind])
         elif kind == "silent":
@@ -317,18 +289,7 @@ class EmulatedSensorBoard:
 
     def _send(self, message: BoardSamples) -> None:
         """Put a sample frame on the line, spoilt where a fault waits for one."""
-        frame = encode(message)
-        fault = self._spoil.pop(0) if self._spoil else None
-        if fault == "truncate":
-            frame = frame[: len(frame) // 2]
-        elif fault == "flip":
-            self._spoiled += 1
-            place = 37 * self._spoiled % (8 * (len(frame) - 1))  # anywhere but in the delimiter
-            frame = bytes(
-                byte ^ (1 << place % 8) if at == place // 8 else byte for at, byte in enumerate(frame)
-            )
-        if fault != "drop":
-            self._outbox += frame
+        self._outbox += self._spoil.sent(encode(message), delimiter=1)
 
     def _take(self) -> bytes:
         sent = b"" if self._silent else bytes(self._outbox)

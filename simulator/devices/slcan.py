@@ -5,8 +5,8 @@ identifier, one of length, the data); an order is answered by CR, a transmission
 BEL alone.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Final, Literal, Protocol, get_args
+from collections.abc import Callable
+from typing import Any, Final, Literal, get_args
 
 from drivers.core.can_frame import MAX_DATA_BYTES, MAX_ID, CanFrame
 
@@ -20,27 +20,14 @@ MAX_LINE: Final = 30
 Spoiler = Literal["malformed", "truncated", "bell"]
 
 
-class CanNode(Protocol):
-    """A device on the bus. Its time is passed in."""
-
-    def receive(self, frame: CanFrame, t_s: float) -> Sequence[CanFrame]:
-        """Take a frame; returns what it answers at once."""
-
-    def step(self, t_s: float) -> Sequence[CanFrame]:
-        """What it sends by `t_s` on its own."""
-
-    def inject(self, kind: str, t_s: float) -> None:
-        """Break something of its own.
-
-        Raises:
-            ValueError: it cannot break in that way.
-        """
-
-
 class EmulatedSlcan:
-    """Answers as an adapter does; every node receives every frame of the host, and the host all of theirs."""
+    """Answers as an adapter does; every node receives every frame of the host, and the host all of theirs.
 
-    def __init__(self, *nodes: CanNode) -> None:
+    Args:
+        nodes: As `simulator.wiring.far_ends.EmulatedDevice`, for frames in place of bytes.
+    """
+
+    def __init__(self, *nodes: Any) -> None:
         self._nodes = nodes
         self._rest = b""
         self._open = False

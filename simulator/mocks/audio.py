@@ -26,7 +26,6 @@ from drivers.core.messages import (
     Tone,
 )
 from drivers.core.settings import Settings
-from simulator.devices.audio import AudioBench
 from simulator.mocks.base import MockDriver
 from simulator.physics.bench import part
 
@@ -55,7 +54,6 @@ class MockAudio(MockDriver):
     """
 
     _settings: MockAudioSettings
-    _bench: AudioBench
 
     def _wire(self) -> None:
         part(self._bench, "carrier", self.name)
@@ -163,10 +161,10 @@ class MockAudio(MockDriver):
             full = np.hypot(envelope[:, 0::2], envelope[:, 1::2]) >= 1.0
             values = self._faults.held(until_s, STREAM, envelope)
         else:
-            counts = self._bench.carrier(first, n)
-            values = np.full((n, 2), -FULL_SCALE, np.int32) if full_scale else counts
-            values = self._faults.held(until_s, STREAM, values)
-            full = clipped(values)
+            counts: NDArray[np.int32] = self._bench.carrier(first, n)
+            counts = np.full((n, 2), -FULL_SCALE, np.int32) if full_scale else counts
+            values = counts = self._faults.held(until_s, STREAM, counts)
+            full = clipped(counts)
         for place, finger in self._excursions.push(full):
             column = 2 * finger if self._envelope else finger
             value = float(values[place, column]) * self._info.scale

@@ -216,19 +216,6 @@ SOCK_DIAG, BY_FAMILY, REQUEST = 4, 20, 1
 ANY = 0xFFFFFFFF
 
 
-class NetworkDevice(EmulatedDevice, Protocol):
-    """A device made of software, at the far end of a connection.
-
-    Attributes:
-        lossy: It drops what it streams.
-    """
-
-    lossy: bool
-
-    def hang_up(self, t_s: float) -> None:
-        """The host is gone."""
-
-
 class UdpLine(FarEnd):
     """A device on a loopback port of its own, that answers whoever asked last, in datagrams.
 
@@ -284,10 +271,11 @@ class TcpLine(FarEnd):
     """A `FarEnd`: a device on a loopback port of its own, for one host at a time; a second one is disconnected.
 
     Args:
+        device: While its `lossy` is set it drops what it streams; it is told by `hang_up` that the host is gone.
         scheme: What the port's address begins with, as the driver's setting has it.
     """
 
-    def __init__(self, device: NetworkDevice, scheme: str = "tcp") -> None:
+    def __init__(self, device: Any, scheme: str = "tcp") -> None:
         super().__init__()
         self._device = device
         self._t_s = 0.0
