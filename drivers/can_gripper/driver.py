@@ -32,6 +32,9 @@ from drivers.gripper.state import GripFinding, GripperState
 IDLE = DriveOrder(0, 0, 0, activate=False, go=False)
 
 
+UNSEEN_POLLS = 5
+"""After so many intervals without a state the jaws are taken to have gone on as ordered (assumption)."""
+
 T = TypeVar("T", bound=Answer)
 
 
@@ -110,7 +113,9 @@ class CanGripper(WireDriver[CanLink]):
         self._outcome = GripperOutcome(self.name, self._units, self._settings.object_hold_s)
         self._subscribed: frozenset[str] = frozenset()
         self._state: GripperState | None = None
+        self._state_s = -math.inf  # monotonic; when it was asked for
         self._order = IDLE  # the last one that drives the jaws
+        self._ordered_s = -math.inf  # monotonic
         self._asked: deque[float] = deque()  # monotonic times of polls without an answer
         self._asked_s = -math.inf
         self._late: deque[float] = deque()  # those whose answer may still come, or was lost
@@ -214,6 +219,7 @@ class CanGripper(WireDriver[CanLink]):
     def _order_now(self, link: CanLink, command: Command) -> None:
         orders = self._orders(command)
         self._write(link, *orders)
+        self._ordered_s = self._clock.monotonic_s()
         self._outcome.begin(command, self._clock.now(), drives=any(map(_drives, orders)))
 
     def read(self) -> Sequence[SampleBlock]:
@@ -259,10 +265,19 @@ class CanGripper(WireDriver[CanLink]):
         return clearing if known else (*clearing, GripperMessage(GripperCode.CALIBRATE))
 
     def _stopping(self) -> Sequence[Order]:
-        """The order that stops a motion: hold the position, or sleep where it is not known."""
+        """The order that stops a motion: hold the position, or sleep where it is not known.
+
+        Where a program was away, the latest position is an old one: held, it would send the jaws back.
+        """
         if self._state is None or not self._state.calibrated:
             return (GripperMessage(GripperCode.IDLE),)
-        self._order = replace(self._order, position=self._state.position)
+        position, unseen_s = (
+            self._state.position,
+            self._clock.monotonic_s() - max(self._state_s, self._ordered_s),
+        )
+        if self._order.go and unseen_s > UNSEEN_POLLS * self._settings.poll_interval_s:
+            position = self._units.ahead(position, self._order, unseen_s)
+        self._order = replace(self._order, position=position)
         return (self._order,)
 
     def _set_watchdog(self, link: CanLink, period_s: float) -> None:
@@ -305,7 +320,7 @@ class CanGripper(WireDriver[CanLink]):
         earliest_s = self._earliest_asked_s(asked_s)
         if fault and not self._outcome.faulty:
             self._write(link, GripperMessage(GripperCode.ERRORS))
-        self._state = answer
+        self._state, self._state_s = answer, earliest_s
         home = self._outcome.only_asks
         if fault and not self._outcome.faulty and home is not None:
             # The fault is older than the Home, as after a pause longer than the watchdog's: the Home clears it.

@@ -94,6 +94,11 @@ class GripperUnits(JawUnits):
         """The position nearest to an opening."""
         return round(POSITION_COUNTS * (1.0 - (width_m - self.closed_width_m) / STROKE_M))
 
+    def ahead(self, position: int, order: DriveOrder, seconds: float) -> int:
+        """The position that an order leads to from this one within a time, at its speed."""
+        counts = math.floor(speed_m_s(order.speed) * seconds * POSITION_COUNTS / STROKE_M)
+        return position + max(-counts, min(counts, order.position - position))
+
     def current_ma(self, force_n: float) -> int:
         """The greatest current that presses no harder than a force."""
         return math.floor(force_n / self._force_n_per_ma + 1e-9)

@@ -241,6 +241,28 @@ def test_stops_of_a_motion_hold_it_with_its_own_current_and_keep_the_jaws_asked_
     assert 45 <= len(bench.orders(lambda: bench.turn(0.5))) <= 52, "they hold: a hundred times a second"
 
 
+@pytest.mark.parametrize("away_s", [0.16, 0.5])
+def test_a_stop_after_the_program_was_away_holds_the_jaws_where_they_are_and_sends_them_not_back(
+    bench: Bench, away_s: float
+) -> None:
+    """At 20 mm/s the latest state is some 3 or 10 mm old."""
+    bench.device.apply(OPEN_SLOWLY)
+    bench.turn(0.3)
+    bench.clock.rest(away_s)
+    stopped = bench.drive.closed_share
+    bench.device.apply(STOP)
+    bench.turn(0.5)
+    assert len(bench.take(Standstill)) == 1
+    assert bench.drive.closed_share == pytest.approx(stopped, abs=0.01), "half a millimetre"
+
+
+def test_a_stop_after_an_absence_leads_no_farther_than_the_order_did(bench: Bench) -> None:
+    (order,) = bench.applied(Grip("gripper", 0.030, 0.02, 15.0))  # 10 mm: half a second
+    bench.turn(0.1)
+    bench.clock.rest(0.9)
+    assert bench.applied(STOP) == [order]
+
+
 def test_stops_of_a_held_object_write_no_order_to_the_drive(bench: Bench) -> None:
     hold_the_mug(bench)
     assert bench.applied(STOP, STOP, HOME, STOP) == [POLL] * 4
