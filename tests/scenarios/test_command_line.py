@@ -183,7 +183,7 @@ def test_check_connect_needs_ports_alone_and_names_what_a_run_would_miss(verb):
     assert code == 2
     assert "does not exist" in out
     assert [line.partition("] ")[2].split()[0] for line in err.splitlines()] == [
-        *("microstep_m", "travel_m", "force_n", "travel_m", "threshold")
+        *("microstep_m", "travel_m", "force_n", "travel_m", "approach_limit_m", "threshold")
     ]
 
 

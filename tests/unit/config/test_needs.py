@@ -49,6 +49,7 @@ STAGE = {f"devices.stage.{key}" for key in ("port", "microstep_m", "travel_m")}
 GRIPPER = {"devices.gripper.port", "devices.gripper.closed_width_m"}
 BOARD, AUDIO, TIP = "devices.board.port", "devices.audio.port", "signals.tip.gain_v_n"
 WAVEFORM = "detectors.ours.threshold"
+APPROACH = "behavior.approach_limit_m"
 CENTERING = {
     f"detectors.{side}_{what}.threshold" for side in ("left", "right") for what in ("paper", "contact")
 }
@@ -76,7 +77,7 @@ CASES = [
         "hardware/first_contact",
         {},
         {"stage", "board", "operator"},
-        STAGE | {BOARD, "limits.travel_m", "detectors.contact.threshold", "behavior.approach_limit_m"},
+        STAGE | {BOARD, "limits.travel_m", "detectors.contact.threshold", APPROACH},
     ),
     ("hardware/chirp", {}, {"audio"}, {AUDIO}),
     ("hardware/weights", {}, {"board", "operator"}, {BOARD}),
@@ -93,16 +94,21 @@ CASES = [
         STAGE | LIMITS | {BOARD, "behavior.light_m", "behavior.full_m"},
     ),
     ("hardware/locating", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, "behavior.full_m"}),
-    ("hardware/flexion", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM, "behavior.flexed_m"}),
-    ("hardware/proximal", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM}),
+    (
+        "hardware/flexion",
+        {},
+        {"stage", "board"},
+        STAGE | LIMITS | {BOARD, WAVEFORM, APPROACH, "behavior.flexed_m"},
+    ),
+    ("hardware/proximal", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM, APPROACH}),
     (
         "hardware/tradeoff",
         {},
         {"stage", "board"},
         STAGE | LIMITS | {BOARD, WAVEFORM, "behavior.approach_limit_m"},
     ),
-    ("hardware/transient", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM}),
-    ("hardware/transient_arm", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, WAVEFORM}),
+    ("hardware/transient", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM, APPROACH}),
+    ("hardware/transient_arm", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, WAVEFORM, APPROACH}),
     ("hardware/pointer", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, TIP}),
     (
         "hardware/slip",
