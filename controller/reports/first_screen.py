@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
-from controller.reports.counts import Comparison, Row, is_number, percent, three, title, within_all
+from controller.reports.counts import METHODS, Comparison, Row, is_number, percent, three, title, within_all
 from controller.reports.papers import table
 from controller.reports.section import Headline, Result, rated
 from controller.reports.trial_signals import Moments, is_instant, key_of, moments_of, said_of
@@ -33,7 +33,7 @@ class Drawn(NamedTuple):
     """A trial in the first figure.
 
     Attributes:
-        name: What it is: `typical`, `worst`, `largest` or `failed`.
+        name: What it is: `typical`, `worst`, `largest`, `missed` or `failed`.
         moments: What its time axis begins with, and what is marked in it.
         panels: Its plots as SVG, the upper one first.
     """
@@ -58,14 +58,22 @@ def headline_of(
     count = f"{good} of {n} {'trial' if n == 1 else 'trials'} succeeded"
     missed = f" ({', '.join(f'{n} {title(name)}' for name, n in bad.most_common())})" if bad else ""
     found = given or _listed(experiment, rows, good) or _measured(runs, rows) or _successes(good, rows)
-    marks = [result.mark for result in results if result.mark != "neither"]
-    met = sum(mark in ("same", "met") for mark in marks)
-    judged = f"; {met} of {len(marks)} checks against paper and goals pass" if marks else ""
     beside = f"; {found.verdict}" if found.verdict else ""
     listed = any(line["experiment"] == experiment for line in table("headlines"))
     beside += "; no paper has this figure" if listed and not found.paper else ""
     state = "none" if not good else "all" if good == n else "some"
-    return found._replace(verdict=f"{count}{missed}{beside}{judged}.", state=state)
+    verdict = f"{count}{missed}{beside}{outcome_of(results)}."
+    return found._replace(verdict=verdict, state=found.state if found.state and good == n else state)
+
+
+def outcome_of(results: Sequence[Result]) -> str:
+    """`; 2 of 3 predictions as the paper; 1 of 2 goals met`, of what is judged."""
+    counts = Counter(result.mark for result in results)
+    said = ""
+    for good, bad, what in (("same", "apart", "predictions as the paper"), ("met", "missed", "goals met")):
+        if of := counts[good] + counts[bad]:
+            said += f"; {counts[good]} of {of} {what}"
+    return said
 
 
 def _listed(experiment: str, rows: Sequence[Row], good: int) -> Headline | None:
@@ -102,7 +110,7 @@ def _number(own: Sequence[Row], line: Mapping[str, Any]) -> Headline | None:
     rows = "" if len(known) == len(own) else f"{name}>-1e300"
     if not known:
         return None
-    n = len(known)
+    n, better = len(known), "; less is better" if line.get("less") else ""
     if over in ("ratio", "share"):
         of = sum(int(row.get(line["of"]) or 0) for row in own) if over == "ratio" else n
         hits = int(sum(known))
@@ -115,9 +123,8 @@ def _number(own: Sequence[Row], line: Mapping[str, Any]) -> Headline | None:
         beside = f"{line['what']} {said(worst)}" + (f", {where} the paper's {said(paper)}" if paper else "")
         least = within_all(n)
         theirs = said(paper) if paper else ""
-        return Headline(
-            line["what"], said(worst), f"largest of {n}", theirs, source, least, beside, rows, name
-        )
+        of_all = f"largest of {n}{better}"
+        return Headline(line["what"], said(worst), of_all, theirs, source, least, beside, rows, name)
     mean = statistics.fmean(known)
     beside = f"{line['what']} {said(mean)}"
     theirs = said(paper) if paper is not None else ""
@@ -126,7 +133,7 @@ def _number(own: Sequence[Row], line: Mapping[str, Any]) -> Headline | None:
     return Headline(
         line["what"],
         said(mean),
-        f"mean of {n}" if n > 1 else "one trial",
+        f"mean of {n}{better}" if n > 1 else "one trial",
         theirs,
         source,
         _interval(known, name),
@@ -195,17 +202,24 @@ def again(run: Run) -> str:
 def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
     """The typical trial and the worst, each from before its event to where it stood; empty where no detector decided.
 
-    Typical is the success whose number is the median; beside it stands a failed trial, else that of the largest number:
-    the worst where less is better.
+    Typical is the success whose number is the median; beside it stands a failed trial, else one whose event was missed,
+    else that of the largest number: the worst where less is better.
     """
     line = next((row for row in table("headlines") if row["experiment"] == experiment), None)
     column: str | None = line["column"] if line else None
+    method = next((method for method in METHODS if (column or "").startswith(f"{method}_")), "")
     recorded = {id(run): set(run.recorded_trials) for run in runs}
-    seen = [
-        (run, row)
+    all_seen = [
+        (run, row, moments_of(run, row, method))
         for run in runs
         for row in run.trials
-        if row["trial"] in recorded[id(run)] and moments_of(run, row).decided_s is not None
+        if row["trial"] in recorded[id(run)]
+    ]
+    seen = [(run, row) for run, row, moments in all_seen if moments.decided_s is not None]
+    missed = [
+        (run, row)
+        for run, row, moments in all_seen
+        if method and moments.decided_s is None and not is_number(row.get(column or ""))
     ]
     if column is None:
         rows = [row for _, row in seen]
@@ -219,9 +233,11 @@ def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
     chosen = [("typical", good[(len(good) - 1) // 2])] if good else []
     if bad:
         chosen.append(("failed", bad[0]))
+    elif good and missed:
+        chosen.append(("missed", missed[0]))
     elif len(good) > 1 and column:
         chosen.append(("worst" if line and line["less"] else "largest", good[-1]))
-    drawn = [_drawn(name, runs, run, row) for name, (run, row) in chosen]
+    drawn = [_drawn(name, runs, run, row, method) for name, (run, row) in chosen]
     return [each for each in drawn if each is not None]
 
 
@@ -230,10 +246,16 @@ def _value(row: Row, column: str | None) -> float:
     return float(value) if is_number(value) else -1.0
 
 
-def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row) -> Drawn | None:
-    recording, moments = run.readable(int(row["trial"])), moments_of(run, row)
-    if recording is None or moments.decided_s is None:
+def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row, method: str) -> Drawn | None:
+    recording, moments = run.readable(int(row["trial"])), moments_of(run, row, method)
+    if recording is None:
         return None
+    if moments.decided_s is None:
+        names = [stream.removeprefix(DETECTOR) for stream in recording.streams if stream.startswith(DETECTOR)]
+        heard = [each for each in names if each.endswith(method)]
+        if moments.zero_s is None or not heard:
+            return None
+        moments = moments._replace(detector=heard[0])
     instants = [t for t in (moments.zero_s, moments.decided_s, moments.stood_s) if t is not None]
     margin = max(0.5 * (max(instants) - min(instants)), LEAST_S / 2.0)
     start, end = min(instants) - margin, min(max(instants) + margin, min(instants) + MOST_S)
@@ -298,6 +320,14 @@ class SignalPanel(NamedTuple):
         inside = [y[(t >= start) & (t <= end)] for _, t, y in self.curves]
         known = np.concatenate([y[np.isfinite(y)] for y in inside] or [np.zeros(0)])
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+        held = [
+            y[np.isfinite(y)] for (look, *_), y in zip(self.curves, inside, strict=True) if look in STANDS
+        ]
+        if len(self.curves) > len(held) and len(beside := np.concatenate(held or [known])):
+            span = (
+                float(np.ptp(beside)) or high - low
+            )  # what is compared fills a third; what is heard may leave
+            low, high = max(low, float(beside.min()) - span), min(high, float(beside.max()) + span)
         pad = 0.06 * (high - low) or 0.5 * abs(high) or 1.0
         low, high = low - pad, high + pad
 
@@ -320,7 +350,9 @@ class SignalPanel(NamedTuple):
             if t is not None and start <= t <= end:
                 parts.append(f'<path class="{look}" d="M{x(t):.1f} {TOP:.0f}V{TOP + HIGH:.0f}"/>')
         for look, times_s, values in self.curves:
-            parts.append(f'<path class="{look}" d="{_path(x(times_s), y(values), look in STANDS)}"/>')
+            stands = look in STANDS
+            seen = (times_s, values) if stands else _within(times_s, values, low, high)
+            parts.append(f'<path class="{look}" d="{_path(x(seen[0]), y(seen[1]), stands)}"/>')
         size = f'viewBox="0 0 {WIDE:.0f} {TOP + HIGH + BELOW:.0f}"'
         label = f'role="img" aria-label="{Markup.escape(self.heading)}"'
         return Markup(f'<svg xmlns="http://www.w3.org/2000/svg" {size} {label}>{"".join(parts)}</svg>')
@@ -328,6 +360,16 @@ class SignalPanel(NamedTuple):
 
 STANDS = ("statistic", "threshold")
 """Curves whose value stands until the next."""
+
+
+def _within(t: Floats, v: Floats, low: float, high: float) -> tuple[Floats, Floats]:
+    """A curve where it lies between two values, cut where it crosses them."""
+    for level in (low, high):
+        off = v - level
+        (at,) = np.nonzero(off[:-1] * off[1:] < 0.0)
+        crossed = t[at] + np.diff(t)[at] * off[at] / (off[at] - off[at + 1])
+        t, v = np.insert(t, at + 1, crossed), np.insert(v, at + 1, level)
+    return t, np.where((v < low) | (v > high), np.nan, v)
 
 
 def _path(x: Floats, y: Floats, stands: bool) -> str:

@@ -18,7 +18,7 @@ from controller.registry import experiment_of
 from controller.reports import generic
 from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
-from controller.reports.first_screen import Drawn, again, headline_of, hero_of
+from controller.reports.first_screen import Drawn, again, headline_of, hero_of, outcome_of
 from controller.reports.papers import CITATION, settings_in
 from controller.reports.run_account import early_end, facts_of, setting_of
 from controller.reports.section import (
@@ -39,6 +39,9 @@ from controller.scales import NOTHING, scale_of
 
 PAGE = 2_900_000
 """What a page may take, bytes: signals fill what the rest leaves, so that it opens at once and goes by mail."""
+
+MOST_ALIKE = 4
+"""Most numbers that the sentence of several parts names."""
 
 LEAST_ROOM = 400_000
 """What signals take at least, however large the rest is, bytes."""
@@ -102,7 +105,8 @@ def build_report_with_summary(
         temporary.replace(path)
     except OSError as error:
         raise RecordingError(path, "writing", error, option="") from error
-    return path, [*(line for part in parts for line in in_lines(part)), *guard_lines(runs)]
+    lines = [line for part in parts for line in in_lines(part)]
+    return path, [*lines, *guard_lines(runs), _verdict(parts)]
 
 
 def comparison_page(first: Run, second: Run, comparing: Comparing) -> str:
@@ -194,13 +198,16 @@ def _page(
 
 
 def _verdict(parts: Sequence[SectionPart]) -> str:
-    """Of all parts in one sentence."""
+    """Of all parts in one sentence; with their numbers where a few parts measure the same."""
+    if len(parts) == 1:
+        return parts[0].headline.verdict
     rows = [(run, row) for part in parts for run in part.runs for row in run.trials]
-    marks = [result.mark for part in parts for result in part.results if result.mark != "neither"]
-    met = sum(mark in ("same", "met") for mark in marks)
-    judged = f"; {met} of {len(marks)} checks against paper and goals pass" if marks else ""
     good = sum(run.succeeded(row) for run, row in rows)
-    return f"{good} of {len(rows)} trials succeeded, in {len(parts)} parts{judged}."
+    heads = [part.headline for part in parts]
+    alike = len({head.what for head in heads}) == 1 and len(heads) <= MOST_ALIKE
+    beside = f"; {heads[0].what}: {', '.join(head.ours for head in heads)}" if alike else ""
+    all_judged = outcome_of([result for part in parts for result in part.results])
+    return f"{good} of {len(rows)} trials succeeded, in {len(parts)} parts{beside}{all_judged}."
 
 
 def _marked(run: Run) -> str:

@@ -17,16 +17,18 @@ from controller.reports.counts import (
     Row,
     median,
     number,
+    percent,
     quantity,
     rate,
     stop_times,
+    three,
     under,
     values,
     wilson,
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Figure, Headline, Kind, Printed, Result, Section, judged
+from controller.reports.section import Figure, Headline, Kind, Printed, Result, Section, judged, rated
 from controller.reports.slip_scores import (
     PLAIN,
     SENSORS,
@@ -87,11 +89,12 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 
 def _headline(scores: Sequence[SensorScore]) -> Headline | None:
-    """On how many sensors the paper's detector is as good as in the paper; None where nothing is judged."""
+    """On how many sensors the paper's detector is as good as in the paper; where it is not judged, how ours does beside
+    it."""
     plain = [score for score in scores if score.condition == TABLE_1 and score.method == "paper"]
     known = [score for score in plain if score.slips and score.decided]
     if not known:
-        return None
+        return _ours_beside(scores)
     theirs = [SENSORS[score.sensor]["verdict"] for score in known]
     same = sum(score.verdict == paper for score, paper in zip(known, theirs, strict=True))
     of = f"{same} of {len(known)}"
@@ -111,6 +114,32 @@ def _headline(scores: Sequence[SensorScore]) -> Headline | None:
         f"the paper's detector does as in the paper on {of} sensors",
     )
 
+
+def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
+    """Slips that ours detects in time, beside the paper's detector on the same; without slips, both's false alarms."""
+    both = {method: [score for score in scores if score.method == method] for method in METHODS}
+    detected = {method: sum(len(score.delays_s) for score in own) for method, own in both.items()}
+    slips = {method: sum(score.slips - score.cut_short for score in own) for method, own in both.items()}
+    if n := slips["ours"]:
+        theirs = percent(detected["paper"] / slips["paper"]) if slips["paper"] else ""
+        hits = detected["ours"]
+        found = rated("slips that our detector detects in time", hits, n, theirs, SAME_SAMPLES)
+        return found._replace(state="all" if hits == n else "some" if hits else "none")
+    alarms = {method: sum(score.alarms for score in own) for method, own in both.items()}
+    minutes = {method: sum(score.quiet_s for score in own) / 60.0 for method, own in both.items()}
+    if not minutes["ours"]:
+        return None
+    a_minute = {method: f"{three(alarms[method] / t)} a minute" for method, t in minutes.items() if t}
+    low, high = (three(end / minutes["ours"]) for end in poisson_interval(alarms["ours"]))
+    what, ours, theirs = "false alarms of our detector", a_minute["ours"], a_minute.get("paper", "")
+    verdict = f"{what}: {ours}" + (f", the paper's {theirs}" if theirs else "")
+    counted = f"{alarms['ours']} in {three(60.0 * minutes['ours'])} s"
+    state = "some" if alarms["ours"] else "all"
+    interval = f"{low} to {high} a minute"
+    return Headline(what, ours, counted, theirs, SAME_SAMPLES, interval, verdict, state=state)
+
+
+SAME_SAMPLES = "the paper's detector (same samples)"
 
 # --- tables ------------------------------------------------------------------------------------------
 

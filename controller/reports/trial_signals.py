@@ -95,11 +95,13 @@ class Moments(NamedTuple):
     stood_s: float | None = None
 
 
-def moments_of(run: Run, row: Mapping[str, Any]) -> Moments:
-    """Of a trial: what decided is what led to another state near the event, else the first alarm after it."""
+def moments_of(run: Run, row: Mapping[str, Any], method: str = "") -> Moments:
+    """Of a trial: what decided is what led to another state near the event, else the first alarm after it; of the
+    detectors of a `method` alone where one is given, as of `ours`."""
     found = next(((EVENTS[name], float(row[name])) for name in EVENTS if is_number(row.get(name))), None)
     events = run.events_of(row["trial"])
     alarms = [e for e in events if e.get("detector") is not None and not e["event"].startswith("Baseline")]
+    alarms = [event for event in alarms if str(event["detector"]).endswith(method)]
     led = [event for event in alarms if event.get("next") != event.get("state")]
     if found:
         slips = found[0] == "slip"  # a touch before it is no answer to it

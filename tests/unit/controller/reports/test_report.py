@@ -17,12 +17,12 @@ from controller.recording import reader
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.registry import ExperimentKind
-from controller.reports import report, static
+from controller.reports import first_screen, report, static
 from controller.reports.approaches import TABLE_1
 from controller.reports.figures import Figures
 from controller.reports.first_screen import headline_of, hero_of
 from controller.reports.report import build_report, build_report_with_summary
-from controller.reports.section import Kind, Printed, library
+from controller.reports.section import Kind, Printed, Result, library
 from controller.reports.settings import settings_table
 from controller.reports.transient import section
 from tests.unit.controller.reports.synthetic_runs import (
@@ -489,6 +489,19 @@ def test_an_experiment_opens_with_its_number_its_interval_and_the_papers(campaig
     assert f"{sum(map(run.succeeded, run.trials))} of {len(run.trials)} trials succeeded" in found.verdict
 
 
+def test_predictions_and_goals_are_counted_apart(campaign):
+    results = [Result(kind, "", met) for kind, met in ((Kind.PREDICTED, True), (Kind.PREDICTED, False))]
+    results += [Result(Kind.MEASURED, "", False, goal=True), Result(None, "")]
+    found = headline_of("transient", [campaign[0]], results, None)
+    assert found.verdict.endswith("; 1 of 2 predictions as the paper; 0 of 1 goals met.")
+
+
+def test_a_curve_is_cut_where_it_leaves_its_plot():
+    t, v = first_screen._within(np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 0.0]), -1.0, 2.0)
+    assert t.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert np.array_equal(v, [0.0, 2.0, np.nan, 2.0, 0.0], equal_nan=True)
+
+
 def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path, undrawn):
     run = write_static(tmp_path, {"full": 46.9, "none": 28.9, "light": 28.0}, bench="hardware", repeats=2)
     found = static.section([run], Figures(tmp_path))
@@ -532,7 +545,7 @@ def test_what_a_simulated_bench_measured_and_lost_is_said(tmp_path, unsectioned)
     text = text_of(page)
     assert "partly simulated" in text
     assert "What scale sent came through a port of its own and is measured." in text
-    assert lines[-1] == "Samples lost: 12 of scale.force."
+    assert lines[-2] == "Samples lost: 12 of scale.force."
 
 
 def test_the_page_of_ones_own_experiment_has_its_title_and_nothing_of_a_paper(tmp_path, unsectioned):

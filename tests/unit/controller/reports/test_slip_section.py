@@ -9,6 +9,7 @@ from controller.measures.slip import COLUMNS
 from controller.recording.reader import Run
 from controller.recording.series import Series
 from controller.reports import slip
+from controller.reports.figures import Figures
 from controller.reports.report import build_report
 from controller.reports.slip import interval
 from controller.reports.slip_scores import (
@@ -175,6 +176,25 @@ def test_what_bumps_do_stands_in_a_table_of_its_own(tmp_path, undrawn):
     # 300 s: two alarms are 150 s apart, 300 / 7.22 to 300 / 0.242 s (Garwood's table); none is 300 / 3.69 at least
     assert "B1 fingertip the paper's 2 5 min 2 min (42 s to 21 min) 1 in 3" in text
     assert "B1 fingertip ours 0 5 min over 81 s 0 in 3" in text
+
+
+BUMPS = {"plant": {"nuisances.bumps_hz": 1.0}}
+
+
+def test_where_nothing_is_judged_it_opens_with_the_slips_that_ours_detects_beside_the_papers(tmp_path):
+    lost = {**of("ours", missed=1, **UNDETECTED), **of("paper", early=1, **UNDETECTED)}
+    trials = [trial(), trial(**of("paper", missed=1, **UNDETECTED)), trial("wrist", **lost)]
+    found = slip.section([write(tmp_path, trials, **BUMPS)], Figures(tmp_path)).headline
+    assert (found.ours, found.of, found.paper, found.state) == ("66.7 %", "2 of 3", "33.3 %", "some")
+
+
+def test_without_a_slip_it_opens_with_false_alarms_a_minute(tmp_path):
+    alarm = of("paper", false_alarms=5)
+    calm = [trial(slips=0, **alarm, **of("ours", false_alarms=n)) for n in (0, 1)]
+    found = slip.section([write(tmp_path, calm, **BUMPS)], Figures(tmp_path)).headline
+    assert (found.ours, found.paper, found.of) == ("0.3 a minute", "3 a minute", "1 in 200 s")
+    assert found.interval == "0.0076 to 1.67 a minute", "Poisson of 1: 0.0253 to 5.57, in 200 s"
+    assert found.state == "some"
 
 
 def test_a_detector_that_did_not_listen_at_the_touch_has_no_alarms_there(tmp_path):
