@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from controller.signals.protocol import Signal
     from drivers.core.clock import Clock
     from drivers.core.protocols import Device
+    from simulator.devices.faults import FaultSchedule
     from simulator.wiring.emulator_process import EmulatorProcess
 
 
@@ -76,9 +77,13 @@ def _with_devices(
 
 
 def _wire_devices(
-    profile: Profile, clock: Clock, ports: Mapping[str, Mapping[str, Any]]
+    profile: Profile,
+    clock: Clock,
+    ports: Mapping[str, Mapping[str, Any]],
+    faults: Mapping[str, FaultSchedule] | None = None,
 ) -> dict[str, Device]:
-    """Real drivers; `ports` holds the addresses of the emulated ones; other devices keep their own port."""
+    """Real drivers; `ports` holds the addresses of the emulated ones; other devices keep their own port. Faults of what
+    a sensor reads are seen in the drivers' samples."""
     from drivers.core.errors import PROGRAM, RefusedError
 
     devices = {}
@@ -92,7 +97,12 @@ def _wire_devices(
             )
         there = dict(ports[name]) if entry.port == "emulated" else {}
         settings = entry.settings.model_copy(update=there)
-        devices[name] = entry.made(name, settings, clock)
+        made = entry.made
+        if faults and faults[name].any:
+            from simulator.devices.faults import faulty
+
+            made = faulty(made, faults[name])
+        devices[name] = made(name, settings, clock)
     return devices
 
 
@@ -112,15 +122,28 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
     emulator = _served(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
     clock = BenchClock(ClockPage(emulator.endpoints["clock"]))
 
+    faults = _schedules(profile, profile.devices, emulator.mark)
+    devices = _wire_devices(profile, clock, emulator.endpoints["devices"], faults)
+
     def begin_trial(scene: TrialScene) -> None:
         emulator.begin_trial(scene.trial, scene.seed, scene.factors, scene.plant)
+        for name, schedule in faults.items():
+            schedule.restart(scene.trial)
+            if schedule.any:
+                devices[name].restart()  # type: ignore[attr-defined]
+
+    def account() -> Mapping[str, Any]:
+        found = dict(emulator.account())
+        effects = found.pop("faults", []) + _shown(faults).get("faults", [])
+        return {**found, **({"faults": effects} if effects else {})}
 
     return Rig(
         "emulated",
-        _wire_devices(profile, clock, emulator.endpoints["devices"]),
+        devices,
         clock,
         begin_trial=begin_trial,
-        account=emulator.account,
+        account=account,
+        entered=partial(_entered, faults),
         place=lambda: _metres(emulator.scene()),
         endpoints=emulator.endpoints,
         close=emulator.close,
@@ -186,20 +209,20 @@ def _dotted(made: Any) -> str:
 def _mock_rig(profile: Profile) -> Rig:
     from controller.rig import Rig, TrialScene
     from drivers.core.clock import VirtualClock
-    from simulator.devices.faults import FaultSchedule
+    from simulator.devices.faults import OF_THE_BENCH, FaultyClock, Keys, faulty
     from simulator.look_ahead import LookAhead
 
     assert profile.plant is not None
-    clock = VirtualClock()
+    faults = _schedules(profile, [*profile.devices, *OF_THE_BENCH])
+    clock = FaultyClock(faults["loop"]) if faults["loop"].any else VirtualClock()
     bench = profile.plant.made(profile.plant.settings)
     devices = {}
-    schedules = []
     for name, entry in profile.devices.items():
-        schedule = FaultSchedule([fault for fault in profile.faults if fault.device == name])
-        schedules.append(schedule)
-        devices[name] = entry.made(name, entry.settings, clock, bench, schedule)
+        made = faulty(entry.made, faults[name]) if faults[name].any else entry.made
+        devices[name] = made(name, entry.settings, clock, bench, faults[name])
 
-    ahead = LookAhead(clock, bench, list(devices.values()), schedules)
+    wrong = [schedule for schedule in faults.values() if schedule.any]
+    ahead = LookAhead(clock, bench, list(devices.values()), wrong)
 
     def begin_trial(scene: TrialScene) -> None:
         ahead.restart()
@@ -207,7 +230,7 @@ def _mock_rig(profile: Profile) -> Rig:
         bench.begin(0.0, scene.seed, scene.trial, scene.factors, scene.plant)
         for device in devices.values():
             device.restart()
-        for schedule in schedules:
+        for schedule in faults.values():
             schedule.restart(scene.trial)
 
     return Rig(
@@ -218,10 +241,38 @@ def _mock_rig(profile: Profile) -> Rig:
         truth=lambda: bench.contacts,
         slips=(lambda: bench.slips) if hasattr(bench, "slips") else None,
         lifts=(lambda: bench.lifts) if hasattr(bench, "lifts") else None,
-        account=bench.account,
+        account=lambda: {**bench.account(), **_shown(faults)},
         place=lambda: _metres(bench.scene(clock.now())),
         ahead=ahead.skip,
+        entered=partial(_entered, faults),
+        pressed=Keys(faults["keys"], clock).pressed,
     )
+
+
+def _schedules(
+    profile: Profile, devices: Iterable[str], tell: Callable[[str, str], None] | None = None
+) -> dict[str, FaultSchedule]:
+    """What goes wrong with each of these, of all trials; `tell` is told device and mark."""
+    from simulator.devices.faults import FaultSchedule
+
+    return {
+        name: FaultSchedule(
+            [fault for fault in profile.faults if fault.device == name], tell and partial(tell, name)
+        )
+        for name in devices
+    }
+
+
+def _entered(faults: Mapping[str, FaultSchedule], state: str, t_s: float) -> None:
+    """A trial enters a state."""
+    for schedule in faults.values():
+        schedule.mark(state, t_s)
+
+
+def _shown(faults: Mapping[str, FaultSchedule]) -> dict[str, Any]:
+    """Which faults took effect, for the manifest."""
+    shown = [effect for schedule in faults.values() for effect in schedule.shown()]
+    return {"faults": shown} if shown else {}
 
 
 def _metres(scene: Mapping[str, float]) -> Mapping[str, float]:
@@ -412,7 +463,7 @@ def _used_devices(profile: Profile, trials: Sequence[Trial], excused: Collection
     refuse_missing(used, excused)
     devices = frozenset[str]().union(*(needs.devices for _, _, needs in used)) & profile.devices.keys()
     for number, fault in enumerate(profile.faults, start=1):
-        if fault.device not in devices:
+        if fault.device in profile.devices and fault.device not in devices:
             raise ProfileError(
                 f'{profile.name}: [faults] #{number} device = "{fault.device}": none of the chosen trials uses it,'
                 " so it is not opened and cannot fail; remove the fault, or choose other trials"

@@ -163,9 +163,20 @@ class Sections:
         for number, table in enumerate(self.tables.faults):
             path = ("faults", str(number))
             fault = self._settings(found(PARTS["faults"]), table, path)
-            entry = devices.get(fault.device) if fault else None
-            kinds = row("driver", entry.kind).faults(entry.port) if entry else ()
-            if entry and fault.kind not in kinds:
+            if fault is None:
+                continue
+            entry = devices.get(fault.device)
+            of_bench = (
+                found("simulator.devices.faults:OF_THE_BENCH").get(fault.device, ()) if not entry else ()
+            )
+            kinds = row("driver", entry.kind).faults(entry.port) if entry else of_bench
+            if of_bench and bench != "mock":
+                self._complain(
+                    (*path, "device"), f" = {shown(fault.device)}: on the mock bench alone, in virtual time"
+                )
+            elif not entry and not of_bench:
+                self._check_reference((*path, "device"), "device", fault.device, False)
+            elif fault.kind not in kinds:
                 has = f"it can show {', '.join(sorted(kinds))}" if kinds else "it is no simulated device"
                 self._complain(
                     (*path, "kind"), f" = {shown(fault.kind)}: {fault.device} never shows it; {has}"

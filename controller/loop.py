@@ -359,14 +359,14 @@ class Loop:
 
     def _poll_operator_first(self) -> None:
         """A request from before the trial counts before anything moves."""
-        request = self._operator.poll()
+        request = self._request()
         if request in ("pause", "suspend"):
             self._operator.state("PAUSED", self._clock.now())
             while request not in ("resume", "abort"):
                 if request == "suspend":
                     self._operator.suspend()
                 rest(KEY_INTERVAL_S)
-                request = self._operator.poll()
+                request = self._request()
         if request == "abort":
             raise Aborted
 
@@ -374,6 +374,7 @@ class Loop:
         t_s = self._clock.now()
         commands = self._trial.behavior.begin(t_s)
         self.visits.append((self._trial.behavior.state, t_s))
+        self._rig.entered(self._trial.behavior.state, t_s)
         self._operator.state(self._trial.behavior.state, t_s)
         self._obey(commands)
 
@@ -488,6 +489,8 @@ class Loop:
         commands = self._trial.behavior.handle(event)
         after = self._trial.behavior.state
         changed = bool(commands) or after != before
+        if after != before:
+            self._rig.entered(after, self._clock.now())
         if ends and not changed:
             self._trial.end_s = -math.inf  # there is no way out to wait for
         try:
@@ -599,9 +602,13 @@ class Loop:
         paused = self._trial.paused_s is not None and not self._trial.resuming and not self._over
         return paused and self._clock.virtual and not self._trial.moving
 
+    def _request(self) -> str | None:
+        """What the person at the bench wants, or a simulated one."""
+        return self._operator.poll() or self._rig.pressed()
+
     def _attend(self, t_s: float) -> None:
         """Poll the operator: pause stops every mover, the guard goes on watching."""
-        request = self._operator.poll()
+        request = self._request()
         if request == "abort":
             raise Aborted
         if request in ("pause", "suspend") and self._trial.paused_s is None:

@@ -44,6 +44,9 @@ class PlainKind:
 LINE_FAULTS = ("unplug", "silent", "lose", "corrupt")
 """What the line of any emulated device can show."""
 
+SENSED = ("stuck", "wrong", "drift", "late")
+"""What any simulated device can show: between its driver and the loop."""
+
 
 @dataclass(frozen=True)
 class DriverKind(PlainKind):
@@ -77,7 +80,8 @@ class DriverKind(PlainKind):
 
     def faults(self, port: str) -> Sequence[str]:
         """What can be shown at a port; a real device breaks by itself."""
-        return {"mock": self.mock_faults, "emulated": self.emulated_faults}.get(port, ())
+        own = {"mock": self.mock_faults, "emulated": self.emulated_faults}.get(port)
+        return () if own is None else (*own, *SENSED)
 
 
 @dataclass(frozen=True)

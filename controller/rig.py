@@ -45,6 +45,8 @@ class Rig:
         time: Of the clock: it jumps, waits for a process that is late, or is the host's.
         ahead: Lets turns in which nothing happens pass as one, where time may be tried and taken back: see
             `simulator.look_ahead.LookAhead.skip`.
+        entered: Is told each state that a trial enters, and when: faults may count from it.
+        pressed: Which key a simulated person presses now, as `LoopOperator.poll`.
     """
 
     kind: BenchKind
@@ -59,6 +61,8 @@ class Rig:
     endpoints: Mapping[str, Any] | None = None
     close: Callable[[], None] = lambda: None
     ahead: Callable[..., int] | None = None
+    entered: Callable[[str, float], None] = lambda state, t_s: None
+    pressed: Callable[[], str | None] = lambda: None
     time: BenchTime = "virtual"
 
     @property

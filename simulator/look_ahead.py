@@ -39,7 +39,7 @@ class LookAhead:
     come often enough.
 
     Args:
-        faults: What goes wrong. A fault acts on single turns: while any is set, none are taken as one.
+        faults: What goes wrong. A fault acts on single turns: while one is on, or begins, none are taken as one.
     """
 
     def __init__(
@@ -91,10 +91,12 @@ class LookAhead:
             self._quiet(armed)
         self._events, self._apart = events, True
         blind_s = min((each.blind_s for each in self._leashed), default=math.inf)
-        if blind_s <= stride / rate_hz or any(schedule.any for schedule in self._faults):
+        now_s = self._clock.now()
+        quiet_s = min((schedule.quiet_until_s(now_s) for schedule in self._faults), default=math.inf)
+        if blind_s <= stride / rate_hz or quiet_s <= now_s:
             return 0
         alone_s = min((each.alone_s for each in self._acting), default=math.inf)
-        due_s = min(until_s, self._clock.now() + min(alone_s, LONGEST_S))
+        due_s = min(until_s, quiet_s, now_s + min(alone_s, LONGEST_S))
         while (turns := min(self._turns, turns_before(due_s, first, stride, rate_hz))) > 1:
             try:
                 before = Snapshot([*self.roots, *changed])

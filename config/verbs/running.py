@@ -30,6 +30,13 @@ if TYPE_CHECKING:
 @click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Of order and noise."
 )
+@click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="WORDS",
+    help='What goes wrong on a simulated bench, as "board freeze 80 ms in APPROACH"; repeatable.',
+)
 @verbs.out_option
 @verbs.report_option
 @verbs.endpoints_option
@@ -49,6 +56,7 @@ def run(
     seed: int,
     csv: Path | None,
     numbers: Sequence[int],
+    faults: Sequence[str],
     out: Path,
     shard: tuple[int, int] | None,
     **how: Any,
@@ -73,13 +81,15 @@ def run(
     from config.trials import chosen
 
     if parts := parts_of(profile):
-        single = csv or numbers or shard
+        single = csv or numbers or shard or faults
         if single or any(how[name] for name in ("endpoints", "realtime", "watched", "foxglove")):
             raise click.UsageError(
                 f"{profile} has parts; run one of them with this option: see {PROGRAM} list"
             )
         folder = begin(profile, parts, ["--seed", str(seed), *verbs.sets(overrides)], out)
         return _in_turn(folder, how["jobs"], how["scheduler"], how["reported"])
+    if faults:
+        overrides = _with_faults(profile, overrides, faults)
     loaded = verbs.loaded_profile(profile, overrides, csv)
     if how["realtime"] and (loaded.bench != "emulated" or how["endpoints"]):
         joined = "an emulator that runs has its own time" if how["endpoints"] else ""
@@ -100,6 +110,18 @@ def run(
         )
     others = {trial.id for trial in picked} - {trial.id for trial in own}
     return _carried_out(loaded, plan_campaign(loaded, picked, seed, done=others, asked=asked), out, **how)
+
+
+def _with_faults(profile: str, overrides: Mapping[str, str], words: Sequence[str]) -> dict[str, str]:
+    """The settings of the command line with these faults beside those that the profile has."""
+    from config.faults import as_toml, fault_of
+
+    try:
+        more = [fault_of(each) for each in words]
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--fault") from None
+    had = [fault.model_dump(exclude_none=True) for fault in verbs.loaded_profile(profile, overrides).faults]
+    return {**overrides, "faults": as_toml([*had, *more])}
 
 
 @click.command(cls=verbs.Verb, short_help="Go on with a run that broke off.")

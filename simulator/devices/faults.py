@@ -1,19 +1,37 @@
 """What goes wrong on a bench of software, and when: timed by the scene, unknown to detectors."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Literal, TypeVar
+from dataclasses import replace
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from drivers.core.messages import Failed
-from drivers.core.settings import DeviceName, Settings
+from drivers.core.clock import VirtualClock
+from drivers.core.messages import Command, Failed, SampleBlock, Status
+from drivers.core.settings import Settings
 
-Kind = Literal["unplug", "silent", "stall", "refuse", "lose", "corrupt", "full_scale", "stuck"]
+Kind = Literal[
+    "unplug", "silent", "stall", "refuse", "lose", "corrupt", "double", "full_scale",
+    "stuck", "wrong", "drift", "late",
+    "hang", "pause", "abort",
+]  # fmt: skip
 
+SENSED: tuple[Kind, ...] = ("stuck", "wrong", "drift", "late")
+"""What any device with streams can show: between its driver and the loop, whatever the driver is."""
+
+OF_THE_BENCH: Mapping[str, tuple[Kind, ...]] = {"loop": ("hang",), "keys": ("pause", "abort")}
+"""What is no device and can go wrong on a bench in virtual time: the program's own loop, and a person's keys."""
+
+ONCE: tuple[Kind, ...] = ("unplug", "stall", "hang", "pause", "abort")
+"""What happens at an instant, in the turn that meets it."""
+
+AMOUNTS: Mapping[Kind, float] = {"wrong": -1.0, "drift": 0.001, "late": 0.05, "hang": 0.2}
+"""How much, where a fault does not say. Assumption: a sensor that is wired the wrong way round; a millimetre or
+millinewton a second; a buffer of 50 ms; twice what the guard tolerates of a loop."""
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -21,22 +39,58 @@ Number = TypeVar("Number", bound=np.generic)
 class Fault(Settings):
     """One fault of one device."""
 
-    device: DeviceName
-    """Name in the profile."""
+    device: str
+    """Name in the profile; "loop" is the program's own loop, "keys" the person at the console."""
 
     kind: Kind
-    """unplug: the link is gone; silent: nothing comes; stall: a mover loses its way; refuse: motion is refused;
-    lose: what it sends vanishes; corrupt: bytes are altered on the wire (in process: the same as lose); full_scale: its
-    sensors read their negative full scale; stuck: they repeat their last value (both on the mock bench alone)."""
+    """unplug: the link is gone (`for_s` later it is plugged in again); silent: nothing comes; stall: a mover loses its
+    way; refuse: motion is refused; lose: what it sends vanishes; corrupt: bytes are altered on the wire (in process:
+    the same as lose); double: bytes come twice; full_scale: its sensors read their negative full scale (on the mock
+    bench alone); stuck: they repeat their last value; wrong: they read `amount` times too much; drift: they go away by
+    `amount` a second; late: samples and answers come `amount` seconds later; hang: a turn of the loop comes `amount`
+    seconds late; pause: Ctrl+C, and Enter at the next turn; abort: Ctrl+C twice."""
 
-    at_s: float = Field(ge=0.0)
-    """When it begins, in seconds since the trial began."""
+    at_s: float = Field(default=0.0, ge=0.0)
+    """When it begins, in seconds since the trial began, or since what `after` names."""
+
+    after: Annotated[str, Field(pattern=r"^([A-Z][A-Z_]*|[A-Za-z_]\w* [1-9]\d{0,8})?$")] = ""
+    """From when `at_s` counts: the first entry of a state ("APPROACH"), the n-th command to the device ("write 3", or
+    of one kind: "MoveAt 2"), or the n-th sample of one of its streams ("load_cell 400"); "" is the trial's begin."""
 
     for_s: float | None = Field(default=None, gt=0.0)
     """How long it lasts; None is until the end of the trial."""
 
+    every_s: float | None = Field(default=None, gt=0.0)
+    """After how long it comes again; None is never."""
+
+    times: int | None = Field(default=None, ge=1)
+    """How often it comes, of one that comes again; None is for good."""
+
+    amount: float | None = None
+    """How much, where its kind has that; None is the kind's own."""
+
     trial: int | None = Field(default=None, ge=0)
     """In which trial; None is in every one."""
+
+    @model_validator(mode="after")
+    def _periodic(self) -> Self:
+        if self.every_s is None and self.times is not None:
+            raise ValueError("times needs every_s: after how long it comes again")
+        if self.every_s is not None and (self.for_s or math.inf) >= self.every_s:
+            raise ValueError("every_s needs for_s, and a shorter one: it must end before it comes again")
+        return self
+
+    @property
+    def much(self) -> float:
+        """How much."""
+        return AMOUNTS.get(self.kind, 0.0) if self.amount is None else self.amount
+
+    def phase(self, since_s: float) -> tuple[int, float]:
+        """Which time it is, from 0 on, so long after it first began, and how long ago that time began."""
+        times = 0 if self.every_s is None else math.floor(since_s / self.every_s)
+        if self.times is not None:
+            times = min(times, self.times - 1)
+        return times, since_s - times * (self.every_s or 0.0)
 
 
 class FaultSchedule:
@@ -44,17 +98,27 @@ class FaultSchedule:
 
     Args:
         faults: Those of this device alone.
+        tell: Is told what has come that a fault counts from: for another schedule, of the same faults.
+
+    Attributes:
+        effects: Which faults took effect: trial, and when that was first noticed in it.
     """
 
-    def __init__(self, faults: Sequence[Fault] = ()) -> None:
+    def __init__(self, faults: Sequence[Fault] = (), tell: Callable[[str], None] | None = None) -> None:
         self._all = tuple(faults)
+        self._tell = tell
+        self.effects: dict[tuple[int | None, Fault], float] = {}
         self.restart()
 
     def restart(self, trial: int | None = None) -> None:
         """Begin a trial: no fault has begun."""
+        self._trial = trial
         self._faults = [fault for fault in self._all if fault.trial is None or fault.trial == trial]
-        self._begun: set[Fault] = set()
+        self._begun: dict[Fault, int] = {}
         self._last: dict[str, NDArray[Any]] = {}
+        self._since_s = {"": 0.0}
+        self._counts: dict[str, int] = {}
+        self._counted = {fault.after for fault in self._faults if " " in fault.after}
 
     def add(self, fault: Fault) -> None:
         """One more, in this trial alone."""
@@ -62,33 +126,91 @@ class FaultSchedule:
 
     @property
     def any(self) -> bool:
-        """Whether there is one in this trial."""
-        return bool(self._faults)
+        """Whether there is one, in any trial."""
+        return bool(self._all)
+
+    def mark(self, what: str, t_s: float) -> None:
+        """What a fault may count from has come at `t_s`: a state, or the n-th of something."""
+        if what not in self._since_s and any(fault.after == what for fault in self._faults):
+            self._since_s[what] = t_s
+            if self._tell is not None:
+                self._tell(what)
+
+    def count(self, what: str, t_s: float, n: int = 1) -> None:
+        """So many more commands or samples of a kind."""
+        if self._counted:
+            before = self._counts.get(what, 0)
+            self._counts[what] = before + n
+            for after in self._counted:
+                name, _, number = after.partition(" ")
+                if name == what and before < int(number) <= before + n:
+                    self.mark(after, t_s)
+
+    def on(self, t_s: float, *kinds: Kind) -> Fault | None:
+        """The first fault of these kinds that is on at `t_s`."""
+        for fault in self._faults:
+            if fault.kind in kinds and self._on(fault, t_s):
+                self._noticed(fault, t_s)
+                return fault
+        return None
 
     def active(self, t_s: float, kind: Kind) -> bool:
         """Whether a fault of this kind is on at `t_s`."""
-        return bool(self._faults) and any(
-            fault.kind == kind and fault.at_s <= t_s < fault.at_s + (fault.for_s or math.inf)
-            for fault in self._faults
-        )
-
-    def held(self, t_s: float, stream: str, values: NDArray[Number]) -> NDArray[Number]:
-        """What a sensor reads in place of `values`, shape (n, channels), the last of them at `t_s`: while it is stuck,
-        the last value from before."""
-        if not self.active(t_s, "stuck"):
-            self._last[stream] = values[-1]
-            return values
-        held = np.empty_like(values)
-        held[:] = self._last.get(stream, 0)
-        return held
+        return bool(self._faults) and self.on(t_s, kind) is not None
 
     def begun(self, t_s: float, kind: Kind) -> Fault | None:
-        """A fault of this kind that has begun by `t_s`; each is returned once."""
+        """A fault of this kind that has begun by `t_s`; each is returned once, one that comes again each time."""
         for fault in self._faults:
-            if fault.kind == kind and fault.at_s <= t_s and fault not in self._begun:
-                self._begun.add(fault)
-                return fault
+            since_s = self._since_s.get(fault.after)
+            if fault.kind == kind and since_s is not None and since_s + fault.at_s <= t_s:
+                times, _ = fault.phase(t_s - since_s - fault.at_s)
+                if self._begun.get(fault, -1) < times:
+                    self._begun[fault] = times
+                    self._noticed(fault, t_s)
+                    return fault
         return None
+
+    def quiet_until_s(self, t_s: float) -> float:
+        """Until when nothing begins, is on or ends; `t_s` where that is unknown."""
+        quiet_s = math.inf
+        for fault in self._faults:
+            since_s = self._since_s.get(fault.after)
+            if since_s is None:
+                if fault.after in self._counted:
+                    return t_s
+                continue
+            begins_s = since_s + fault.at_s
+            if begins_s <= t_s:
+                times, ago_s = fault.phase(t_s - begins_s)
+                waits = fault.kind in ONCE and self._begun.get(fault, -1) < times
+                if waits or ago_s < (fault.for_s or math.inf):
+                    return t_s
+                if fault.every_s is None or times + 1 == fault.times:
+                    continue
+                begins_s += (times + 1) * fault.every_s
+            quiet_s = min(quiet_s, begins_s)
+        return quiet_s
+
+    def shown(self) -> list[dict[str, Any]]:
+        """The effects, for a manifest."""
+        return [
+            {"trial": trial, **fault.model_dump(mode="json", exclude_defaults=True), "effect_s": t_s}
+            for (trial, fault), t_s in self.effects.items()
+        ]
+
+    def seen(self, block: SampleBlock, t_s: float) -> SampleBlock:
+        """A block as its sensor reads at `t_s`, the time of its last sample: stuck, wrong, drifting."""
+        values, last = block.values, self._last.get(block.stream)
+        if self.on(t_s, "stuck"):
+            values = np.broadcast_to(values[0] if last is None else last, values.shape)
+        else:
+            self._last[block.stream] = values[-1]
+        if fault := self.on(t_s, "wrong"):
+            values = _like(values, values * fault.much)
+        if fault := self.on(t_s, "drift"):
+            begun_s = self._since_s[fault.after] + fault.at_s
+            values = _like(values, values + fault.much * (t_s - begun_s) / block.scale)
+        return block if values is block.values else replace(block, values=values)
 
     def failure(self, t_s: float, device: str) -> Failed | None:
         """What a driver reports when the plug is pulled; once."""
@@ -97,10 +219,119 @@ class FaultSchedule:
             return None
         return Failed(t_s, device, f"the link is gone ({fault.kind} injected at {fault.at_s:g} s)")
 
+    def _on(self, fault: Fault, t_s: float) -> bool:
+        since_s = self._since_s.get(fault.after)
+        if since_s is None or t_s < since_s + fault.at_s:
+            return False
+        return fault.phase(t_s - since_s - fault.at_s)[1] < (fault.for_s or math.inf)
+
+    def _noticed(self, fault: Fault, t_s: float) -> None:
+        self.effects.setdefault((self._trial, fault), t_s)
+
+
+def _like(values: NDArray[Number], changed: NDArray[Any]) -> NDArray[Number]:
+    """Changed values as the same converter gives them."""
+    if not np.issubdtype(values.dtype, np.integer):
+        return changed.astype(values.dtype)
+    ends = np.iinfo(values.dtype)  # type: ignore[type-var]
+    return np.rint(changed).clip(ends.min, ends.max).astype(values.dtype)
+
+
+class FaultySamples:
+    """Goes before a driver's class, real or mock: what the loop gets of it is late or not what the driver made of it.
+
+    Attributes:
+        shown_faults: Of its device; set before its first trial.
+    """
+
+    shown_faults: FaultSchedule
+
+    def restart(self) -> None:
+        """Begin a trial."""
+        self._late: list[tuple[float, SampleBlock | Status]] = []
+        if hasattr(super(), "restart"):
+            super().restart()  # type: ignore[misc]
+
+    def apply(self, command: Command) -> Command:
+        """See `Device.apply`."""
+        t_s = self._clock.now()  # type: ignore[attr-defined]
+        self.shown_faults.count("write", t_s)
+        self.shown_faults.count(type(command).__name__, t_s)
+        applied: Command = super().apply(command)  # type: ignore[misc]
+        return applied
+
+    def read(self) -> Sequence[SampleBlock]:
+        """See `Device.read`."""
+        blocks = []
+        for block in super().read():  # type: ignore[misc]
+            if len(block):
+                self.shown_faults.count(block.stream.partition(".")[2], block.last_s, len(block))
+                blocks.append(self.shown_faults.seen(block, block.last_s))
+        return self._later(blocks, SampleBlock)
+
+    def poll(self) -> Sequence[Status]:
+        """See `Device.poll`."""
+        return self._later(super().poll(), Status)  # type: ignore[misc]
+
+    def _later(self, come: Sequence[Any], what: Any) -> Sequence[Any]:
+        """What is due of what has come, in its order; all of it but while it is late."""
+        t_s = self._clock.now()  # type: ignore[attr-defined]
+        fault = self.shown_faults.on(t_s, "late") if come else None
+        if fault is None and not self._late:
+            return come
+        due_s = max([t_s + (fault.much if fault else 0.0), *(due_s for due_s, _ in self._late)])
+        waiting = [*self._late, *((due_s, each) for each in come)]
+        due = [each for due_s, each in waiting if due_s <= t_s and isinstance(each, what)]
+        self._late = [(due_s, each) for due_s, each in waiting if due_s > t_s or not isinstance(each, what)]
+        return due
+
+
+def faulty(made: type, schedule: FaultSchedule) -> type:
+    """A driver's class whose samples and answers the schedule's faults are seen in."""
+    return type(made.__name__, (FaultySamples, made), {"shown_faults": schedule})
+
+
+class FaultyClock(VirtualClock):
+    """Time of a bench whose loop comes late.
+
+    Args:
+        faults: Of the loop.
+    """
+
+    def __init__(self, faults: FaultSchedule) -> None:
+        super().__init__()
+        self._faults = faults
+
+    def wait_until(self, t_s: float) -> None:
+        """See `Clock.wait_until`."""
+        fault = self._faults.begun(t_s, "hang")
+        super().wait_until(t_s + (fault.much if fault else 0.0))
+
+
+class Keys:
+    """A simulated person at the console: see `LoopOperator.poll`.
+
+    Args:
+        faults: When which key is pressed.
+    """
+
+    def __init__(self, faults: FaultSchedule, clock: VirtualClock) -> None:
+        self._faults, self._clock = faults, clock
+        self._last: str | None = None
+
+    def pressed(self) -> str | None:
+        """Which key is pressed now; time stands still in a pause, so that it ends when it is next looked at."""
+        resumes = self._last == "pause"
+        t_s = self._clock.now()
+        keys = OF_THE_BENCH["keys"] if self._faults.any else ()
+        self._last = next((key for key in keys if self._faults.begun(t_s, key)), None)
+        return self._last or ("resume" if resumes else None)
+
 
 def inject_begun(faults: FaultSchedule, device: Any, trial_s: float, t_s: float) -> None:
     """Let a device stall or refuse at `t_s` where that has begun by `trial_s`; one that cannot does not."""
-    for kind in ("stall", "refuse"):
+    kinds: Collection[Kind] = ("stall", "refuse")
+    for kind in kinds:
         if faults.begun(trial_s, kind) is not None:
             with suppress(ValueError):
                 device.inject(kind, t_s)
@@ -136,10 +367,12 @@ class FrameFaults:
 
 def corrupted(faults: FaultSchedule, out: bytes, t_s: float, whole: bool = False) -> bytes:
     """What arrives of the bytes that a device has sent at `t_s`; datagrams come `whole` or not at all."""
+    if not out:
+        return out
     if faults.active(t_s, "silent") or faults.active(t_s, "lose"):
         return b""
     if faults.active(t_s, "corrupt"):
         if whole:
             return b""
         return bytes(byte ^ 0x10 if place % 7 == 3 else byte for place, byte in enumerate(out))
-    return out
+    return out + out if faults.active(t_s, "double") else out

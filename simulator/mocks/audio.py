@@ -157,13 +157,11 @@ class MockAudio(MockDriver):
         values: NDArray[np.float64] | NDArray[np.int32]
         if self._envelope:
             found = self._bench.baseband(np.arange(first, first + n) / self._rate_hz)
-            envelope = np.full((n, 4), -1.0) if full_scale else found.view(np.float64).reshape(n, 4)
-            full = np.hypot(envelope[:, 0::2], envelope[:, 1::2]) >= 1.0
-            values = self._faults.held(until_s, STREAM, envelope)
+            values = np.full((n, 4), -1.0) if full_scale else found.view(np.float64).reshape(n, 4)
+            full = np.hypot(values[:, 0::2], values[:, 1::2]) >= 1.0
         else:
             counts: NDArray[np.int32] = self._bench.carrier(first, n)
-            counts = np.full((n, 2), -FULL_SCALE, np.int32) if full_scale else counts
-            values = counts = self._faults.held(until_s, STREAM, counts)
+            values = counts = np.full((n, 2), -FULL_SCALE, np.int32) if full_scale else counts
             full = clipped(counts)
         for place, finger in self._excursions.push(full):
             column = 2 * finger if self._envelope else finger

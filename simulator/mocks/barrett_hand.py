@@ -80,7 +80,7 @@ class MockBarrettHand(MockSensor):
         raw = counts(self._bench.forces_n(self._fingers[stream], times_s), self._settings)
         if self._faults.active(now_s, "full_scale"):
             raw = np.zeros_like(raw)
-        return self._faults.held(now_s, stream, raw[:, None])[:, 0]
+        return raw
 
     def _block(
         self, stream: str, t0_s: float, values: Any, now_s: float, times_s: NDArray[np.float64] | None = None

@@ -69,6 +69,8 @@ class Request(Settings):
     """The profile's plant section for this trial."""
     fault: Fault | None = None
     """What breaks from now on."""
+    mark: tuple[str, str] | None = Field(default=None, strict=False)
+    """A device, and what its faults count from, which has come now."""
     account: bool = True
     """What the plant did: every answer has it."""
 
@@ -238,7 +240,12 @@ class Emulator:
         if fault is not None:
             at_s = t_s - self._trial_origin_s + fault.at_s
             self._faults[fault.device].add(fault.model_copy(update={"at_s": at_s}))
-        return {"account": dict(self._bench.account()), "scene": dict(self._bench.scene(t_s))}
+        if request.mark is not None:
+            device, what = request.mark
+            self._faults[device].mark(what, t_s - self._trial_origin_s)
+        effects = [each for faults in self._faults.values() for each in faults.shown()]
+        account = {**self._bench.account(), **({"faults": effects} if effects else {})}
+        return {"account": account, "scene": dict(self._bench.scene(t_s))}
 
 
 def _settings(device: Mapping[str, Any]) -> Any:

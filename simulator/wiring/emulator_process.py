@@ -55,6 +55,10 @@ class EmulatorControl:
         """Let a fault begin, now or after so many seconds of the bench."""
         self._ask({"fault": {"device": device, "kind": kind, "at_s": after_s}})
 
+    def mark(self, device: str, what: str) -> None:
+        """What a device's faults count from has come now: see `FaultSchedule.mark`."""
+        self._ask({"mark": [device, what]})
+
     def account(self) -> Mapping[str, Any]:
         """What the plant did so far; the last answer where the emulator is gone."""
         with contextlib.suppress(OSError, ValueError):

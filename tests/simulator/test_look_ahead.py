@@ -161,8 +161,10 @@ def test_a_trial_begins_with_single_turns():
 
 
 def test_a_fault_and_a_mover_that_must_be_polled_are_gone_through_turn_by_turn():
-    fault = Fault(device="stage", kind="stall", at_s=10.0)
+    fault = Fault(device="stage", kind="stall")
     assert Quiet([FaultSchedule([fault])]).passed(3) == [0, 0, 0]
+    ends = Fault(device="stage", kind="silent", at_s=11 / 200.0, for_s=1.0)
+    assert Quiet([FaultSchedule([ends])]).passed(3) == [0, 8, 0], "a look ends before a fault begins"
     assert Quiet(blind_s=0.005, watched_until_s=0.0).passed(3) == [0, 0, 0]
     loop = Quiet(blind_s=0.006, watched_until_s=0.0)
     assert loop.passed(2) == [0, 8]

@@ -11,7 +11,7 @@ from controller.own_modules import found
 from controller.registry import KINDS
 from controller.rig import TrialScene
 from drivers.core.messages import Ask, Home, Listen, MoveTo, Release, Tone
-from simulator.devices.faults import FaultSchedule, Kind
+from simulator.devices.faults import OF_THE_BENCH, FaultSchedule, Kind
 from simulator.mocks.base import OverMemory
 
 BENCH = {
@@ -42,10 +42,6 @@ class Asked(FaultSchedule):
 
     def begun(self, t_s: float, kind: Kind) -> None:
         self.kinds.add(kind)
-
-    def held(self, t_s: float, stream: str, values: Any) -> Any:
-        self.kinds.add("stuck")
-        return values
 
 
 @pytest.mark.parametrize("driver", [name for name, row in KINDS["driver"].items() if row.mock])
@@ -100,4 +96,5 @@ def test_an_emulated_twin_takes_the_faults_of_its_own_that_the_table_gives_it_an
 
 def test_every_kind_can_be_shown_and_no_other_is_in_the_table() -> None:
     rows = KINDS["driver"].values()
-    assert {kind for row in rows for kind in (*row.mock_faults, *row.emulated_faults)} == set(get_args(Kind))
+    shown = {kind for row in rows for kind in (*row.faults("mock"), *row.faults("emulated"))}
+    assert shown | {kind for kinds in OF_THE_BENCH.values() for kind in kinds} == set(get_args(Kind))

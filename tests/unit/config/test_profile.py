@@ -109,7 +109,11 @@ def test_the_hash_follows_the_settings_and_not_the_files(write):
         ("signals.near.input=signals.near", "[signals] near", "circle"),
         ("detectors.contact.input=signals.neat", "[detectors.contact] input", "'near'"),
         ("faults=[{ device = 'stge', kind = 'stll', at_s = 1 }]", "[faults #1] kind", "'stall'"),
-        ("faults=[{ device = 'board', kind = 'stall', at_s = 1 }]", "[faults #1] kind", "can show unplug"),
+        (
+            "faults=[{ device = 'board', kind = 'stall', at_s = 1 }]",
+            "[faults #1] kind",
+            "can show drift, late, stuck, unplug",
+        ),
         ("devices.stage.port=/dev/x", '[devices.board] port = "mock"', 'stage at "/dev/x"; write "emulated"'),
         ("devices.signals={ driver = 'zaber_stage', port = 'mock' }", "[devices] signals", "choose another"),
     ],

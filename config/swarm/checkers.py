@@ -1,0 +1,380 @@
+"""What must hold of a played plan, whatever went wrong in it: from the bench's truth and the files alone.
+
+Nothing of the program is imported here, least of all of its guard: a checker that shared a mistake would not see it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ENDS = ("CRASH", "SAFETY", "DATA", "LIVENESS", "NONDETERMINISM")
+"""Classes of failures, the gravest first in the sense that it hides the others."""
+
+BRAKING_S = 0.35
+"""How long after a stop a mover may still move: an arm at 0.25 m/s brakes with 1 m/s2; and two turns of the loop."""
+
+STILL_M_S = 2e-5
+"""What counts as standing still: below a stage's microstep in a turn."""
+
+OVER_M = 0.0015
+"""How far beyond its limits a mover may come to stand. Assumption: what a stage travels in two turns at 50 mm/s, and
+brakes."""
+
+BLIND_M = 0.0035
+"""How far a mover may go that nobody reaches: its device's blind travel of 2 mm, and braking."""
+
+SUCCESSES = (
+    "contact",
+    "recorded",
+    "approached",
+    "centered",
+    "held",
+    "swept",
+    "calibrated",
+    "located",
+    "gripped",
+)
+"""Outcomes that a report counts as success."""
+
+CUT = ("silent", "unplug", "lose", "corrupt")
+"""Kinds of faults by which samples do not come."""
+
+EXITS = (0, 1, 2, 3, 4, 130)
+"""Exit codes that the reference of the command line documents."""
+
+
+class Violation(NamedTuple):
+    """What does not hold."""
+
+    end: str
+    checker: str
+    trial: int | None
+    t_s: float | None
+    state: str
+    what: str
+
+
+def check(story: Any) -> Iterator[Violation]:
+    """What does not hold of one played plan; see `config.swarm.play.Story`."""
+    if story.error is not None:
+        end = "LIVENESS" if type(story.error).__name__ == "EndlessError" else "CRASH"
+        yield Violation(end, "raised", *_where(story), f"{type(story.error).__name__}: {story.error}")
+        return
+    for checker in (_exit, _rows, _named, _required, _events, _still, _range, _stops, _blind):
+        yield from checker(story)
+
+
+def _where(story: Any) -> tuple[int | None, float | None, str]:
+    if not story.trials:
+        return None, None, ""
+    trial = story.trials[-1]
+    t_s = trial.samples[-1][0] if trial.samples else None
+    return trial.number, t_s, state_at(trial, t_s)
+
+
+def state_at(trial: Any, t_s: float | None) -> str:
+    """The state that a trial was in; the last one where no time is given."""
+    names = [name for name, since_s in trial.states if t_s is None or since_s <= t_s + 1e-9]
+    return names[-1] if names else ""
+
+
+# --- data ------------------------------------------------------------------------------------------
+
+
+def _exit(story: Any) -> Iterator[Violation]:
+    if story.exit_code not in EXITS:
+        yield Violation("DATA", "exit", *_where(story), f"exit code {story.exit_code}")
+    if story.exit_code and not story.line:
+        yield Violation("DATA", "exit", *_where(story), "it ended badly and says nothing")
+    status = story.manifest["exit"]["status"]
+    if status == "running":
+        yield Violation("DATA", "exit", *_where(story), "the manifest says that it still runs")
+
+
+def _rows(story: Any) -> Iterator[Violation]:
+    """A row for each trial that ended, with an outcome, and success only where there was one."""
+    numbers = [int(row["trial"]) for row in story.rows]
+    begun = [trial.number for trial in story.trials]
+    if numbers != begun:
+        yield Violation("DATA", "rows", *_where(story), f"rows of trials {numbers}, begun were {begun}")
+    for row in story.rows:
+        if not row["outcome"] or row["outcome"] == "undecided":
+            yield Violation("DATA", "rows", int(row["trial"]), None, "", f"outcome '{row['outcome']}'")
+        for name, cell in row.items():
+            if cell and cell.lower() in ("nan", "inf", "-inf"):
+                yield Violation("DATA", "rows", int(row["trial"]), None, "", f"{name} = {cell}")
+    counted = sum(story.manifest["outcomes"].values())
+    if counted != len(numbers):
+        yield Violation("DATA", "rows", *_where(story), f"{len(numbers)} rows, the manifest counts {counted}")
+    bad = {"guard": 4, "fault": 3}
+    for row in story.rows:
+        if row["outcome"] in bad and story.exit_code not in (bad[row["outcome"]], 130):
+            yield Violation(
+                "DATA", "rows", int(row["trial"]), None, "", f"{row['outcome']}, exit code {story.exit_code}"
+            )
+
+
+def _named(story: Any) -> Iterator[Violation]:
+    """Where one device alone failed, the line that ends the run names it."""
+    devices = {effect["device"] for effect in story.effects}
+    if story.exit_code == 3 and len(devices) == 1:
+        (device,) = devices
+        if device not in ("loop", "keys") and device not in story.line:
+            yield Violation("DATA", "named", *_where(story), f"{device} failed; it says: {story.line}")
+
+
+def _required(story: Any) -> Iterator[Violation]:
+    """No success where a stream that a state measures did not come for a part of it."""
+    outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
+    for trial in story.trials:
+        if outcomes.get(trial.number) not in SUCCESSES:
+            continue
+        for effect in story.effects:
+            if effect["trial"] != trial.number or effect["kind"] not in CUT or "every_s" in effect:
+                continue
+            lasts_s = effect.get("for_s", math.inf)
+            for state, since_s, until_s in _spans(trial):
+                cut_s = min(until_s, effect["effect_s"] + lasts_s) - max(since_s, effect["effect_s"])
+                # the first look at a device may come long after its samples are due: count from there
+                if cut_s > 0.06 and effect["device"] in story.measured.get(state, ()):
+                    yield Violation(
+                        "DATA",
+                        "required",
+                        trial.number,
+                        effect["effect_s"],
+                        state,
+                        f"{outcomes[trial.number]}, though {effect['device']} was {effect['kind']} for {cut_s:.3f} s",
+                    )
+
+
+def _spans(trial: Any) -> Iterator[tuple[str, float, float]]:
+    ends = [since_s for _, since_s in trial.states[1:]] + [trial.end_s or math.inf]
+    for (state, since_s), until_s in zip(trial.states, ends, strict=True):
+        yield state, since_s, until_s
+
+
+def _events(story: Any) -> Iterator[Violation]:
+    """Times of events are finite, not after the trial's end, and each state is entered from the one before."""
+    last: dict[int, str] = {}
+    ends = {trial.number: trial for trial in story.trials}
+    for event in story.events():
+        number = event.get("trial")
+        if (
+            not isinstance(event.get("t_s"), int | float)
+            or not math.isfinite(event["t_s"])
+            or event["t_s"] < -1e-9
+        ):
+            yield Violation("DATA", "events", number, None, "", f"time of {event}"[:200])
+        before, after = event.get("state"), event.get("next")
+        if before is not None and number in last and before != last[number]:
+            yield Violation(
+                "DATA", "events", number, event["t_s"], before, f"in {before}, entered was {last[number]}"
+            )
+        if after is not None:
+            last[number] = after
+        trial = ends.get(number)
+        if trial is not None and trial.samples and event["t_s"] > trial.samples[-1][0] + 3.0:
+            yield Violation(
+                "DATA", "events", number, event["t_s"], str(before), "an event after the trial's end"
+            )
+
+
+def readable(story: Any) -> Iterator[Violation]:
+    """The recording, read by the mcap library itself: whole, its times in order for each stream."""
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    for path in sorted(Path(story.folder).glob("*.mcap")):
+        last: dict[str, tuple[str, int]] = {}
+        try:
+            with path.open("rb") as file:
+                for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(
+                    log_time_order=False
+                ):
+                    before = last.get(channel.topic)
+                    if (
+                        before is not None
+                        and message.log_time < before[1]
+                        and not channel.topic.startswith("/")
+                    ):
+                        what = f"{channel.topic} goes back from {before[1]} to {message.log_time} ns"
+                        yield Violation("DATA", "readable", *_where(story), what)
+                        return
+                    last[channel.topic] = channel.topic, message.log_time
+        except (McapError, OSError, ValueError) as error:
+            yield Violation(
+                "DATA", "readable", *_where(story), f"{path.name}: {type(error).__name__}: {error}"
+            )
+
+
+# --- safety ----------------------------------------------------------------------------------------
+
+
+def _beyond_reach(story: Any, trial: Any) -> float:
+    """From when on nobody reaches the mover: its line is cut, or it answers late; infinite where that never is."""
+    mover = story.profile["behavior"].get("mover")
+    kinds = ("silent", "unplug", "lose", "corrupt", "late", "refuse", "double")
+    times = [
+        effect["effect_s"]
+        for effect in story.effects
+        if effect["trial"] == trial.number and effect["device"] == mover and effect["kind"] in kinds
+    ]
+    times += [
+        effect["effect_s"]
+        for effect in story.effects
+        if effect["trial"] == trial.number and effect["device"] == "loop"
+    ]
+    return min(times, default=math.inf)
+
+
+def _still(story: Any) -> Iterator[Violation]:
+    """Nothing moves after the last trial's end, unless the line says so."""
+    for trial in story.trials:
+        for place, speed_m_s in trial.moving.items():
+            if abs(speed_m_s) > STILL_M_S and "NOT seen standing still" not in story.line:
+                what = f"{place} moves at {speed_m_s * 1e3:.3f} mm/s after the end"
+                yield Violation("SAFETY", "still", trial.number, trial.end_s, state_at(trial, None), what)
+
+
+def _range(story: Any) -> Iterator[Violation]:
+    """The first mover's axis stays within the travel of [limits]."""
+    least_m = story.limits["travel_min_m"] - OVER_M
+    most_m = story.limits["travel_m"] + OVER_M
+    for trial in story.trials:
+        unreached_s = _beyond_reach(story, trial)
+        for t_s, places in trial.samples:
+            axis_m = places.get("axis_m", 0.0)
+            if not least_m <= axis_m <= most_m and t_s < unreached_s and not _lied(story, trial, t_s):
+                what = f"the axis is at {axis_m:.6f} m, outside {least_m:g} .. {most_m:g}"
+                yield Violation("SAFETY", "range", trial.number, t_s, state_at(trial, t_s), what)
+                break
+
+
+def _lied(story: Any, trial: Any, t_s: float) -> bool:
+    """Whether a sensor that nothing else can judge read something else than there was."""
+    return any(
+        effect["trial"] == trial.number
+        and effect["kind"] in ("wrong", "drift", "stuck", "late", "full_scale")
+        and effect["effect_s"] <= t_s
+        for effect in story.effects
+    )
+
+
+def _ended_s(story: Any, number: int) -> float | None:
+    """When the trial was ended by the guard or a failure."""
+    for event in story.events():
+        if event.get("trial") == number and event.get("event") in ("GuardStopped", "Failed", "Stalled"):
+            return float(event["t_s"])
+    return None
+
+
+def _stops(story: Any) -> Iterator[Violation]:
+    """After a stop or a failure the axis goes no further in."""
+    for trial in story.trials:
+        ended_s = _ended_s(story, trial.number)
+        if ended_s is None or _beyond_reach(story, trial) < math.inf:
+            continue
+        highest_m = -math.inf
+        for t_s, places in trial.samples:
+            if "axis_m" not in places or t_s <= ended_s + BRAKING_S:
+                highest_m = (
+                    max(highest_m, places.get("axis_m", 0.0)) if t_s > ended_s else places.get("axis_m", 0.0)
+                )
+                continue
+            if places["axis_m"] > highest_m + 1e-5:
+                what = f"the axis went on to {places['axis_m']:.6f} m from {highest_m:.6f} m after it was stopped"
+                yield Violation("SAFETY", "stops", trial.number, t_s, state_at(trial, t_s), what)
+                break
+
+
+def _blind(story: Any) -> Iterator[Violation]:
+    """Nothing moves while a stream that every motion needs does not come."""
+    needed = {
+        str(stream).partition(".")[0]
+        for key in ("force_stream", "position_stream", "pose_stream")
+        if (stream := story.limits.get(key))
+        and (key != "force_stream" or story.limits.get("force_n") is not None)
+    }
+    stale_s = story.limits["stale_s"]
+    for effect in story.effects:
+        if effect["device"] not in needed or effect["kind"] not in CUT or "every_s" in effect:
+            continue
+        ends_s = effect["effect_s"] + effect.get("for_s", math.inf)
+        for trial in story.trials:
+            if trial.number != effect["trial"]:
+                continue
+            begins_s = effect["effect_s"] + stale_s + BRAKING_S
+            moved: list[tuple[float, float]] = [
+                (t_s, places["axis_m"])
+                for t_s, places in trial.samples
+                if begins_s <= t_s <= ends_s and "axis_m" in places
+            ]
+            if _of_loop(story, trial):
+                continue
+            way_m = max((m for _, m in moved), default=0.0) - (moved[0][1] if moved else 0.0)
+            if way_m > (BLIND_M if effect["device"] == story.profile["behavior"].get("mover") else 1e-5):
+                what = f"{effect['device']} is {effect['kind']} and the axis went {way_m * 1e3:.3f} mm further in"
+                yield Violation(
+                    "SAFETY", "blind", trial.number, moved[0][0], state_at(trial, moved[0][0]), what
+                )
+
+
+def _of_loop(story: Any, trial: Any) -> bool:
+    return any(effect["device"] == "loop" and effect["trial"] == trial.number for effect in story.effects)
+
+
+# --- two stories -----------------------------------------------------------------------------------
+
+
+def same(one: Any, other: Any, why: str) -> Iterator[Violation]:
+    """Two stories that must be equal to the byte."""
+    for name, a, b in zip(("trials.csv", "events.jsonl"), one.raw, other.raw, strict=True):
+        if a != b:
+            yield Violation("NONDETERMINISM", why, *_where(other), f"{name}: {_difference(a, b)}")
+            return
+
+
+def healed(broken: Any, resumed: Any, healthy: Any) -> Iterator[Violation]:
+    """A run that broke off and goes on, once nothing goes wrong any more, ends as one that never broke off; trials in
+    which something went wrong and that were kept apart."""
+    if resumed.error is not None:
+        yield Violation(
+            "LIVENESS", "resume", *_where(resumed), f"{type(resumed.error).__name__}: {resumed.error}"
+        )
+        return
+    touched = {effect["trial"] for effect in broken.effects}
+    again = {trial.number for trial in resumed.trials}
+    lines, expected = _lines(resumed.raw[0]), _lines(healthy.raw[0])
+    if lines.keys() != expected.keys():
+        yield Violation(
+            "LIVENESS", "resume", *_where(resumed), f"trials {sorted(lines)}, expected {sorted(expected)}"
+        )
+    for number, line in lines.items():
+        if (number in again or int(number) not in touched) and line != expected.get(number):
+            what = f"trial {number}: {_difference(line.encode(), expected.get(number, '').encode())}"
+            yield Violation("LIVENESS", "untouched", int(number), None, "", what)
+
+
+def _lines(raw: bytes) -> Mapping[Any, str]:
+    return {int(line.partition(",")[0]): line for line in raw.decode().splitlines()[1:]}
+
+
+def _difference(one: bytes, other: bytes) -> str:
+    """Where two texts differ first."""
+    for number, (a, b) in enumerate(zip(one.splitlines(), other.splitlines(), strict=False), start=1):
+        if a != b:
+            place = next(
+                (k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b))
+            )
+            begin = max(0, place - 60)
+            return f"line {number}: …{a[begin : place + 40]!r} and …{b[begin : place + 40]!r}"
+    return f"{len(one)} bytes and {len(other)}"
+
+
+def dumps(findings: Sequence[Violation]) -> str:
+    """Findings, one a line."""
+    return "\n".join(json.dumps(finding._asdict()) for finding in findings)

@@ -1,0 +1,202 @@
+"""Seeds played one after the other: what does not hold, made small; and which cells were seen."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from config.profile import load_profile
+from config.swarm import checkers
+from config.swarm.checkers import Violation
+from config.swarm.plan import SCENES, Plan, drawn, known, possible
+from config.swarm.play import Story, memory, play
+from drivers.core.clock import monotonic_s
+
+Cell = tuple[str, str, str, str]
+
+SHRINKING_RUNS = 200
+"""Most runs that make a failing plan smaller."""
+
+DEEP = ("twice", "resumed", "idle", "split")
+"""Checks of two stories; each seed has one of them, in turn."""
+
+
+@dataclass
+class Hunt:
+    """What a hunt has seen.
+
+    Attributes:
+        seen: Cells in which a fault took effect, and how often.
+        findings: By seed.
+    """
+
+    seeds: int = 0
+    seen: Counter[Cell] = field(default_factory=Counter)
+    findings: dict[int, Sequence[Violation]] = field(default_factory=dict)
+    outcomes: Counter[str] = field(default_factory=Counter)
+
+    def summary(self) -> str:
+        """One line: how many seeds, cells and findings."""
+        ends = Counter(findings[0].end for findings in self.findings.values())
+        failed = ", ".join(f"{count} {end}" for end, count in sorted(ends.items())) or "nothing failed"
+        return f"{self.seeds} seeds: {failed}; {len(self.seen)} of {len(possible())} cells seen with effect"
+
+    def page(self) -> str:
+        """The table of cells: experiment, device and kind of fault, and in which states it was not seen."""
+        lines = ["| experiment | device | fault | seen in | not seen in |", "| --- | --- | --- | --- | --- |"]
+        groups: dict[tuple[str, str, str], list[str]] = {}
+        for name, state, device, kind in possible():
+            groups.setdefault((name, device, kind), []).append(state)
+        for (name, device, kind), states in groups.items():
+            unseen = [state for state in states if (name, state, device, kind) not in self.seen]
+            lines.append(
+                f"| {name} | {device} | {kind} | {len(states) - len(unseen)} of {len(states)} | {', '.join(unseen)} |"
+            )
+        return "\n".join([f"{self.summary()}.", "", *lines, ""])
+
+    def note(self, story: Story) -> None:
+        """Count the cells of a story."""
+        trials = {trial.number: trial for trial in story.trials}
+        for effect in story.effects:
+            if (trial := trials.get(effect["trial"])) is not None:
+                state = checkers.state_at(trial, effect["effect_s"])
+                self.seen[story.plan.experiment, state, effect["device"], effect["kind"]] += 1
+        self.outcomes.update(row["outcome"] for row in story.rows)
+
+
+def examined(plan: Plan, deep: str = "", hunt: Hunt | None = None) -> Sequence[Violation]:
+    """What does not hold of a plan.
+
+    Args:
+        deep: Which check of two stories is made besides.
+        hunt: Gets what was seen.
+    """
+    with memory() as folder:
+        story = play(plan, folder)
+        if hunt is not None:
+            hunt.note(story)
+        findings = list(checkers.check(story))
+        if story.error is None and not findings:
+            findings += _deep(plan, story, deep, folder)
+    return findings
+
+
+def _deep(plan: Plan, story: Story, deep: str, folder: Path) -> Iterator[Violation]:
+    """Another story beside the first, equal in what must be equal."""
+    healthy = replace(plan, faults=())
+    if deep == "twice":
+        yield from checkers.readable(story)
+        yield from checkers.same(story, play(plan, folder), "the same plan twice")
+    elif deep == "resumed" and story.exit_code not in (0, 1):
+        going_on = play(healthy, folder, resumed=story)
+        yield from checkers.healed(story, going_on, play(healthy, folder))
+    elif deep == "idle":
+        never = {"device": plan.faults[0]["device"] if plan.faults else "loop", "kind": "late", "at_s": 1e6}
+        never |= (
+            {"kind": "hang"}
+            if never["device"] == "loop"
+            else {"kind": "pause"}
+            if never["device"] == "keys"
+            else {}
+        )
+        idle = replace(plan, faults=(never,))
+        yield from checkers.same(play(healthy, folder), play(idle, folder), "a fault after the end")
+    elif deep == "split" and "board" in known(plan.experiment).profile.devices:
+        blocks = [
+            replace(healthy, settings={**plan.settings, "devices.board.block_samples": samples})
+            for samples in (3, 4096)
+        ]
+        yield from checkers.same(*(play(each, folder) for each in blocks), "other block splits")
+
+
+def shrunk(plan: Plan, deep: str, end: str) -> tuple[Plan, int]:
+    """The plan made small, as long as it ends in the same class; and how many runs that took."""
+    runs = 0
+
+    def fails(other: Plan) -> bool:
+        nonlocal runs
+        runs += 1
+        return any(finding.end == end for finding in examined(other, deep))
+
+    going = True
+    while going and runs < SHRINKING_RUNS:
+        going = False
+        for other in _smaller(plan):
+            if runs >= SHRINKING_RUNS:
+                break
+            if fails(other):
+                plan, going = other, True
+                break
+    return plan, runs
+
+
+def _smaller(plan: Plan) -> Iterator[Plan]:
+    """Plans with less in them: fewer trials, fewer faults, defaults, plainer and shorter faults."""
+    for place in range(len(plan.trials)):
+        if len(plan.trials) > 1:
+            yield replace(plan, trials=[*plan.trials[:place], *plan.trials[place + 1 :]])
+    for place in range(len(plan.faults)):
+        yield replace(plan, faults=[*plan.faults[:place], *plan.faults[place + 1 :]])
+    short = SCENES[plan.experiment].short
+    for key in plan.settings:
+        if key not in short:
+            yield replace(
+                plan, settings={each: value for each, value in plan.settings.items() if each != key}
+            )
+    for place, fault in enumerate(plan.faults):
+        for key in ("every_s", "trial", "at_s", "for_s"):
+            if key in fault and fault[key] != 0.0:
+                less = {each: value for each, value in fault.items() if each != key}
+                if key == "every_s":
+                    less.pop("times", None)
+                if key == "for_s" and "every_s" in less:
+                    continue
+                yield replace(plan, faults=[*plan.faults[:place], less, *plan.faults[place + 1 :]])
+
+
+def hunted(
+    seeds: Sequence[int], hunt: Hunt, experiments: Sequence[str] = (), minutes: float | None = None
+) -> Iterator[tuple[int, Plan, str, Sequence[Violation]]]:
+    """Play seeds; yields those of which something does not hold.
+
+    A seed draws the same whatever was played before it; every second one leans to cells that chance reaches seldom.
+
+    Args:
+        experiments: That are played alone; none are all.
+        minutes: After which no other seed begins.
+    """
+    since_s = monotonic_s()
+    for seed in seeds:
+        if minutes is not None and monotonic_s() - since_s > 60.0 * minutes:
+            return
+        plan = drawn(seed, possible() if seed % 2 else ())
+        if experiments and plan.experiment not in experiments:
+            continue
+        deep = DEEP[seed // 2 % len(DEEP)]
+        findings = examined(plan, deep, hunt)
+        hunt.seeds += 1
+        if findings:
+            hunt.findings[seed] = findings
+            yield seed, plan, deep, findings
+
+
+def replayed(path: Path) -> Sequence[Violation]:
+    """What does not hold of a plan in a file, as the corpus keeps it; all checks of two stories are made."""
+    from config.swarm.play import played
+
+    profile = load_profile(path)
+    seen: list[Violation] = []
+    plan = Plan(0, profile.experiment, {}, [], [])
+    with memory() as folder:
+        story = played(plan, profile, folder)
+        seen += checkers.check(story)
+        if story.error is None:
+            seen += checkers.readable(story)
+            seen += checkers.same(story, played(plan, profile, folder), "the same plan twice")
+            if story.exit_code not in (0, 1):
+                healthy = replace(profile, faults=())
+                going_on = played(plan, healthy, folder, resumed=story)
+                seen += checkers.healed(story, going_on, played(plan, healthy, folder))
+    return seen

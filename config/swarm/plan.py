@@ -1,0 +1,278 @@
+"""What a seed draws: a profile of at most ten lines, which `run.py run` plays."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+from config.faults import as_toml
+from config.profile import Profile, load_profile
+from config.source import flatten, nest
+
+Settings = Mapping[str, Any]
+
+EVENTS_MAX = 6
+"""Most faults of a plan."""
+
+TRIALS_MAX = 3
+
+SHORTEST_S, LONGEST_S = 0.002, 2.0
+"""Of a fault's length, log-uniform."""
+
+
+class Excerpt(NamedTuple):
+    """An experiment as the swarm plays it.
+
+    Attributes:
+        weight: How often, beside the others.
+        short: Settings that keep its trials short.
+        drawn: Bounds between which settings are drawn; log-uniform where both are above 0.
+    """
+
+    weight: int
+    short: Settings
+    drawn: Mapping[str, tuple[float, float]]
+
+
+_FINGER = {"behavior.settle_s": (1.0, 3.0), "loop.rate_hz": (100.0, 400.0), "limits.stale_s": (0.06, 0.2)}
+_SONIC: Settings = {
+    "behavior.clear_m": 0.01,
+    "behavior.handling_speed_m_s": 0.05,
+    "behavior.open_speed_m_s": 0.05,
+    "behavior.hold_s": 0.2,
+    "loop.rate_hz": 50.0,
+}
+
+SCENES: Mapping[str, Excerpt] = {
+    "transient": Excerpt(
+        8,
+        {"behavior.settle_s": 2.0, "detectors.contact.threshold_sigma": 8.0},
+        {**_FINGER, "behavior.hold_s": (0.05, 0.4), "plant.noise_scale": (0.3, 1.5)},
+    ),
+    "first_contact": Excerpt(
+        4, {}, {"behavior.speed_m_s": (0.0004, 0.001), "behavior.nudge_m": (0.0002, 0.0008)}
+    ),
+    "static": Excerpt(
+        4,
+        {"behavior.settle_s": 2.0, "behavior.rest_s": 0.2, "behavior.record_s": 0.5},
+        {**_FINGER, "behavior.record_s": (0.3, 1.0)},
+    ),
+    "transient_arm": Excerpt(
+        5,
+        {"behavior.settle_s": 2.0, "detectors.contact.threshold_sigma": 8.0},
+        {**_FINGER, "behavior.hold_s": (0.05, 0.4)},
+    ),
+    "pretouch": Excerpt(2, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),
+    "touch": Excerpt(1, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),
+    "centering": Excerpt(1, _SONIC, {"behavior.grip_force_n": (6.0, 14.0)}),
+    "grasp": Excerpt(1, {**_SONIC, "behavior.lift_speed_m_s": 0.03}, {"behavior.grip_force_n": (6.0, 12.0)}),
+    "slip": Excerpt(1, {"plant.surface_m": 0.0012}, {"behavior.rest_s": (0.2, 0.9)}),
+    "weights": Excerpt(
+        1,
+        {"behavior.cycles": 1, "behavior.preloads": 0, "behavior.weights_x_n": [1.0, 2.0]},
+        {"behavior.swing_s": (0.2, 1.0), "behavior.record_s": (0.1, 0.5)},
+    ),
+}
+"""By experiment, each of the profile `mock/NAME`. Those with few trials a CPU second are drawn seldom."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is played.
+
+    Attributes:
+        seed: That drew it.
+        settings: Dotted, beside those of the profile that it extends.
+        trials: Its trials' factors, in their order.
+        faults: As a profile has them.
+    """
+
+    seed: int
+    experiment: str
+    settings: Settings
+    trials: Sequence[Mapping[str, Any]]
+    faults: Sequence[Mapping[str, Any]]
+
+    def toml(self, comment: str = "") -> str:
+        """As a profile."""
+        grid = {key: [self.trials[0][key]] for key in known(self.experiment).grid}
+        rows = ", ".join(
+            _table({key: value for key, value in row.items() if key not in grid}) for row in self.trials
+        )
+        return "\n".join(
+            [
+                f"# {comment or f'seed {self.seed} of the swarm'}",
+                f'extends = "mock/{self.experiment}"',
+                *(f"{section} = {_table(table)}" for section, table in nest(self.settings.items()).items()),
+                f'trials = {{ order = "listed", repeats = 1, list = [{rows}], grid = {_table(grid)} }}',
+                f"faults = {as_toml(self.faults)}",
+                "",
+            ]
+        )
+
+
+def _table(table: Mapping[str, Any]) -> str:
+    return "{ " + ", ".join(f"{_key(key)} = {_toml(value)}" for key, value in table.items()) + " }"
+
+
+def _key(key: str) -> str:
+    return f'"{key}"' if "." in key else key
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return _table(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+class Known(NamedTuple):
+    """What is drawn from, of an experiment.
+
+    Attributes:
+        rows: Factors of the profile's trials.
+        grid: Those of them that are crossed.
+        states: In which a fault may begin.
+        faults: What can go wrong: device and kind.
+        used: Devices that a trial opens, by its factors.
+    """
+
+    profile: Profile
+    rows: Sequence[Mapping[str, Any]]
+    grid: Sequence[str]
+    states: Sequence[str]
+    faults: Sequence[tuple[str, str]]
+    used: Mapping[tuple[Any, ...], frozenset[str]]
+
+
+@cache
+def known(experiment: str) -> Known:
+    """What is drawn from, of an experiment."""
+    from config.assemble import used_by
+    from controller.own_modules import found
+    from controller.registry import experiment_of, row
+    from simulator.devices.faults import OF_THE_BENCH
+
+    profile = load_profile(f"mock/{experiment}", {})
+    trials = profile.trials(0)
+    needs = [(trial, needed.devices) for _, trial, needed in used_by(profile, trials)]
+    used = {tuple(trial.factors.items()): devices & profile.devices.keys() for trial, devices in needs}
+    devices = sorted(frozenset[str]().union(*used.values()))
+    faults = [
+        (name, kind) for name in devices for kind in row("driver", profile.devices[name].kind).faults("mock")
+    ]
+    faults += [(name, kind) for name, kinds in OF_THE_BENCH.items() for kind in kinds]
+    grid = list(dict(flatten(profile.source.data.get("trials", {}).get("grid", {}))))
+    states = found(experiment_of(profile.experiment).made).states
+    return Known(
+        profile,
+        [dict(trial.factors) for trial in trials],
+        grid,
+        [str(state) for state in states],
+        faults,
+        used,
+    )
+
+
+@cache
+def possible() -> tuple[tuple[str, str, str, str], ...]:
+    """Every cell of the coverage: experiment, state, device, kind of fault."""
+    return tuple(
+        (name, state, device, kind)
+        for name in SCENES
+        for state in known(name).states
+        if state not in ("DONE", "FAILED")
+        for device, kind in known(name).faults
+    )
+
+
+def drawn(seed: int, unseen: Sequence[tuple[str, str, str, str]] = ()) -> Plan:
+    """What a seed draws, in a fixed order.
+
+    Args:
+        unseen: Cells of the coverage: one of them is drawn, and its fault is the first one.
+    """
+    dice = random.Random(f"swarm {seed}")
+    names, weights = list(SCENES), [scene.weight for scene in SCENES.values()]
+    experiment = dice.choices(names, weights)[0]
+    cells = [cell for cell in unseen if cell[0] == experiment]
+    cell = dice.choice(cells) if cells else None
+    scene, of = SCENES[experiment], known(experiment)
+    count = dice.choice([1, 1, 1, 2, 2, TRIALS_MAX]) if scene.weight > 1 else 1
+    first = dice.choice(of.rows)
+    rows = [first, *(dice.choice(of.rows) for _ in range(count - 1))]
+    rows = [{**row, **{key: first[key] for key in of.grid}} for row in rows]
+    settings = dict(scene.short)
+    for key, (least, most) in scene.drawn.items():
+        if dice.random() < 0.5:
+            settings[key] = _rounded(math.exp(dice.uniform(math.log(least), math.log(most))))
+    if dice.random() < 0.3 and "board" in of.profile.devices:
+        settings["devices.board.block_samples"] = dice.choice([16, 64, 501])
+    faults = [] if cell is None else [_fault(dice, of, cell[2], cell[3], cell[1], count)]
+    kinds = sorted({kind for _, kind in of.faults})
+    rates = {
+        kind: math.exp(dice.uniform(math.log(0.05), math.log(2.0))) for kind in kinds if dice.random() < 0.5
+    }
+    for kind, rate in rates.items():
+        for _ in range(_poisson(dice, rate * count)):
+            device = dice.choice([device for device, each in of.faults if each == kind])
+            faults.append(_fault(dice, of, device, kind, dice.choice(of.states[:-2] or of.states), count))
+    there = frozenset(("loop", "keys")).union(*(of.used.get(tuple(row.items()), ()) for row in rows))
+    faults = [fault for fault in faults if fault["device"] in there][: 2 if cell else EVENTS_MAX]
+    return Plan(seed, experiment, dict(settings), rows, faults)
+
+
+def _fault(dice: random.Random, of: Known, device: str, kind: str, state: str, count: int) -> dict[str, Any]:
+    fault: dict[str, Any] = {"device": device, "kind": kind}
+    when = dice.random()
+    if when < 0.7:
+        fault["after"] = state
+        fault["at_s"] = _rounded(dice.choice([0.0, dice.uniform(0.0, 0.2), dice.uniform(0.0, 3.0)]))
+    elif when < 0.85:
+        fault["at_s"] = _rounded(dice.uniform(0.0, 10.0))
+    else:
+        fault["after"] = f"write {dice.randint(1, 12)}" if device not in ("loop", "keys") else state
+        fault["at_s"] = _rounded(dice.uniform(0.0, 0.05))
+    lasts = dice.random()
+    length_s = _rounded(math.exp(dice.uniform(math.log(SHORTEST_S), math.log(LONGEST_S))))
+    if lasts < 0.6:
+        fault["for_s"] = length_s
+    elif lasts < 0.75:
+        fault |= {
+            "for_s": length_s,
+            "every_s": _rounded(length_s * dice.uniform(1.5, 10.0)),
+            "times": dice.randint(2, 9),
+        }
+    amounts = {
+        "wrong": (-1.0, 0.0, 0.5, 2.0, 100.0),
+        "late": (0.005, 0.03, 0.12, 0.5),
+        "hang": (0.004, 0.05, 0.3, 2.0),
+    }
+    if kind in amounts:
+        fault["amount"] = dice.choice(amounts[kind])
+    elif kind == "drift":
+        fault["amount"] = _rounded(
+            dice.choice([-1.0, 1.0]) * math.exp(dice.uniform(math.log(1e-4), math.log(10.0)))
+        )
+    if count > 1 and dice.random() < 0.5:
+        fault["trial"] = dice.randint(1, count)
+    return fault
+
+
+def _poisson(dice: random.Random, mean: float) -> int:
+    count, left = 0, math.exp(-mean)
+    product = dice.random()
+    while product > left:
+        count, product = count + 1, product * dice.random()
+    return count
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.3g}")
