@@ -50,7 +50,7 @@ _SONIC: Settings = {
 SCENES: Mapping[str, Excerpt] = {
     "transient": Excerpt(
         8,
-        {"behavior.settle_s": 2.0, "detectors.contact.threshold_sigma": 8.0},
+        {"behavior.settle_s": 1.0, "detectors.contact.threshold_sigma": 8.0, "detectors.ours": "none"},
         {**_FINGER, "behavior.hold_s": (0.05, 0.4), "plant.noise_scale": (0.3, 1.5)},
     ),
     "first_contact": Excerpt(
@@ -63,7 +63,7 @@ SCENES: Mapping[str, Excerpt] = {
     ),
     "transient_arm": Excerpt(
         5,
-        {"behavior.settle_s": 2.0, "detectors.contact.threshold_sigma": 8.0},
+        {"behavior.settle_s": 1.0, "detectors.contact.threshold_sigma": 8.0, "detectors.ours": "none"},
         {**_FINGER, "behavior.hold_s": (0.05, 0.4)},
     ),
     "pretouch": Excerpt(2, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),

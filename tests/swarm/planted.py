@@ -1,0 +1,147 @@
+"""Defects that are planted in the program, and within how many seeds the swarm finds each.
+
+python -m tests.swarm.planted [--seeds 200] [--seconds 60] [NUMBER…]
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import json
+import os
+import sys
+import textwrap
+import time
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from config.swarm.hunt import DEEP, Hunt, examined
+from config.swarm.plan import drawn, possible
+
+
+class Planted(NamedTuple):
+    """A change of a function's source."""
+
+    where: str
+    old: str
+    new: str
+
+
+LOOP, GUARD, ARRIVALS = "controller.loop:Loop", "controller.guard:Guard", "controller.arrivals:Arrivals"
+CAMPAIGN, BOUNDS = "controller.campaign:Campaign", "controller.limits:Bounds"
+RECORDER, LEDGER = "controller.recording.recorder:Recorder", "controller.recording.ledger:Ledger"
+
+DEFECTS = (
+    Planted(
+        f"{LOOP}._turn", "reason is not None or missing is not None or any(", "reason is not None or any("
+    ),  # V5
+    Planted(f"{LOOP}._turn", "guard.latch(t_s)", "pass"),
+    Planted(f"{LOOP}._turn", "self._stop_all()", "pass"),
+    Planted(f"{LOOP}._stop_all", "self._send(Stop(name))", "pass"),
+    Planted(f"{LOOP}.halt", "self._stop_all()", "pass"),
+    Planted(f"{LOOP}.halt", "self.account.not_at_rest += sorted(pending)", "pass"),
+    Planted(f"{LOOP}._passes_on", "self._trial.outdated(event)", "False"),
+    Planted(f"{LOOP}._handle", "self._give_up(event)", "pass"),
+    Planted(f"{LOOP}._handle", "self._trial.end_s = -math.inf", "pass"),
+    Planted(f"{LOOP}._apply", "self._trial.moving.add(command.device)", "pass"),
+    Planted(f"{LOOP}._attend", "self._stop_all()", "pass"),
+    Planted(f"{LOOP}._attend", "raise Aborted", "return"),
+    Planted(f"{LOOP}._subscribe", "self._guard.arrivals.expect(asked | streams, now_s)", "pass"),
+    Planted(f"{LOOP}._arrange", "self._trial.detectors[name].reset()", "pass"),
+    Planted(f"{LOOP}._arrange", "wanted |= self._guard.inputs", "pass"),
+    Planted(f"{LOOP}._wait", "return late_s", "return 0.0"),
+    Planted(f"{LOOP}._note", "self._trial.moving.discard(status.device)", "pass"),
+    Planted(f"{LOOP}._record_event", "self.visits.append((after, event.t_s))", "pass"),
+    Planted(f"{LOOP}._obey", "self._arrange(commands)", "pass"),
+    Planted(f"{LOOP}._look", "if events:", "if False:"),
+    Planted(f"{LOOP}._look", "self._record_blocks(gathered)", "pass"),
+    Planted(f"{GUARD}.check", "if moving and late_s > settings.late_s", "if False"),
+    Planted(f"{GUARD}.check", "reasons += look(block)", "pass"),
+    Planted(f"{GUARD}.admit", "if self._stopped_s is not None and not", "if False and not"),
+    Planted(f"{GUARD}._takes_load_away", "return _goes_back(command) and not", "return True or not"),
+    Planted(f"{GUARD}.reset", "self._stopped_s: float | None = None", "self._stopped_s = 0.0"),
+    Planted(f"{BOUNDS}.position", "self.limits.travel_min_m, self.limits.travel_m", "-9.0, 9.0"),
+    Planted(f"{ARRIVALS}._silent", "> limit_s:", "> 1e9:"),
+    Planted(
+        f"{ARRIVALS}._limit_s", "if self._moves_since_s is not None and stream in self._urgent:", "if False:"
+    ),
+    Planted(f"{ARRIVALS}.expect", "self._seen_s.get(stream, t_s)", "t_s"),
+    Planted(f"{ARRIVALS}.check", "min(block.last_s, t_s)", "block.last_s + 10.0"),
+    Planted("controller.campaign:_measured", "return ended or measured, reason", "return measured, reason"),
+    Planted(f"{CAMPAIGN}._trials", 'if outcome != "aborted":', "if False:"),
+    Planted(f"{CAMPAIGN}._trial", "counts[outcome] = counts.get(outcome, 0) + 1", "pass"),
+    Planted(f"{CAMPAIGN}._trial", 'verdict = "aborted"', 'verdict = ""'),
+    Planted(f"{RECORDER}.end_trial", "self._disk.post(self._ledger, self._ledger.add, line)", "len(line)"),
+    Planted(f"{LEDGER}.commit", 'lines, self._lines = self._lines, ""', "lines = self._lines"),
+    Planted("controller.recording.joining:broken_off", "if outcome not in UNMEASURED", "if outcome"),
+    Planted("controller.recording.joining:clear", "if len(whole) < len(rows):", "if False:"),
+    Planted("controller.measures.trial:_holes", "> longest_s:", "> 1e9:"),
+    Planted("behaviors.machine:Behavior.conclude_fault", "verdict_of(self.event)", '("contact", "")'),
+)
+"""Forty, in loop, guard, limits, campaign, recorder and behaviors."""
+
+
+def plant(defect: Planted) -> None:
+    """Change the program in this process."""
+    module_name, _, path = defect.where.partition(":")
+    module = import_module(module_name)
+    owner: Any = module
+    *outer, name = path.split(".")
+    for each in outer:
+        owner = getattr(owner, each)
+    source = textwrap.dedent(inspect.getsource(getattr(owner, name)))
+    old = defect.old
+    assert old in source, f"{defect.where} no longer has {defect.old!r}"
+    scope: dict[str, Any] = {}
+    exec(compile(source.replace(old, defect.new, 1), module.__file__ or "", "exec"), module.__dict__, scope)
+    setattr(owner, name, scope[name])
+    for other in list(sys.modules.values()):  # a function is imported by its name
+        if owner is module and getattr(other, name, None) is not None and other is not module:
+            setattr(other, name, scope[name])
+
+
+def found(seeds: int, seconds: float) -> dict[str, Any]:
+    """How many seeds were played until something did not hold, and what."""
+    until_s, hunt = time.process_time() + seconds, Hunt()
+    for seed in range(10_000, 10_000 + seeds):
+        plan = drawn(seed, possible() if seed % 2 else ())
+        if plan.experiment not in ("transient", "first_contact", "static", "transient_arm"):
+            continue
+        violations = examined(plan, DEEP[seed // 2 % len(DEEP)], hunt)
+        hunt.seeds += 1
+        if violations:
+            first = violations[0]
+            return {"seeds": hunt.seeds, "end": first.end, "checker": first.checker, "what": first.what[:100]}
+        if time.process_time() > until_s:
+            break
+    return {"seeds": hunt.seeds, "end": ""}
+
+
+def main() -> None:
+    """Plant each in a process of its own, forked from one that has loaded everything."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("numbers", type=int, nargs="*")
+    given = parser.parse_args()
+    print(json.dumps({"unchanged": found(8, given.seconds)}), flush=True)  # and everything is loaded
+    for number in given.numbers or range(len(DEFECTS)):
+        child = os.fork()
+        if child == 0:
+            try:
+                plant(DEFECTS[number])
+                line: dict[str, Any] = found(given.seeds, given.seconds)
+            except BaseException as error:
+                line = {"error": repr(error)}
+            print(
+                json.dumps(
+                    {"number": number, "where": DEFECTS[number].where, "new": DEFECTS[number].new, **line}
+                ),
+                flush=True,
+            )
+            os._exit(0)
+        os.waitpid(child, 0)
+
+
+if __name__ == "__main__":
+    main()
