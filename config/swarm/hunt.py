@@ -108,7 +108,8 @@ def _deep(plan: Plan, story: Story, deep: str, folder: Path) -> Iterator[Violati
             replace(healthy, settings={**plan.settings, "devices.board.block_samples": samples})
             for samples in (3, 4096)
         ]
-        yield from checkers.same(*(play(each, folder) for each in blocks), "other block splits")
+        one, other = (play(each, folder) for each in blocks)
+        yield from checkers.same(one, other, "other block splits")
 
 
 def shrunk(plan: Plan, deep: str, end: str) -> tuple[Plan, int]:

@@ -125,7 +125,8 @@ class Onlooker:
             self.trials[-1].samples.append((t_s, self._places(t_s)))
 
     def _places(self, t_s: float) -> dict[str, float]:
-        mover, places = getattr(self._bench, "mover", None), dict(self._rig.place())
+        mover: Any = getattr(self._bench, "mover", None)
+        places = dict(self._rig.place())
         if hasattr(mover, "position"):
             places["axis_m"] = mover.position(t_s)
         return places
@@ -162,7 +163,7 @@ class Onlooker:
             return
         t_s = self._rig.clock.now()
         before, after = self._places(t_s), {}
-        mover = getattr(self._bench, "mover", None)
+        mover: Any = getattr(self._bench, "mover", None)
         if hasattr(mover, "position"):
             after["axis_m"] = (mover.position(t_s + 0.01) - before["axis_m"]) / 0.01
         if hasattr(mover, "offsets"):

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from config import verbs
 from drivers.core.errors import PROGRAM
+
+if TYPE_CHECKING:
+    from config.swarm.checkers import Violation
 
 
 def _seeds(ctx: click.Context, parameter: click.Parameter, value: str) -> range:
@@ -83,18 +87,13 @@ def swarm(
     return 1 if hunt.findings else 0
 
 
-def _line(finding: object) -> str:
-    end, checker, trial, t_s, state, what = finding  # type: ignore[misc]
-    where = ", ".join(
-        part
-        for part in (
-            f"trial {trial}" if trial is not None else "",
-            f"{t_s:.3f} s" if t_s is not None else "",
-            state,
-        )
-        if part
-    )
-    return f"{end} ({checker}) {where}: {what}"
+def _line(found: Violation) -> str:
+    where = [
+        f"trial {found.trial}" if found.trial is not None else "",
+        f"{found.t_s:.3f} s" if found.t_s is not None else "",
+        found.state,
+    ]
+    return f"{found.end} ({found.checker}) {', '.join(part for part in where if part)}: {found.what}"
 
 
 VERBS = (swarm,)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,6 @@ ONCE: tuple[Kind, ...] = ("unplug", "stall", "hang", "pause", "abort")
 AMOUNTS: Mapping[Kind, float] = {"wrong": -1.0, "drift": 0.001, "late": 0.05, "hang": 0.2}
 """How much, where a fault does not say. Assumption: a sensor that is wired the wrong way round; a millimetre or
 millinewton a second; a buffer of 50 ms; twice what the guard tolerates of a loop."""
-
-Number = TypeVar("Number", bound=np.generic)
 
 
 class Fault(Settings):
@@ -200,7 +198,8 @@ class FaultSchedule:
 
     def seen(self, block: SampleBlock, t_s: float) -> SampleBlock:
         """A block as its sensor reads at `t_s`, the time of its last sample: stuck, wrong, drifting."""
-        values, last = block.values, self._last.get(block.stream)
+        values: Any = block.values
+        last = self._last.get(block.stream)
         if self.on(t_s, "stuck"):
             values = np.broadcast_to(values[0] if last is None else last, values.shape)
         else:
@@ -229,12 +228,12 @@ class FaultSchedule:
         self.effects.setdefault((self._trial, fault), t_s)
 
 
-def _like(values: NDArray[Number], changed: NDArray[Any]) -> NDArray[Number]:
+def _like(values: NDArray[Any], changed: NDArray[Any]) -> NDArray[Any]:
     """Changed values as the same converter gives them."""
     if not np.issubdtype(values.dtype, np.integer):
         return changed.astype(values.dtype)
-    ends = np.iinfo(values.dtype)  # type: ignore[type-var]
-    return np.rint(changed).clip(ends.min, ends.max).astype(values.dtype)
+    ends = np.iinfo(values.dtype)
+    return np.asarray(np.rint(changed).clip(ends.min, ends.max), values.dtype)
 
 
 class FaultySamples:

@@ -94,7 +94,7 @@ class MockSensorBoard(MockSensor):
         if self._faults.active(float(times_s[-1]), "full_scale"):
             values = np.full_like(values, INT32.min * scale)
         counts = np.rint(values / scale) - self._zero[stream]
-        return counts.clip(INT32.min, INT32.max).astype(np.int32)
+        return np.asarray(counts.clip(INT32.min, INT32.max), np.int32)
 
 
 def _short(stream: str) -> str:

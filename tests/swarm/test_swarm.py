@@ -1,0 +1,78 @@
+"""Cases that the swarm found once, and a few fresh seeds: everything that must hold does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from config.swarm.hunt import DEEP, Hunt, examined, replayed, shrunk
+from config.swarm.plan import Plan, drawn, possible
+from config.swarm.play import memory, play
+
+CORPUS = sorted((Path(__file__).parent / "corpus").glob("*.toml"))
+
+QUICK = ("transient", "static", "first_contact", "transient_arm")
+"""Experiments of which a seed costs a tenth of a second."""
+
+
+@pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.stem)
+def test_what_was_found_once_holds_ever_since(path: Path) -> None:
+    assert replayed(path) == []
+
+
+@pytest.mark.parametrize("first", range(0, 60, 10))
+def test_fresh_seeds_hold(first: int) -> None:
+    hunt = Hunt()
+    plans = [drawn(seed, possible() if seed % 2 else ()) for seed in range(first, first + 10)]
+    for plan in plans:
+        if plan.experiment in QUICK:
+            assert examined(plan, DEEP[plan.seed // 2 % len(DEEP)], hunt) == [], plan.toml()
+    assert hunt.seen, "in ten seeds some fault takes effect"
+
+
+def test_a_plan_is_a_profile_of_at_most_ten_lines_and_a_seed_draws_the_same_each_time() -> None:
+    for seed in range(200):
+        plan = drawn(seed, possible() if seed % 2 else ())
+        assert len(plan.toml().splitlines()) <= 10
+        assert len(plan.faults) <= 6
+        assert plan == drawn(seed, possible() if seed % 2 else ())
+
+
+def broken(**planted: object) -> Plan:
+    faults = [
+        {"device": "board", "kind": "late", "after": "BASELINE", "amount": 0.005, "for_s": 0.1},
+        {"device": "stage", "kind": "stall", "after": "APPROACH", "at_s": 0.1, "for_s": 0.5},
+    ]
+    settings = {"behavior.settle_s": 1.0, "detectors.ours": "none", "loop.rate_hz": 150.0}
+    rows = [{"location": "f", "speed_m_s": 0.00254}, {"location": "a", "speed_m_s": 0.003785}]
+    return Plan(1, "transient", settings, rows, faults)
+
+
+def test_a_success_that_the_guard_or_a_failure_ended_is_found_and_made_small(monkeypatch) -> None:
+    monkeypatch.setattr("controller.campaign._measured", lambda *_: ("contact", "", {}))
+    violations = examined(broken())
+    assert [each.end for each in violations] == ["DATA"] * len(violations) != []
+    small, runs = shrunk(broken(), "", "DATA")
+    assert (len(small.trials), len(small.faults), "loop.rate_hz" in small.settings) == (1, 1, False)
+    assert small.faults[0].keys() <= {"device", "kind", "after"}
+    assert runs <= 200
+
+
+def test_a_mover_that_goes_on_after_a_failure_is_found(monkeypatch) -> None:
+    monkeypatch.setattr("controller.loop.Loop._stop_all", lambda self: None)
+    faults = [{"device": "board", "kind": "silent", "after": "APPROACH", "at_s": 0.1}]
+    plan = Plan(1, "transient", {"behavior.settle_s": 1.0}, [{"location": "f", "speed_m_s": 0.0045}], faults)
+    assert "SAFETY" in {each.end for each in examined(plan)}
+
+
+def test_a_run_that_broke_off_goes_on_to_the_same_bytes() -> None:
+    assert examined(broken(), "resumed") == []
+
+
+def test_a_fault_is_marked_in_the_manifest_when_it_takes_effect() -> None:
+    with memory() as folder:
+        story = play(broken(), folder)
+    kinds = {effect["kind"]: effect["effect_s"] for effect in story.effects}
+    approach_s = dict(story.trials[0].states)["APPROACH"]
+    assert kinds["stall"] == pytest.approx(approach_s + 0.1, abs=0.01)
