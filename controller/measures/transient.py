@@ -48,6 +48,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
 
     Returns:
         The outcome, which distinguishes false from true contact, and the row's columns; None for what did not occur.
+        `wrong_sign` where a real load cell read the push as negative.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     position = settings.position_stream
@@ -88,6 +89,9 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     if evidence.truth is None and (settings.load_cell_stream is None or too_noisy):
         row["false_contacts"] = None  # nothing on this bench tells a true contact from a false one
         return outcome, row
+    if evidence.truth is None and pulls(force_n) and outcome == "contact":
+        row["false_contacts"] = None
+        return "wrong_sign", row
     reference_s = touch_of(row, evidence)
     if reference_s is None or not not_before(detect_s, reference_s):
         row["false_contacts"] = 1
@@ -115,6 +119,11 @@ def tared(
     before = times_s < begun_s
     zero_n = float(force_n[before].mean()) if before.any() else 0.0
     return times_s[~before], force_n[~before] - zero_n
+
+
+def pulls(force_n: NDArray[np.float64]) -> bool:
+    """Whether a push was read as negative: the sensor's sign is wrong."""
+    return bool(len(force_n) and force_n[abs(force_n).argmax()] <= -ONSET_N)
 
 
 def _noise(evidence: TrialEvidence, stream: str | None, begun_s: float) -> float:

@@ -72,3 +72,18 @@ def test_a_real_load_cell_whose_noise_reaches_the_onset_shows_none(noise_n, told
     assert outcome == "contact"
     assert row["delay_s"] == (pytest.approx(0.2, abs=0.002) if told else None)
     assert row["false_contacts"] == (0 if told else None)
+
+
+@pytest.mark.parametrize(
+    ("push_n", "judged"), [(0.2, ("contact", 0)), (-0.2, ("wrong_sign", None)), (0.0, ("false_contact", 1))]
+)
+def test_a_real_load_cell_that_reads_a_push_as_negative_has_the_wrong_sign(push_n, judged):
+    found = evidence(2.7)
+    force_n = np.random.default_rng(1).normal(0.0, 2e-4, 4000)
+    force_n[2500:] += push_n
+    found.recording = TrialRecording(1)
+    for stream, unit in STREAMS:
+        values = force_n if stream == "board.load_cell" else np.linspace(0.030, 0.031, 4000)
+        found.recording.add(SampleBlock(stream, 0, 0.0, values[:, None], rate_hz=1000.0, unit=unit))
+    outcome, row = measure(found, TransientSettings(), "contact")
+    assert (outcome, row["false_contacts"]) == judged
