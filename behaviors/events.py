@@ -78,6 +78,18 @@ class SlipEnded(Detected):
 
 
 @dataclass(frozen=True, slots=True)
+class BorderNear(Detected):
+    """The contact came near the border of a fingertip: `angle_rad` is its angle from the middle, with its sign."""
+
+    angle_rad: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class BorderLeft(Detected):
+    """It is back in the middle."""
+
+
+@dataclass(frozen=True, slots=True)
 class Impact(Detected):
     """Something struck the sensor, and it is over: it began at `began_s`."""
 

@@ -12,7 +12,7 @@ from drivers.core.messages import SampleBlock
 Make = Callable[[], Detector]
 Blocks = Sequence[SampleBlock]
 
-ALARMS = frozenset(("Contact", "Onset", "PreTouch", "SlipStarted"))
+ALARMS = frozenset(("BorderNear", "Contact", "Onset", "PreTouch", "SlipStarted"))
 """What a detector reports because its number exceeds its threshold."""
 
 SIZES = (1, 7, 64)

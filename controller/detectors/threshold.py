@@ -125,7 +125,7 @@ class ForceThresholdDetector:
         level, worst = samples[0], math.nan
         if np.isfinite(samples).all():
             level = samples.mean(axis=0)
-            means = _running(samples, min(self._size(rate_hz), len(samples)))
+            means = running(samples, min(self._size(rate_hz), len(samples)))
             distances = np.linalg.norm(means - level, axis=1)
             worst = float(distances.max())
             if self.settings.threshold is None:
@@ -166,7 +166,7 @@ class ForceThresholdDetector:
         found = np.full(len(values), math.nan)
         if len(values) > begin + size:
             after = chosen[begin:]
-            away = _running(after, size) - np.nanmean(chosen[:begin], axis=0)  # samples may be missing
+            away = running(after, size) - np.nanmean(chosen[:begin], axis=0)  # samples may be missing
             found[begin + size - 1 :] = np.linalg.norm(away, axis=1)
         return found
 
@@ -178,7 +178,7 @@ class ForceThresholdDetector:
         self._past = joined[max(0, len(joined) - size + 1) :] if size > 1 else joined[:0]
         if len(joined) < size:
             return []
-        distances = _lengths(_running(joined, size) - level)
+        distances = _lengths(running(joined, size) - level)
         times_s = times_s[len(times_s) - len(distances) :]
         self.readings = decisions(times_s, distances, self._threshold)
         events: list[Detected] = []
@@ -192,7 +192,7 @@ class ForceThresholdDetector:
         return max(1, round(self.settings.average_s * rate_hz))
 
 
-def _running(values: Floats, size: int) -> Floats:
+def running(values: Floats, size: int) -> Floats:
     """Means of `size` values in a row, shape (n - size + 1, channels); the same to the bit however they are cut."""
     windows = values[np.arange(len(values) - size + 1)[:, None] + np.arange(size)].transpose(0, 2, 1)
     # one sum for each window, in the same order each time: a cumulative sum would depend on where it began

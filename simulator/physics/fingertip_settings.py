@@ -86,6 +86,10 @@ class SlipBenchSettings(Settings):
     friction: float | None = Field(default=None, ge=1e-3, le=10.0)
     """Mean coefficient of kinetic friction, 0.001 (better than oiled steel) at the least; None takes the sensor's."""
 
+    matrix_hz: float | None = Field(default=None, gt=0.0, le=1000.0)
+    """How often the matrix is sampled, Hz; None takes the sensor's, 100 Hz with all cells. That its controller samples
+    as often as the line could carry fewer cells is an assumption: it is documented nowhere."""
+
     nuisances: SlipNuisances = SlipNuisances()
     """What recordings have besides; nothing of it by default."""
 
@@ -109,6 +113,7 @@ class SlipBenchSettings(Settings):
         return base.model_copy(
             update={
                 "bridges": bridges,
+                "rate_hz": (self.matrix_hz if sensor == "dsa" else None) or base.rate_hz,
                 "bumps_hz": self.bumps_hz,
                 "loads_hz": self.loads_hz,
                 "rolling_n": self.rolling_scale * base.rolling_n,

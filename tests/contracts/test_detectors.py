@@ -47,6 +47,17 @@ def force_input():
     return [SampleBlock("board.fingertip", 0, 0.0, force_n[:, None], rate_hz=1024.0, unit="N")]
 
 
+def border_input():
+    """A contact that wanders over the tip to one side and back, and a lost block."""
+    angle_rad = np.concatenate([np.linspace(0.0, -1.2, 1500), np.linspace(-1.2, 0.0, 1500)])
+    forces_n = 4.0 * np.column_stack([np.sin(angle_rad), np.cos(angle_rad)])
+    forces_n += 0.035 * np.random.default_rng(11).standard_normal(forces_n.shape)
+    return [
+        SampleBlock("signals.tip", 0, 0.0, forces_n[:2000], rate_hz=1024.0, unit="N"),
+        SampleBlock("signals.tip", 2050, 2050 / 1024.0, forces_n[2050:], rate_hz=1024.0, unit="N"),
+    ]
+
+
 def slip_input():
     """Noise of two channels; for a second knocks that ring at 180 Hz in one of them; and a lost block after it."""
     rng, rate_hz = np.random.default_rng(7), 1024.0
@@ -98,6 +109,7 @@ def knock_input():
 
 
 INPUTS = {
+    "border": border_input,
     "level": level_input,
     "level.paper": level_input,
     "pretouch": pretouch_input,

@@ -111,6 +111,12 @@ CASES = [
     ("hardware/transient_arm", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, WAVEFORM, APPROACH}),
     ("hardware/pointer", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, TIP}),
     (
+        "hardware/border",
+        {},
+        {"arm", "board"},
+        slipping({BOARD, TIP}, "fingertip", "touch_fingertip", "fingertip_ours", "border"),
+    ),
+    (
         "hardware/slip",
         sensor("fingertip"),
         {"arm", "board"},
