@@ -105,6 +105,11 @@ class Onset(Detected):
 
 
 @dataclass(frozen=True, slots=True)
+class LoadChanged(Detected):
+    """What a finger carries is `value` now, N: by more than `threshold` another load than was told last."""
+
+
+@dataclass(frozen=True, slots=True)
 class GuardStopped:
     """The guard stopped every mover at `t_s`."""
 

@@ -1,4 +1,8 @@
-"""Find an object by its aura, centre on it, close until it is felt, lift it, hold it against slip, set it down."""
+"""Find an object by its aura, centre on it, close until it is felt, lift it, hold it with little force, set it down."""
+
+from __future__ import annotations
+
+import math
 
 from behaviors.grip import gripping, gripping_plans
 from behaviors.lift import LIFTING, Lifting, LiftSettings, lifting_plans
@@ -10,6 +14,14 @@ from behaviors.sonic import COMING_IN, CONTACTS, GOING_OUT, Place
 class GraspSettings(SearchSettings, LiftSettings):
     """How an object is sought, gripped and lifted."""
 
+    center: bool = True
+    """Whether the middle is sought; else the jaws close where the start pose is."""
+
+
+def _where_it_is(behavior: Grasp) -> bool:
+    """Whether the jaws close without a search."""
+    return not behavior.settings.center
+
 
 class Grasp(Search, Lifting):
     """A whole grasp, joined from its fragments.
@@ -20,22 +32,30 @@ class Grasp(Search, Lifting):
 
     table = (
         *COMING_IN,
+        on("deadline", "BASELINE", "RESTING", _where_it_is, label="no centering"),
         *SEARCHING,
         on("reached", "CENTERING", "RESTING", from_mover),
-        *gripping(felt="LIFTING"),
+        *gripping(felt="LOADING"),
         *LIFTING,
         *GOING_OUT,
     )
     settings: GraspSettings
 
     def __init__(self, settings: GraspSettings, factors: SearchFactors, detectors: frozenset[str]) -> None:
-        feeling = detectors & CONTACTS | frozenset(settings.slip)  # from the rest on, where they learn
+        # from the rest on, where they learn
+        feeling = detectors & CONTACTS | frozenset(settings.slip) | frozenset(settings.load)
         plans = {
             **gripping_plans(settings, feeling, settings.envelopes | {settings.force_stream}),
-            **lifting_plans(settings, feeling, settings.envelopes),
+            **lifting_plans(settings, detectors & CONTACTS, settings.envelopes),
         }
-        super().__init__(settings, factors, detectors, plans, frozenset(settings.slip))
+        acting = frozenset(settings.slip) | frozenset(settings.load)
+        super().__init__(settings, factors, detectors, plans, acting)
+
+    @property
+    def widest_m(self) -> float:
+        """See `Search.widest_m`; unknown where nothing was sought."""
+        return super().widest_m if self.settings.center else math.inf
 
     @property
     def _found_m(self) -> Place:
-        return (self.middle_m, 0.0, 0.0)
+        return (self.middle_m if self.settings.center else 0.0, 0.0, 0.0)

@@ -1,19 +1,32 @@
-"""Lift what the jaws hold, hold it against slip, set it down again: a part of a trial."""
+"""Lift what the jaws hold, hold it with little more than the least force, set it down again: a part of a trial."""
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
-from behaviors.events import Event
+from behaviors.events import Event, LoadChanged
 from behaviors.grip import Gripping, GripSettings
 from behaviors.machine import Row, StatePlan, from_mover, on
 from behaviors.sonic import Place
-from drivers.core.messages import Command, Grip, Gripped
+from drivers.core.messages import Command, Grip, Gripped, Stop, Twist
 from drivers.core.settings import DetectorName, StreamName
 
-_UP = ("LIFTING", "HOLDING")
+_AIR = ("LIFTING", "SHAKING", "HOLDING")
+_UP = ("LOADING", *_AIR)
+
+LATELY_S = 0.06
+"""A slip is told so long after it began at the most, and its load counts; so long the jaws need to press harder.
+Assumption: twice what is usual."""
+
+UNLOADS = 0.75
+"""A finger that carries less than this share of what it carried lately is unloaded: no slip does that (assumption:
+friction of what slides is less by a tenth at the most)."""
+
+LOOSEN, LOOSEN_S = 0.94, 0.03
+"""The jaws press less hard by such a share at a time, and so often: at once, they would swing below."""
 
 
 class LiftSettings(GripSettings):
@@ -22,11 +35,28 @@ class LiftSettings(GripSettings):
     pose_stream: StreamName = "arm.pose"
     """Where the tool is (m and rad, base frame)."""
 
+    load_m: float = Field(default=0.004, ge=0.0, le=0.1)
+    """Length of the first part of the lift, in which the pads take up the weight. Assumption: they give 2.3 mm under 1
+    kg on the simulated bench."""
+
+    load_speed_m_s: float = Field(default=0.002, gt=0.0, le=0.25)
+    """Its speed: so slow that what slips then has not gone far, and that taking up the weight is no knock."""
+
     lift_m: float = Field(default=0.02, gt=0.0, le=0.5)
     """How far up."""
 
     lift_speed_m_s: float = Field(default=0.01, gt=0.0, le=0.25)
-    """Speed of lifting and setting down. Assumption: slow enough that its jerk moves nothing in the fingers."""
+    """Speed of lifting and setting down."""
+
+    shake_m_s: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Speed that the shake in the air is reversed to, up and down; 0 is no shake. Where the arm takes half a period for
+    that, its way is of parabolas, 4 % off a sine's."""
+
+    shake_hz: float = Field(default=2.5, gt=0.0, le=10.0)
+    """How often."""
+
+    shake_s: float = Field(default=2.0, gt=0.0, le=60.0)
+    """How long; whole periods end at rest."""
 
     force_stream: StreamName = "arm.force"
     """What the arm carries (N, third channel upwards)."""
@@ -34,38 +64,80 @@ class LiftSettings(GripSettings):
     weight_n: float | None = Field(default=None, gt=0.0, le=1000.0)
     """What the object weighs, where somebody weighed it: on a real bench a lift is known by it to have succeeded."""
 
-    take_up_m: float = Field(default=0.003, ge=0.0, le=0.1)
-    """Length of the lift in which the pads take up the weight. The knock of that is no slip: one that begins here
-    counts if it lasts to the end of it. Measured on the simulated pad with 0.05 and 0.2 kg: what the detector called
-    slip in the take-up was over 0.22 s after the lift began, 2.2 mm at the default speed."""
-
     slip: Annotated[tuple[DetectorName, ...], Strict(False)] = ()
-    """Detectors of slip between finger and object; each slip makes the jaws press harder."""
+    """Detectors of slip between finger and object, upon which the jaws press harder."""
+
+    load: Annotated[tuple[DetectorName, ...], Strict(False)] = ()
+    """Detectors of the load that a finger carries; where there is one, the grip follows the load by the friction that
+    slips have shown."""
+
+    rule: Literal["friction", "step"] = "friction"
+    """How much harder upon a slip. `friction`: as load and least friction seen ask for, times `margin`; in the air at
+    once `boost` times as hard, then back to that. `step`: `tighten_n` more, again and again while it slips."""
+
+    plateau_s: float = Field(default=0.12, ge=0.0, le=10.0)
+    """A load that has not grown for so long while the arm rises slowly has begun to slip, silently, or hangs; while the
+    friction is unknown, and at the limit, it counts as a slip. 0 for never. Assumption: twice what a step of the load
+    takes."""
+
+    margin: float = Field(default=1.1, ge=1.0, le=10.0)
+    """What the grip is set to, over what load and friction ask for. Chosen in benchmarks/grasp."""
+
+    boost: float = Field(default=1.4, ge=1.0, le=10.0)
+    """How many times as hard the jaws press upon a slip in the air: what slides has to be braked as well. Likewise."""
+
+    least_friction: float = Field(default=0.1, ge=0.0, le=10.0)
+    """Objects have more: a slip that is told while a finger carries less than this share of the grip is a knock."""
+
+    limit: float = Field(default=0.97, gt=0.0, le=1.0)
+    """A finger that carries this share of what friction bears slips, or is about to: then, in the air, `boost` at once.
+    Likewise."""
+
+    credible: float = Field(default=0.7, ge=0.0, le=1.0)
+    """A slip that is told while a finger carries less than this share of it is a knock, and so is any for `knock_s`
+    after the arm begins or ends a motion, while it shakes, and after the jaws have pressed harder at once: then `limit`
+    alone counts. Likewise."""
+
+    knock_s: float = Field(default=0.4, ge=0.0, le=10.0)
+    """See `credible`. Assumption: until what is held has ceased to swing in the pads."""
+
+    relax_s: float = Field(default=0.3, gt=0.0, le=60.0)
+    """How long after the jaws pressed harder they may press less hard. Likewise."""
 
     tighten_n: float = Field(default=2.0, gt=0.0, le=100.0)
-    """By how much more. Assumption: a fifth of the grip."""
+    """The step of `step`. Assumption: a fifth of a grip of 10 N."""
 
-    tighten_s: float = Field(default=0.25, gt=0.0, le=10.0)
-    """How long a slip may go on after the jaws press as hard as commanded, before they press harder still. Longer than
-    the detector takes to report its end: 0.1 s on the simulated pad."""
+    tighten_s: float = Field(default=0.05, gt=0.0, le=10.0)
+    """How long a slip may go on before the jaws press harder still."""
+
+    tighten_speed_m_s: float = Field(default=0.1, gt=0.0, le=1.0)
+    """Speed that the jaws are asked for then: what stands in their way keeps them from it, and a gripper's speed loop
+    raises its force the sooner the more it is off."""
 
     tightest_n: float = Field(default=14.0, gt=0.0, le=500.0)
     """How hard at the most; the guard's `grip_n` holds besides."""
 
 
 def lifting_plans(
-    settings: LiftSettings, feeling: frozenset[str], measures: frozenset[str]
+    settings: LiftSettings, contacts: frozenset[str], measures: frozenset[str]
 ) -> Mapping[str, StatePlan]:
-    """What these states need: the detectors of contact and of slip, and what is measured."""
-    held = StatePlan(
-        settings.lift_m / settings.lift_speed_m_s + settings.motion_timeout_s,
-        feeling,
-        measures | {settings.width_stream, settings.pose_stream, settings.force_stream},
-    )
+    """What these states need: the detectors of slip and of load, and what is measured; where none tells the load, those
+    of contact tell what is held."""
+    feeling = frozenset(settings.slip) | frozenset(settings.load)
+    seen = frozenset({settings.width_stream, settings.pose_stream, settings.force_stream})
+    if not settings.load:
+        feeling, seen = feeling | contacts, seen | measures
+
+    def held(duration_s: float) -> StatePlan:
+        return StatePlan(duration_s, feeling, seen)
+
+    way_s = settings.lift_m / settings.lift_speed_m_s + settings.load_m / settings.load_speed_m_s
     return {
-        "LIFTING": held,
-        "HOLDING": StatePlan(settings.hold_s, held.detectors, held.measures),
-        "LOWERING": held,
+        "LOADING": held(way_s + settings.motion_timeout_s),
+        "LIFTING": held(way_s + settings.motion_timeout_s),
+        "SHAKING": held(settings.shake_s),
+        "HOLDING": held(settings.hold_s),
+        "LOWERING": held(way_s + settings.motion_timeout_s),
     }
 
 
@@ -74,21 +146,50 @@ class Lifting(Gripping):
 
     settings: LiftSettings
     _force_n = 0.0
+    _load_n = _lifted_n = _most_n = 0.0
+    _friction = math.inf
+    """The least share of the grip that a finger carried when it slipped."""
     _slipping: frozenset[str] = frozenset()
-    _taken_up_s = math.inf
     _tighten_due_s = math.inf
+    _plateau_due_s = math.inf
+    _relax_due_s = math.inf
+    _calm_s = _boosted_s = -math.inf
+    _shake_due_s = math.inf
+    _shake_up = False
 
     @property
     def due_s(self) -> float:
-        """When the jaws press harder, unless the slip is over by then."""
-        return self._tighten_due_s if self._slipping and self.state in _UP else math.inf
+        """When the jaws press harder unless the slip is over by then, or less hard; when the shake is reversed."""
+        tighten_s = self._tighten_due_s if self._slipping and self.state in _UP else math.inf
+        relax_s = max(self._relax_due_s, self._calm_s) if self.state in _UP else math.inf
+        shake_s = self._shake_due_s if self.state == "SHAKING" else math.inf
+        plateau_s = self._plateau_due_s if self.state == "LOADING" else math.inf
+        return min(tighten_s, relax_s, shake_s, plateau_s)
 
     def handle(self, event: Event) -> Sequence[Command]:
-        """Handle one event, and press harder where it is time."""
-        commands = super().handle(event)
+        """Handle one event, and what is due by then."""
+        commands = [*super().handle(event)]
         if event.t_s < self.due_s - 1e-9:
             return commands
-        return [*commands, *self._tightened()]
+        now_s = event.t_s + 1e-9
+        if self.state == "SHAKING" and now_s >= self._shake_due_s:
+            commands += self._shaken(event.t_s)
+        if self.state == "LOADING" and now_s >= self._plateau_due_s:
+            self._plateau_due_s = math.inf
+            if self._uses(self._load_n / self._force_n, self.settings.limit):
+                self._note_friction(event.t_s)
+                commands += self._pressed(self._wanted_n, event.t_s)
+        if self._slipping and now_s >= self._tighten_due_s:
+            commands += self._tightened(event.t_s)
+        if self.state in _UP and now_s >= max(self._relax_due_s, self._calm_s):
+            commands += self._loosened(event.t_s)
+        return commands
+
+    def _loosened(self, t_s: float) -> Sequence[Command]:
+        """Press less hard, a step."""
+        wanted_n, step_n = self._wanted_n, LOOSEN * self._force_n
+        self._relax_due_s = t_s + LOOSEN_S if wanted_n < step_n else math.inf
+        return self._pressed(max(wanted_n, step_n), t_s) if wanted_n < self._force_n else []
 
     @property
     def deciding(self) -> Sequence[str]:
@@ -100,54 +201,169 @@ class Lifting(Gripping):
         """Whether the jaws report that they hold nothing."""
         return isinstance(self.event, Gripped) and not self.event.object
 
+    def shaking(self) -> bool:
+        """Whether there is a shake."""
+        return self.settings.shake_m_s > 0.0
+
+    @property
+    def _wanted_n(self) -> float:
+        """What load and friction ask for; the present grip while one of them is unknown."""
+        if not self.settings.load or math.isinf(self._friction):
+            return self._force_n
+        return self.settings.margin * max(self._load_n, 0.0) / self._friction
+
+    @property
+    def _share(self) -> float:
+        """The largest share of the grip that a finger carried lately, now included."""
+        present = self._load_n / self._force_n
+        return max((n for t_s, _, n in self._loads if t_s >= self.event.t_s - LATELY_S), default=present)
+
+    def _uses(self, share: float, limit: float) -> bool:
+        """Whether a finger that carries this share of the grip carries at least `limit` of what the least friction seen
+        bears; so it does while that is unknown."""
+        return not self.settings.load or math.isinf(self._friction) or share >= limit * self._friction
+
+    def credible(self) -> bool:
+        """Whether a finger carries so much that it may slip."""
+        if not self.settings.load:
+            return True
+        knocked = self.event.t_s < self._calm_s
+        lately_n = max((n for t_s, n, _ in self._loads if t_s >= self.event.t_s - LATELY_S), default=0.0)
+        if self._load_n < UNLOADS * lately_n or self._share < self.settings.least_friction:
+            return False
+        return not knocked and self._uses(self._share, self.settings.credible)
+
+    def expect_knock(self, lasting_s: float = 0.0) -> None:
+        """What is held is about to be shaken, not to slip."""
+        self._calm_s = self.event.t_s + lasting_s + self.settings.knock_s
+
     def note_slip(self) -> None:
-        """Something slips: at once, or once the weight is taken up, the jaws are to press harder."""
+        """Something slips."""
+        self._note_friction(self.event.t_s)
         if not self._slipping:
-            self._tighten_due_s = max(self.event.t_s, self._taken_up_s)
+            self._tighten_due_s = self.event.t_s
         self._slipping |= {self._detector}
+
+    def _note_friction(self, t_s: float) -> None:
+        """The load that the grip carried last shows the friction."""
+        if self.settings.load and self._share > 0.0:
+            self._friction = min(self._friction, self._share)
+            self.notes.setdefault("friction", []).append(self._friction)
+        self.notes.setdefault("slip_s", []).append(t_s)
 
     def note_held(self) -> None:
         """The slip that a detector reported is over."""
         self._slipping -= {self._detector}
 
-    def note_tight(self) -> None:
-        """The jaws press as hard as commanded: the slip has its time to end."""
-        self._tighten_due_s = max(self.event.t_s + self.settings.tighten_s, self._taken_up_s)
+    def note_load(self) -> None:
+        """Follow the load: at once where it grows, after `relax_s` where it falls."""
+        assert isinstance(self.event, LoadChanged)
+        grows = self._load_n < self.event.value and self.event.value > self._most_n
+        self._load_n = self.event.value
+        if grows:
+            self._most_n = self._load_n
+            self._plateau_due_s = self.event.t_s + (self.settings.plateau_s or math.inf)
+        self._loads.append((self.event.t_s, self._load_n, self._load_n / self._force_n))
+        if self.settings.rule == "friction" and self._wanted_n > self._force_n:
+            beyond = self._uses(self._load_n / self._force_n, self.settings.limit)
+            share = self._boost(self.event.t_s) if beyond else 1.0
+            for command in self._pressed(max(share * self._force_n, self._wanted_n), self.event.t_s):
+                self.command(command)
+        elif self._relax_due_s == math.inf:
+            self._relax_due_s = self.event.t_s + self.settings.relax_s
 
     @property
     def _detector(self) -> str:
         return str(getattr(self.event, "detector", ""))
 
-    def _tightened(self) -> Sequence[Command]:
-        """Press harder, to the same opening, if that is possible."""
-        settings, self._tighten_due_s = self.settings, math.inf
-        if self._force_n >= settings.tightest_n:
+    def _tightened(self, t_s: float) -> Sequence[Command]:
+        """Press harder upon a slip, unless the finger carries too little by now."""
+        settings = self.settings
+        if not self.credible():
+            self._tighten_due_s = math.inf
             return []
-        self._force_n = min(self._force_n + settings.tighten_n, settings.tightest_n)
-        return [Grip(settings.gripper, settings.grip_width_m, settings.grip_speed_m_s, self._force_n)]
+        self._tighten_due_s = t_s + settings.tighten_s
+        if settings.rule == "step":
+            return self._pressed(self._force_n + settings.tighten_n, t_s)
+        return self._pressed(max(self._boost(t_s) * self._force_n, self._wanted_n), t_s)
+
+    def _boost(self, t_s: float) -> float:
+        """How many times as hard at once: on the table a little, in the air enough to brake; 1 where it just was."""
+        if self.state == "LOADING":
+            return self.settings.margin
+        if t_s < self._boosted_s + LATELY_S:
+            return 1.0
+        self._boosted_s = t_s
+        self.expect_knock()
+        return self.settings.boost
+
+    def _pressed(self, force_n: float, t_s: float) -> Sequence[Command]:
+        """Press as hard as this, within what is allowed, to the same opening."""
+        settings = self.settings
+        force_n = min(max(force_n, settings.grip_force_n), settings.tightest_n)
+        if force_n == self._force_n:
+            return []
+        if force_n > self._force_n:
+            self._relax_due_s = t_s + settings.relax_s
+        self._force_n = force_n
+        return [Grip(settings.gripper, settings.grip_width_m, settings.tighten_speed_m_s, force_n)]
+
+    def _shaken(self, t_s: float) -> Sequence[Command]:
+        """Reverse the shake: first after a quarter of a period, then after halves."""
+        settings = self.settings
+        half_s, self._shake_up = 0.5 / settings.shake_hz, not self._shake_up
+        first = t_s <= self._entered_s
+        self._shake_due_s = t_s + (0.5 * half_s if first else half_s)
+        speed_m_s = settings.shake_m_s if self._shake_up else -settings.shake_m_s
+        return [Twist(settings.mover, (0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0), 2.0 * half_s)]
 
     def conclude_dropped(self) -> None:
         """The jaws lost what they held."""
         self.conclude("dropped", f"the object was lost in {self.state}")
 
     def conclude_held(self) -> None:
-        """Held for as long as was asked for, if both fingers still feel it."""
-        if self.both_touch():
+        """Held for as long as was asked for, if the fingers still carry or feel it."""
+        carry = self._load_n > 0.5 * self._lifted_n
+        if carry if self.settings.load else self.both_touch():
             self.conclude("held")
         else:
             self.conclude_dropped()
 
-    def enter_LIFTING(self) -> None:
-        """Straight up from where it was found."""
+    def enter_LOADING(self) -> None:
+        """Up from where it was found, slowly, until the pads carry the weight."""
         self._force_n = self.settings.grip_force_n
-        self._slipping, self._tighten_due_s = frozenset(), math.inf
-        self._taken_up_s = self.event.t_s + self.settings.take_up_m / self.settings.lift_speed_m_s
-        x_m, y_m, z_m = self._found_m
-        self._go((x_m, y_m, z_m + self.settings.lift_m), self.settings.lift_speed_m_s)
+        self._load_n, self._most_n, self._friction = 0.0, 0.0, math.inf
+        self._plateau_due_s = math.inf
+        self._loads: deque[tuple[float, float, float]] = deque(maxlen=64)  # when, N, over the grip
+        self._boosted_s = -math.inf
+        self._slipping, self._tighten_due_s, self._relax_due_s = frozenset(), math.inf, math.inf
+        self._calm_s = -math.inf
+        self._rise(self.settings.load_m, self.settings.load_speed_m_s)
+
+    def enter_LIFTING(self) -> None:
+        """Straight up."""
+        self._lifted_n = self._load_n
+        self.expect_knock()
+        self._rise(self.settings.lift_m, self.settings.lift_speed_m_s)
+
+    def enter_SHAKING(self) -> None:
+        """Up and down."""
+        self.expect_knock(self.settings.shake_s)
+        self._shake_due_s, self._shake_up = self.event.t_s, False
+
+    def enter_HOLDING(self) -> None:
+        """Stand still."""
+        self.expect_knock()
+        if self.shaking():
+            self.command(Stop(self.settings.mover))
 
     def enter_LOWERING(self) -> None:
         """Down to where it stood."""
         self._go(self._found_m, self.settings.lift_speed_m_s)
+
+    def _rise(self, height_m: float, speed_m_s: float) -> None:
+        x_m, y_m, z_m = self._found_m
+        self._go((x_m, y_m, z_m + height_m), speed_m_s)
 
     @property
     def _found_m(self) -> Place:
@@ -156,11 +372,14 @@ class Lifting(Gripping):
 
 
 LIFTING: Sequence[Row] = (
+    on("reached", "LOADING", "LIFTING", from_mover),
+    on("reached", "LIFTING", "SHAKING", from_mover, Lifting.shaking, label="a shake"),
     on("reached", "LIFTING", "HOLDING", from_mover),
-    on("slip_started", _UP, None, do=Lifting.note_slip, label="press harder"),
+    on("slip_started", _UP, None, Lifting.credible, do=Lifting.note_slip, label="press harder"),
     on("slip_ended", _UP, None, do=Lifting.note_held),
+    on("load_changed", _UP, None, do=Lifting.note_load, label="follow the load"),
     on("gripped", _UP, "LOWERING", Lifting.dropped, do=Lifting.conclude_dropped, label="nothing held"),
-    on("gripped", _UP, None, do=Lifting.note_tight, label="slips on: press harder still"),
+    on("deadline", "SHAKING", "HOLDING"),
     on("deadline", "HOLDING", "LOWERING", do=Lifting.conclude_held),
     on("reached", "LOWERING", "RELEASING", from_mover),
     on("resumed", (*_UP, "LOWERING"), "LOWERING", do=Lifting.conclude_broken_off),

@@ -98,6 +98,9 @@ class Behavior:
         mover: Device that `from_mover` asks for.
         acting: Detectors whose events the trial acts on: where one of these refuses its baseline, it ends. None: all
             that a state arms. Any other listens, and is missing from the trial's row.
+
+    Attributes:
+        notes: What the behavior concluded on the way, by name, for the experiment's measure.
     """
 
     table: ClassVar[Sequence[Row]]
@@ -130,6 +133,7 @@ class Behavior:
         self.state = self.states[0]
         self.outcome = UNDECIDED
         self.reason = ""
+        self.notes: dict[str, list[float]] = {}
         self._entered_s = 0.0
         self._came: dict[str, None] = {}
         self._commands: list[Command] = []

@@ -241,6 +241,7 @@ def _mock_rig(profile: Profile) -> Rig:
         truth=lambda: bench.contacts,
         slips=(lambda: bench.slips) if hasattr(bench, "slips") else None,
         lifts=(lambda: bench.lifts) if hasattr(bench, "lifts") else None,
+        slides=(lambda: bench.slides) if hasattr(bench, "slides") else None,
         account=lambda: {**bench.account(), **_shown(faults)},
         place=lambda: _metres(bench.scene(clock.now())),
         ahead=ahead.skip,

@@ -441,6 +441,7 @@ class Campaign:
             raise
         finally:
             evidence.events, evidence.entered_s, evidence.visits = loop.events, dict(loop.visits), loop.visits
+            evidence.notes = trial.behavior.notes
             self._note_truth(evidence)
             self._account(loop, trial.signals)
             ended = verdict or loop.account.outcome
@@ -478,6 +479,7 @@ class Campaign:
         evidence.truth = None if rig.truth is None else rig.truth()
         evidence.slips = None if rig.slips is None else rig.slips()
         evidence.lifts = None if rig.lifts is None else rig.lifts()
+        evidence.slides = None if rig.slides is None else rig.slides()
 
     def _evidence(
         self, trial: TrialPlan, recording: TrialRecording, infos: Mapping[str, DeviceInfo]

@@ -37,7 +37,8 @@ class Rig:
         truth: After a trial: instants at which contact really began (True) and ended (False), where the bench
             is simulated in this process. For scoring alone; no detector or behavior is given it.
         slips: Likewise: instants at which a contact really began and ceased to slip, where the bench knows slip.
-        lifts: Likewise: how far an object was really lifted, where the bench knows weight.
+        lifts: Likewise: what is true of an object in the fingers, where the bench knows weight.
+        slides: Likewise: when it slid in them.
         account: What the plant did: tiers, what was skipped; for the manifest.
         place: Where things really stand, on a simulated bench, in metres by name; for judging that they stand still.
         endpoints: Where the devices of an emulated bench are, for another program that joins it.
@@ -55,7 +56,8 @@ class Rig:
     begin_trial: Callable[[TrialScene], None] = lambda scene: None
     truth: Callable[[], Sequence[tuple[float, bool]]] | None = None
     slips: Callable[[], Sequence[tuple[float, bool]]] | None = None
-    lifts: Callable[[], Sequence[tuple[float, float, float]]] | None = None
+    lifts: Callable[[], Sequence[Any]] | None = None
+    slides: Callable[[], Sequence[tuple[float, bool]]] | None = None
     account: Callable[[], Mapping[str, Any]] = dict
     place: Callable[[], Mapping[str, float]] = dict
     endpoints: Mapping[str, Any] | None = None

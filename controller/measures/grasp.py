@@ -1,13 +1,14 @@
-"""A grasp: what the search came to, what was felt, and how the object was held."""
+"""A grasp: what the search came to, how the object was held, and with how much more than the least force."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from behaviors.events import SlipStarted
+import numpy as np
+
 from behaviors.grasp import GraspSettings
 from controller.measures import Column, centering
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import TrialEvidence, not_before
 from drivers.core.messages import Grip, Sent
 
 OFF_TABLE_M = 0.001
@@ -16,17 +17,54 @@ OFF_TABLE_M = 0.001
 CARRIED = 0.9
 """An object of whose weight at least this share is carried does not stand on the table. Assumption."""
 
+DROPPED_M = 0.02
+"""An object that is so much lower than the tool has lifted it has slid out, or fallen. Assumption: a third of a pad."""
+
+LATE_S = 0.15
+"""How long after a slip its report still counts for it. Assumption: longer than the slowest detector takes."""
+
+FRICTION_90 = (0.85, 1.15)
+"""Ends of the friction's 90 % interval, over the estimate: set on the choosing objects of benchmarks/grasp."""
+
+UP = ("LOADING", "LIFTING", "SHAKING", "HOLDING")
+
 _OWN = {
     "rise_m": Column("how far the object was off the table at the end of the hold (simulated benches)"),
     "carried": Column("what share of its weight was carried there (simulated benches)"),
     "carried_n": Column("what the arm's sensor says it carried"),
     "lifted_m": Column("how far the tool was lifted"),
     "held_s": Column("how long it was held there"),
-    "slips": Column("how often slip was detected meanwhile"),
-    "slipped": Column("how often it really slipped (simulated benches)"),
+    "cycle_s": Column("from the search's beginning to the jaws' release", 1),
+    "felt_n": Column(
+        "with how much force the jaws pressed when both fingers had felt it (simulated benches)"
+    ),
+    "push_n": Column("the greatest force with which one finger alone pushed it (simulated benches)", 3),
+    "slips": Column("how often the jaws were made to press harder by a slip that was told"),
+    "slipped": Column("how often the pad with the sensor really slipped (simulated benches)"),
+    "told_true": Column("those of them that were slips (simulated benches)"),
+    "told_false": Column("those that were none (simulated benches)"),
+    "untold": Column("slips of the whole object that were not detected (simulated benches)"),
+    "slid_m": Column("how far it slid in the fingers altogether (simulated benches)"),
+    "arrested_m": Column(
+        "how far it slid at the most until it was held again, in the air (simulated benches)"
+    ),
+    "turned_rad": Column("how far it had turned about the grip's axis at the end (simulated benches)"),
     "grip_n": Column("the last commanded grip force"),
+    "least_n": Column("the least force that would have held it, median of the hold (simulated benches)"),
+    "grip_over_least": Column("grip over least force, median of the hold (simulated benches)", 2),
+    "crushed": Column("1 where the grip crushed it (simulated benches)"),
+    "friction": Column("estimated coefficient of friction", 3),
+    "friction_low": Column("lower end of its 90 % interval", 3),
+    "friction_high": Column("upper end", 3),
+    "friction_true": Column(
+        "the true one, of what friction has left for the weight where torque takes its part (simulated benches)",
+        3,
+    ),
 }
 COLUMNS = {**_OWN, **centering.COLUMNS}  # what decides first
+
+HIGHLIGHTS = ("grip_over_least", "arrested_m", "rise_m")
+"""Columns shown during a run."""
 
 
 def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> tuple[str, dict[str, Any]]:
@@ -40,26 +78,81 @@ def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> t
     """
     outcome, row = centering.measure(evidence, settings, outcome)
     row |= dict.fromkeys(_OWN)
-    lifting_s, holding_s = (evidence.entered_s.get(state) for state in ("LIFTING", "HOLDING"))
+    lifting_s, holding_s = (evidence.entered_s.get(state) for state in ("LOADING", "HOLDING"))
     if lifting_s is None or lifting_s < evidence.entered_s.get("CLOSING", math.inf):
         return outcome, row
     over_s = evidence.entered_s.get("LOWERING", math.inf)
-    for detector in settings.slip:
+    begun_s = evidence.entered_s.get("SEEKING_FORWARD", evidence.entered_s.get("RESTING", lifting_s))
+    released_s = evidence.entered_s.get("RELEASING")
+    row["cycle_s"] = None if released_s is None else released_s - begun_s
+    for detector in (*settings.slip, *settings.load):
         evidence.require_samples(detector, lifting_s, over_s)
-    slips = [event for event in evidence.events if isinstance(event, SlipStarted)]
-    row["slips"] = sum(e.detector in settings.slip and lifting_s <= e.t_s <= over_s for e in slips)
-    if evidence.slips is not None:
-        row["slipped"] = sum(began and lifting_s <= t_s <= over_s for t_s, began in evidence.slips)
+    told_s = evidence.notes.get("slip_s", ())
+    row["slips"] = len(told_s)
     sent = [event.command for event in evidence.events if isinstance(event, Sent)]
     row["grip_n"] = next((command.force_n for command in reversed(sent) if isinstance(command, Grip)), None)
+    row |= _friction(evidence)
     if holding_s is not None and math.isfinite(over_s):
         heights_m = evidence.stream(settings.pose_stream, lifting_s, over_s).values[:, 2]
         row["lifted_m"], row["held_s"] = float(heights_m[-1] - heights_m[0]), over_s - holding_s
         row["carried_n"] = _carried_n(evidence, settings, holding_s, over_s)
-        lifts = [lift for lift in evidence.lifts or () if holding_s <= lift[0] <= over_s]
-        row["rise_m"], row["carried"] = lifts[-1][1:] if lifts else (None, None)
-    risen = any(rise_m > OFF_TABLE_M for t_s, rise_m, _ in evidence.lifts or () if lifting_s <= t_s <= over_s)
-    return _judged(evidence, settings, outcome, row, risen), row
+    if evidence.lifts is not None:
+        row |= _true(evidence, told_s, lifting_s, over_s)
+    return _judged(evidence, settings, outcome, row), row
+
+
+def _friction(evidence: TrialEvidence) -> Mapping[str, float]:
+    """The least share of the grip that a finger carried when it slipped, and its interval."""
+    found = evidence.notes.get("friction", ())
+    if not found:
+        return {}
+    low, high = FRICTION_90
+    return {"friction": found[-1], "friction_low": low * found[-1], "friction_high": high * found[-1]}
+
+
+def _true(
+    evidence: TrialEvidence, told_s: Sequence[float], lifting_s: float, over_s: float
+) -> Mapping[str, Any]:
+    """What a simulated bench knows."""
+    known: dict[str, Any] = {}
+    lifts = [lift for lift in evidence.lifts or () if lift.t_s <= over_s]
+    slips = [span for span in _spans(evidence.slips or ()) if lifting_s <= span[1] and span[0] <= over_s]
+    slides = [span for span in _spans(evidence.slides or ()) if lifting_s <= span[1] and span[0] <= over_s]
+    known["slipped"] = len(slips)
+    known["told_true"] = sum(any(_within(t_s, span) for span in (*slips, *slides)) for t_s in told_s)
+    known["told_false"] = len(told_s) - known["told_true"]
+    known["untold"] = sum(not any(_within(t_s, span) for t_s in told_s) for span in slides)
+    if not lifts:
+        return known
+    known["push_n"], known["crushed"] = lifts[-1].push_n, int(lifts[-1].crushed)
+    times_s = np.array([lift.t_s for lift in lifts])
+    known["felt_n"] = float(np.interp(lifting_s, times_s, [lift.grip_n for lift in lifts]))
+    slid_m = np.array([lift.slid_m for lift in lifts])
+    known["slid_m"] = float(slid_m[-1] - np.interp(lifting_s, times_s, slid_m))
+    air_s = evidence.entered_s.get("LIFTING", math.inf)
+    edges_m = [np.interp(span, times_s, slid_m) for span in slides if span[0] >= air_s]
+    known["arrested_m"] = max((float(edge[1] - edge[0]) for edge in edges_m), default=0.0)
+    held = [lift for lift in lifts if lift.t_s >= evidence.entered_s.get("HOLDING", math.inf)]
+    if held:
+        known["rise_m"], known["carried"] = held[-1].rise_m, held[-1].carried
+        known["turned_rad"] = held[-1].turned_rad
+        known["least_n"] = float(np.median([lift.least_n for lift in held]))
+        firm = [lift for lift in held if lift.least_n > 0.0]
+        if firm:
+            known["grip_over_least"] = float(np.median([lift.grip_n / lift.least_n for lift in firm]))
+            known["friction_true"] = float(np.median([0.5 * lift.weight_n / lift.least_n for lift in firm]))
+    return known
+
+
+def _spans(changes: Sequence[tuple[float, bool]]) -> list[tuple[float, float]]:
+    """From when to when it slid, of instants at which it began and ceased to."""
+    times_s = [t_s for t_s, _ in changes]
+    return list(zip(times_s[::2], times_s[1::2], strict=True))
+
+
+def _within(t_s: float, span: tuple[float, float]) -> bool:
+    """Whether a report is of a slip."""
+    return not_before(t_s, span[0]) and t_s <= span[1] + LATE_S
 
 
 def _carried_n(
@@ -74,18 +167,17 @@ def _carried_n(
     return float(before[:, 2].mean() - held[:, 2].mean()) if len(before) and len(held) else None
 
 
-def _judged(
-    evidence: TrialEvidence, settings: GraspSettings, outcome: str, row: Mapping[str, Any], risen: bool
-) -> str:
-    """Whether what the fingers felt, or no longer felt, was lifted and held.
-
-    Args:
-        risen: Whether the object was really off the table at any time.
-    """
+def _judged(evidence: TrialEvidence, settings: GraspSettings, outcome: str, row: Mapping[str, Any]) -> str:
+    """Whether what the fingers felt, or no longer felt, was lifted and held."""
     if outcome not in ("held", "dropped"):
         return outcome
     if evidence.lifts is not None:
-        held = row["rise_m"] is not None and row["rise_m"] > OFF_TABLE_M and row["carried"] >= CARRIED
+        if row["crushed"]:
+            return "crushed"
+        lifting_s = evidence.entered_s["LOADING"]
+        risen = any(lift.rise_m > OFF_TABLE_M for lift in evidence.lifts if lift.t_s >= lifting_s)
+        held = row["rise_m"] is not None and row["carried"] >= CARRIED
+        held = held and row["rise_m"] > max(OFF_TABLE_M, row["lifted_m"] - DROPPED_M)
         return "held" if held else "dropped" if risen else "not_lifted"
     if outcome == "dropped":
         return outcome

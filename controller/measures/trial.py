@@ -35,8 +35,10 @@ class TrialEvidence:
         visits: Every state in order of entry, with the bench time.
         truth: Instants at which contact really began and ended, on simulated benches; else None.
         slips: Instants at which slip really did, on benches that simulate slip; else None.
-        lifts: While an object is held: when, how far it is really off the table (m), and what of its weight is carried
-            (a share), on benches that simulate weight; else None.
+        lifts: While an object is held, what is true of it (`simulator.physics.aura_scene.Lift`), on benches that
+            simulate weight; else None.
+        slides: When all of it really began and ceased to slide in the fingers, on the same benches.
+        notes: What the behavior concluded on the way, by name.
         sources: Input streams of each signal, by the signal's stream.
     """
 
@@ -47,7 +49,9 @@ class TrialEvidence:
     visits: list[tuple[str, float]] = field(default_factory=list)
     truth: Sequence[tuple[float, bool]] | None = None
     slips: Sequence[tuple[float, bool]] | None = None
-    lifts: Sequence[tuple[float, float, float]] | None = None
+    lifts: Sequence[Any] | None = None
+    slides: Sequence[tuple[float, bool]] | None = None
+    notes: Mapping[str, Sequence[float]] = field(default_factory=dict)
     detectors: Mapping[str, Detector] = field(default_factory=dict)
     streams: Mapping[str, StreamInfo] = field(default_factory=dict)
     sources: Mapping[str, Sequence[str]] = field(default_factory=dict)

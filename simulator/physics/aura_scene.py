@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from simulator.physics import gripper_kernel as kernel
 from simulator.physics.aura import ENVELOPE_HZ, AuraMotion
 from simulator.physics.aura_settings import AuraObject
+from simulator.physics.held_kernel import GRAVITY_M_S2, NUMBERS, TOOL_BEFORE, TURN_M, Held
 from simulator.physics.jaws_drive import Jaws
 from simulator.physics.jaws_kernel import SEEN
 
@@ -24,12 +25,18 @@ TOOL, OBJECT, FORCE = (
     slice(kernel.OBJECT, kernel.OBJECT + 3),
     slice(9, 11),
 )
-WIDTH, RATE, SPEED, LOAD = kernel.WIDTH, kernel.RATE, kernel.SPEED, kernel.LOAD
+WIDTH, RATE, SPEED, LOAD, SHARE = kernel.WIDTH, kernel.RATE, kernel.SPEED, kernel.LOAD, kernel.SHARE
 """Columns of a row: see the kernel."""
 
 
-LIFT_TICKS = 50
+LIFT_TICKS = 5
 """How often the truth about a lift is noted, in milliseconds."""
+
+SLIDES_M = 1e-6
+"""An object that has slid further than this in a millisecond slides (assumption: what rounding leaves is less)."""
+
+PAUSE_TICKS = 50
+"""What rests for longer has stopped sliding (as `slip_track.PAUSE_S`)."""
 
 
 class Lift(NamedTuple):
@@ -39,24 +46,40 @@ class Lift(NamedTuple):
         t_s: When, on the devices' clock.
         rise_m: How far it is off the table.
         carried: What of its weight the fingers carry, as a share.
+        grip_n: How hard each presses.
+        least_n: The least with which each would hold it.
+        weight_n: The weight, and what accelerates it, that both would carry then, N.
+        slid_m: How far it has slid in them so far.
+        turned_rad: How far it has turned about the grip's axis.
+        push_n: The greatest force so far with which one finger alone pushed it.
+        crushed: Whether they have crushed it.
     """
 
     t_s: float
     rise_m: float
     carried: float
+    grip_n: float
+    least_n: float
+    weight_n: float
+    slid_m: float
+    turned_rad: float
+    push_n: float
+    crushed: bool
 
 
 class Weight(NamedTuple):
     """Of an object that stands on a table until friction lifts it.
 
     Attributes:
-        friction: Coefficient of kinetic friction of either finger.
-        hold_n_m: Tangential stiffness of both fingers together.
+        held: As the kernel has it.
+        crush_n: Force of a finger that crushes it.
     """
 
-    mass_kg: float
-    friction: float
-    hold_n_m: float
+    held: Held
+    crush_n: float
+
+
+NO_WEIGHT = Held(0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 class Layout(NamedTuple):
@@ -85,8 +108,8 @@ class Layout(NamedTuple):
         thing = self.thing
         size_m = (0.0, 0.0, 0.0) if thing is None else (thing.width_m, thing.depth_m, thing.height_m)
         about = (self.place_m[2], self.lean_rad, self.push_n, self.press_n_m)
-        weight = self.weight or Weight(0.0, 0.0, 1.0)
-        return kernel.GripThing(thing is not None, self.scene == "ahead", fits, *size_m, *about, *weight)
+        held = NO_WEIGHT if self.weight is None else self.weight.held
+        return kernel.GripThing(thing is not None, self.scene == "ahead", fits, *size_m, *about, held)
 
 
 class AuraScene:
@@ -102,21 +125,23 @@ class AuraScene:
         tick: Number of the last millisecond that is known.
         contacts: When a finger began (True) and ceased (False) to touch, both fingers together.
         finger_contacts: The same of the right finger and of the left.
-        lifts: How far both fingers have lifted the object, while they hold it.
     """
 
-    lasting = ("_rows",)
+    lasting = ("_rows", "_noted")
 
     def __init__(self, layout: Layout, fits: bool, tick: int, tool_m: Floats, width_m: float) -> None:
         self.layout = layout
         self.tick = tick
         self.contacts: list[tuple[float, bool]] = []
         self.finger_contacts: tuple[list[tuple[float, bool]], ...] = ([], [])
-        self.lifts: list[Lift] = []
+        self._noted, self._notes = np.empty((1024, len(Lift._fields))), 0
         self._thing = layout.thing_for_kernel(fits)
         self._first = tick
         self._flags = np.zeros(4, dtype=np.int64)
-        self._lift = np.array([layout.place_m[2], tool_m[2], tool_m[2], math.nan])
+        self._lift = np.zeros(NUMBERS)
+        self._lift[TOOL_BEFORE] = tool_m[2]
+        self._slides: list[list[int]] = []
+        self._slid_m, self._push_n, self._crushed = 0.0, 0.0, False
         self._rows = np.zeros((KEEP, kernel.COLUMNS))
         row = self._rows[tick % KEEP]
         row[TOOL], row[OBJECT], row[WIDTH] = tool_m, layout.place_m, width_m
@@ -141,20 +166,63 @@ class AuraScene:
             event = (tick / ENVELOPE_HZ, bool(touching))
             self.contacts.append(event)
             self.finger_contacts[finger].append(event)
-        if self.layout.weight is not None:
-            self._note_lifts(
-                self.tick - len(tools_m), 1.0 / (self.layout.weight.mass_kg * kernel.GRAVITY_M_S2)
-            )
+        if self.layout.weight is not None and len(tools_m):
+            self._note_lifts(self.layout.weight, self.tick - len(tools_m))
         return seen
 
-    def _note_lifts(self, since: int, per_n: float) -> None:
+    def _note_lifts(self, weight: Weight, since: int) -> None:
         """Note what the fingers hold, after the millisecond `since`."""
-        first = max(since, self.tick - KEEP)
-        ticks = np.arange(-(-(first + 1) // LIFT_TICKS) * LIFT_TICKS, self.tick + 1, LIFT_TICKS)
-        for tick, row in zip(ticks.tolist(), self.at(ticks), strict=True):
-            if row[FORCE].all():
-                rise_m = float(row[kernel.OBJECT + 2]) - self.layout.place_m[2]
-                self.lifts.append(Lift(tick / ENVELOPE_HZ, rise_m, float(row[LOAD]) * per_n))
+        ticks = np.arange(max(since, self.tick - KEEP) + 1, self.tick + 1)
+        rows = self.at(ticks)
+        forces_n = rows[:, FORCE]
+        both = (forces_n > 0.0).all(axis=1)
+        if not forces_n.any():
+            return
+        alone_n = np.where(both, 0.0, forces_n.max(axis=1))
+        slid_m = np.diff(rows[:, kernel.SLID], prepend=self._slid_m)
+        self._slid_m = float(rows[-1, kernel.SLID])
+        for tick in ticks[slid_m > SLIDES_M].tolist():
+            if self._slides and tick - self._slides[-1][1] <= PAUSE_TICKS:
+                self._slides[-1][1] = tick
+            else:
+                self._slides.append([tick, tick])
+        pushed_n = np.maximum.accumulate(np.maximum(alone_n, self._push_n))
+        crushed = np.logical_or.accumulate((forces_n[:, 0] > weight.crush_n) | self._crushed)
+        self._push_n, self._crushed = float(pushed_n[-1]), bool(crushed[-1])
+        per_n = 1.0 / (weight.held.mass_kg * GRAVITY_M_S2)
+        per_grip = 2.0 * weight.held.friction / math.hypot(1.0, weight.held.lever_m / TURN_M)
+        noted = both & (ticks % LIFT_TICKS == 0)
+        rows, ticks = rows[noted], ticks[noted]
+        end = self._notes + len(ticks)
+        if end > len(self._noted):
+            self._noted = np.concatenate(
+                [self._noted, np.empty((max(end, len(self._noted)), len(Lift._fields)))]
+            )
+        self._noted[self._notes : end] = np.column_stack(
+            [
+                ticks / ENVELOPE_HZ,
+                rows[:, kernel.OBJECT + 2] - self.layout.place_m[2],
+                rows[:, LOAD] * per_n,
+                rows[:, kernel.FORCE],
+                rows[:, kernel.LEAST],
+                rows[:, kernel.LEAST] * per_grip,
+                rows[:, kernel.SLID],
+                rows[:, kernel.TURNED],
+                pushed_n[noted],
+                crushed[noted],
+            ]
+        )
+        self._notes = end
+
+    @property
+    def lifts(self) -> list[Lift]:
+        """What was noted of the object while both fingers touched it."""
+        return [Lift._make([*row[:-1], bool(row[-1])]) for row in self._noted[: self._notes].tolist()]
+
+    @property
+    def slides(self) -> list[tuple[float, bool]]:
+        """When all of the object began (True) and ceased (False) to slide in the fingers."""
+        return [(tick / ENVELOPE_HZ, i == 0) for span in self._slides for i, tick in enumerate(span)]
 
     def at(self, ticks: Ints) -> Floats:
         """Rows of some recent milliseconds, shape (n, columns)."""

@@ -8,6 +8,12 @@ from numpy.typing import NDArray
 
 from drivers.core.compiled import compiled
 from simulator.physics.aura_settings import PAD_LENGTH_M, PAD_WIDTH_M
+from simulator.physics.held_kernel import HEIGHT, STEPS, TURN_M, Held, carried
+from simulator.physics.held_kernel import LEAST as HELD_LEAST
+from simulator.physics.held_kernel import LOAD as HELD_LOAD
+from simulator.physics.held_kernel import SHARE as HELD_SHARE
+from simulator.physics.held_kernel import SLID as HELD_SLID
+from simulator.physics.held_kernel import TURNED as HELD_TURNED
 from simulator.physics.jaws_kernel import PRESENT, RESTING, TICK_S, look
 from simulator.physics.jaws_kernel import RATE as JAWS_RATE
 from simulator.physics.jaws_kernel import WIDTH as JAWS_WIDTH
@@ -26,24 +32,27 @@ JAWS_TICKS = round(1.0 / (TICK_S * ROW_HZ))
 TOUCH_M = 1e-9
 """Nearer than this is touching: where a finger has pushed an object, the gap is zero but for rounding."""
 
-GRAVITY_M_S2 = 9.80665
-"""Standard gravity (CGPM 1901)."""
-
-STATIC = 1.05
-"""How much larger static friction is (as `SlipPlantSettings.static_excess`)."""
-
-TOOL, OBJECT, WIDTH, RATE, SPEED, FORCE, LOAD = 0, 3, 6, 7, 8, 9, 11
-COLUMNS = 12
+TOOL, OBJECT, WIDTH, RATE, SPEED, FORCE, LOAD, SHARE, LEAST, SLID, TURNED = (
+    0,
+    3,
+    6,
+    7,
+    8,
+    9,
+    11,
+    12,
+    13,
+    14,
+    15,
+)
+COLUMNS = 16
 """What a row holds: displacement of the tool and place of the object (three each, m), opening (m) and its rate (m/s),
-speed of arm and jaws (m/s), force on the right and on the left finger (N), and what of the object's weight they hold
-(N)."""
+speed of arm and jaws (m/s), force on the right and on the left finger (N); of an object with a weight what they carry
+of it (N), the share of their friction that carries it, the least force that would hold it (N), how far it has slid in
+them (m) and turned (rad)."""
 
 RIGHT, LEFT, HELD, LOADED = range(4)
 """Flags: which finger touches, whether both hold the object, whether the jaws would close on it."""
-
-HEIGHT, TOOL_HEIGHT, TAKEN, SLIDES = range(4)
-"""State of an object with a weight: height of its upper end and of the tool, height of the tool at which the fingers
-would hold nothing of it (m), and its speed upwards while it slides in them (m/s), NaN while it does not."""
 
 
 class GripThing(NamedTuple):
@@ -59,9 +68,7 @@ class GripThing(NamedTuple):
     lean_rad: float
     push_n: float
     press_n_m: float
-    mass_kg: float
-    friction: float
-    hold_n_m: float
+    held: Held
 
 
 @compiled()
@@ -69,37 +76,6 @@ def before(thing: GripThing, y_m: float, z_m: float) -> bool:
     """Whether the object is before the fingers, by its place from the tool across and lengthwise."""
     across = abs(y_m) < 0.5 * (thing.depth_m + PAD_WIDTH_M)
     return across and z_m > -0.5 * PAD_LENGTH_M and z_m - thing.height_m < 0.5 * PAD_LENGTH_M
-
-
-@compiled()
-def lifted(thing: GripThing, lift: Floats, tool_m: float, contact_n: float) -> float:
-    """Let a millisecond pass for an object's height; returns what the fingers hold of its weight, N.
-
-    On the table, held by friction, sliding in the fingers, or falling. Quasi-static where it is held: the fingers give
-    elastically under the weight. Semi-implicit Euler where it slides or falls.
-    """
-    before_m = lift[TOOL_HEIGHT]
-    lift[TOOL_HEIGHT] = tool_m
-    weight_n = thing.mass_kg * GRAVITY_M_S2
-    most_n = 2.0 * thing.friction * contact_n
-    # what they would hold if it stood on the table, by how far the tool is above where they took hold of it
-    pulled_n = thing.hold_n_m * (tool_m - lift[TAKEN])
-    held_n: float = min(pulled_n, weight_n)
-    if math.isnan(lift[SLIDES]) and abs(held_n) <= STATIC * most_n:
-        lift[HEIGHT] = thing.top_m + max(pulled_n - weight_n, 0.0) / thing.hold_n_m
-        return held_n
-    if lift[HEIGHT] == thing.top_m:
-        held_n = min(max(pulled_n, -most_n), most_n)
-    else:
-        tool_m_s = ROW_HZ * (tool_m - before_m)
-        slides_m_s = tool_m_s if math.isnan(lift[SLIDES]) else lift[SLIDES]
-        slides_m_s += (most_n - weight_n) / thing.mass_kg / ROW_HZ
-        lift[HEIGHT] = max(lift[HEIGHT] + slides_m_s / ROW_HZ, thing.top_m)
-        caught = lift[HEIGHT] == thing.top_m or slides_m_s >= tool_m_s
-        lift[SLIDES] = math.nan if caught else slides_m_s
-        held_n = most_n
-    lift[TAKEN] = tool_m - (lift[HEIGHT] - thing.top_m) - held_n / thing.hold_n_m
-    return held_n
 
 
 @compiled()
@@ -121,6 +97,13 @@ def touched(thing: GripThing, flags: Ints, row: Floats, contact_n: float) -> tup
         row[OBJECT] -= x_m
         row[FORCE] = row[FORCE + 1] = contact_n
         return True, True
+    if thing.held.mass_kg > 0.0:
+        # the finger gives until the table no longer holds the object
+        row[FORCE] = min(thing.press_n_m * max(-right_m, 0.0), thing.push_n)
+        row[FORCE + 1] = min(thing.press_n_m * max(-left_m, 0.0), thing.push_n)
+        row[OBJECT] += min(right_m + thing.push_n / thing.press_n_m, 0.0)
+        row[OBJECT] -= min(left_m + thing.push_n / thing.press_n_m, 0.0)
+        return right_m <= TOUCH_M, left_m <= TOUCH_M
     if right_m < 0.0:
         row[OBJECT] += right_m
         left_m += right_m
@@ -162,7 +145,7 @@ def follow(
     Args:
         x: State of the jaws.
         flags: Those above.
-        lift: State of the object's height.
+        lift: State of an object with a weight: see `held_kernel`.
         rows: The latest milliseconds, by their number, shape (kept, columns).
         tick: Number of the last one that is known.
         tools_m: Displacement of the tool in those that follow, shape (n, 3).
@@ -197,10 +180,13 @@ def follow(
                 flags[finger] = touching[finger]
                 contacts[written, 0], contacts[written, 1], contacts[written, 2] = tick, finger, flags[finger]
                 written += 1
-        row[LOAD] = 0.0
-        if thing.mass_kg > 0.0:
-            row[LOAD] = lifted(thing, lift, tool_m[2], row[FORCE] if flags[HELD] else 0.0)
-            row[OBJECT + 2] = lift[HEIGHT]
+        row[LOAD:] = 0.0
+        if thing.held.mass_kg > 0.0:
+            pressed = row[FORCE] if flags[HELD] else 0.0
+            carried(thing.held, lift, tool_m[2], pressed, 1.0 / ROW_HZ, STEPS)
+            row[LOAD], row[SHARE], row[LEAST] = lift[HELD_LOAD], lift[HELD_SHARE], lift[HELD_LEAST]
+            row[SLID], row[TURNED] = lift[HELD_SLID], lift[HELD_TURNED] / TURN_M
+            row[OBJECT + 2] = thing.top_m + lift[HEIGHT]
     for late in range(looked, len(polls)):
         look(x, jaws_flags, seen[late])
     return written

@@ -67,6 +67,20 @@ class AuraBenchSettings(AuraPlantSettings):
     1 N."""
 
     @property
+    def thing(self) -> AuraObject | None:
+        """The object; None is nothing.
+
+        Raises:
+            RefusedError: there is none of this name.
+        """
+        return _thing(self.object)
+
+    @property
+    def slide_n(self) -> float:
+        """Force that slides it where one finger pushes it."""
+        return self.push_n
+
+    @property
     def weight(self) -> Weight | None:
         """Of the object; None is one that goes wherever jaws that hold it go."""
         return None
@@ -81,7 +95,7 @@ class GripperPart(BenchPart):
         track: Where all was lately.
     """
 
-    offers = ("jaws", "contacts", "finger_contacts", "distances", "lifts")
+    offers = ("jaws", "contacts", "finger_contacts", "distances", "lifts", "slides")
 
     def __init__(self, bench: Bench, settings: AuraBenchSettings) -> None:
         super().__init__(bench)
@@ -110,7 +124,7 @@ class GripperPart(BenchPart):
 
     def _begin(self, settings: AuraBenchSettings) -> None:
         self._settings = settings
-        self.thing = _thing(settings.object)
+        self.thing = settings.thing
         x_m = settings.object_x_m if settings.scene == "between" else settings.surface_m
         place_m = (x_m, settings.object_y_m, settings.object_top_m)
         layout = Layout(
@@ -118,15 +132,15 @@ class GripperPart(BenchPart):
             self.thing,
             place_m,
             settings.lean_rad,
-            settings.push_n,
+            settings.slide_n,
             settings.press_n_m,
             settings.weight,
         )
-        jaws, name = self.jaws.jaws, settings.object
+        jaws = self.jaws.jaws
         jaws.place(None)
-        fitting = self.thing is not None and jaws.settings.fits(name)
-        if fitting:
-            jaws.show(name)
+        fitting = self.thing is not None and jaws.settings.fits(self.thing.width_m)
+        if self.thing is not None and fitting:
+            jaws.show(GripObject(width_m=self.thing.width_m, stiffness_n_m=self.thing.stiffness_n_m))
         tick = last_tick(self.bench.t_s, ENVELOPE_HZ)
         tool_m = self.bench.places(np.array([self.bench.t_s]))[0, :3]
         self.track = AuraScene(layout, fitting, tick, tool_m, jaws.width_m)
@@ -164,6 +178,11 @@ class GripperPart(BenchPart):
         """The truth: how far the fingers have lifted an object with a weight, while they hold it in this trial."""
         return self.track.lifts
 
+    @property
+    def slides(self) -> Sequence[tuple[float, bool]]:
+        """The truth: when all of it began (True) and ceased (False) to slide in them."""
+        return self.track.slides
+
     def distances(self, times_s: Floats) -> Floats:
         """How far each finger is from the object's surface on x at recent instants, m, shape (n, 2).
 
@@ -185,12 +204,8 @@ class GripperPart(BenchPart):
 
 
 def jaws_settings(closed_width_m: float) -> JawsSettings:
-    """Jaws on their brackets, and all that they may meet."""
-    objects = {
-        name: GripObject(width_m=thing.width_m, stiffness_n_m=thing.stiffness_n_m)
-        for name, thing in OBJECTS.items()
-    }
-    return JawsSettings(closed_width_m=closed_width_m, objects=objects)
+    """Jaws on their brackets."""
+    return JawsSettings(closed_width_m=closed_width_m)
 
 
 def ticks_of(times_s: Floats) -> NDArray[np.int64]:

@@ -68,20 +68,21 @@ class JawsSettings(Settings):
                 f"there is no object {name!r}; there is: {', '.join(sorted(self.objects)) or 'none'}"
             )
         width_m = self.objects[name].width_m
-        lowest_m, highest_m = self.closed_width_m + CLEARANCE_M, self.closed_width_m + STROKE_M - CLEARANCE_M
-        if not lowest_m <= width_m <= highest_m:
+        lowest_m, highest_m = self._reach_m
+        if not self.fits(width_m):
             raise ValueError(
                 f"{name} is {width_m * 1e3:g} mm wide and does not fit: on these brackets the jaws hold"
                 f" {lowest_m * 1e3:g} to {highest_m * 1e3:g} mm; choose closed_width_m to suit"
             )
 
-    def fits(self, name: str) -> bool:
-        """Whether the jaws on these brackets close on an object at all."""
-        try:
-            self.check(name)
-        except ValueError:
-            return False
-        return True
+    @property
+    def _reach_m(self) -> tuple[float, float]:
+        return self.closed_width_m + CLEARANCE_M, self.closed_width_m + STROKE_M - CLEARANCE_M
+
+    def fits(self, width_m: float) -> bool:
+        """Whether the jaws on these brackets close on an object of this width at all."""
+        lowest_m, highest_m = self._reach_m
+        return lowest_m <= width_m <= highest_m
 
 
 def _number(place: int) -> Any:
@@ -141,12 +142,11 @@ class Jaws:
                 f"{name} is {thing.width_m * 1e3:g} mm wide and the jaws are open {self.width_m * 1e3:.1f} mm:"
                 " open them first"
             )
-        self.show(name)
+        self.show(thing)
         self.flags[kernel.PRESENT] = True
 
-    def show(self, name: str) -> None:
+    def show(self, thing: GripObject) -> None:
         """Let this object be the one that the jaws may meet."""
-        thing = self.settings.objects[name]
         places = [kernel.THING, kernel.STIFFNESS, kernel.DAMPING]
         self.x[places] = thing.width_m, thing.stiffness_n_m, thing.damping_n_s_m
 

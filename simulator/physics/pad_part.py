@@ -7,10 +7,13 @@ import numpy as np
 from pydantic import Field
 
 from simulator.physics.aura_part import AuraPart
-from simulator.physics.aura_scene import FORCE, OBJECT, TOOL, Weight
+from simulator.physics.aura_scene import FORCE, OBJECT, SHARE, TOOL, Weight
+from simulator.physics.aura_settings import AuraObject
 from simulator.physics.bench import Bench, BenchPart, Floats, StreamSpec
 from simulator.physics.fingertip_settings import CONVERTER_V
 from simulator.physics.gripper_part import AuraBenchSettings, GripperPart, ticks_of
+from simulator.physics.held_kernel import GRAVITY_M_S2, Held
+from simulator.physics.jaws_drive import STIFFEST_N_M
 from simulator.physics.slip import SENSORS, SlipPlant, SlipPlantSettings
 from simulator.physics.slip_track import SlipTruth, Track
 
@@ -29,17 +32,78 @@ class GraspBenchSettings(AuraBenchSettings):
     object_kg: float = Field(default=0.2, gt=0.0, le=10.0)
     """Mass of the object. Assumption: a small pipe of steel; it stands on a table until it is lifted."""
 
+    object_width_m: float | None = Field(default=None, gt=0.0, le=0.2)
+    """Its width where the jaws close on it; None is that of the object of this name."""
+
+    object_n_m: float | None = Field(default=None, gt=0.0, le=STIFFEST_N_M)
+    """Force for each metre by which the jaws squeeze it; None likewise."""
+
+    crush_n: float = Field(default=1e9, gt=0.0)
+    """Force of a finger that crushes it; as it stands here, none does."""
+
+    lever_m: float = Field(default=0.0, ge=-0.05, le=0.05)
+    """How far its centre of mass is beside the axis through both fingers: it is gripped off centre."""
+
+    gyration_m: float = Field(default=0.03, ge=0.001, le=0.5)
+    """Radius of gyration about the centre of mass. Assumption: something of 10 cm."""
+
     pad_friction: float = Field(default=0.2, ge=1e-3, le=10.0)
     """Mean coefficient of kinetic friction between object and pads (as `SlipPlantSettings.friction`)."""
+
+    pad_roughness: float = Field(default=0.05, ge=0.0, le=1.0)
+    """Standard deviation of it from patch to patch of the object's surface, relative (as
+    `SlipPlantSettings.roughness`)."""
 
     pad_noise_scale: float = Field(default=1.0, ge=0.0, le=1000.0)
     """Multiplies the noise of the pad's bridges."""
 
+    table_friction: float = Field(default=0.3, ge=1e-3, le=10.0)
+    """Coefficient of friction between object and table: what one finger alone pushes slides on it (assumption)."""
+
+    up_m: float = Field(default=0.15, gt=0.0, le=0.5)
+    """From this height of the tool over its start pose on, the times below count, while it grips."""
+
+    added: float = Field(default=0.0, ge=0.0, le=10.0)
+    """Load that is hung on the object at once, as a share of its mass."""
+
+    added_s: float = Field(default=4.0, ge=0.0, le=1e6)
+    """When."""
+
+    added_for_s: float = Field(default=1.0, ge=0.0, le=1e6)
+    """For how long."""
+
+    tap_n: float = Field(default=0.0, ge=0.0, le=1000.0)
+    """Peak of a tap on the object from below, half a sine."""
+
+    tap_s: float = Field(default=6.0, ge=0.0, le=1e6)
+    """When."""
+
+    tap_for_s: float = Field(default=0.004, gt=0.0, le=1.0)
+    """Its length. Assumption: a light knock with something hard."""
+
+    @property
+    def thing(self) -> AuraObject | None:
+        """See `AuraBenchSettings.thing`: as wide and stiff as this plant says."""
+        thing = super().thing
+        own = {"width_m": self.object_width_m, "stiffness_n_m": self.object_n_m}
+        own = {name: value for name, value in own.items() if value is not None}
+        return None if thing is None else thing.model_copy(update=own)
+
     @property
     def pad(self) -> SlipPlantSettings:
         """The fingertip of Fernandez et al. on the right finger; nothing rolls there."""
-        changed = {"friction": self.pad_friction, "noise_scale": self.pad_noise_scale, "rolling_n": 0.0}
+        changed = {
+            "friction": self.pad_friction,
+            "roughness": self.pad_roughness,
+            "noise_scale": self.pad_noise_scale,
+            "rolling_n": 0.0,
+        }
         return SENSORS["fingertip"].model_copy(update=changed)
+
+    @property
+    def slide_n(self) -> float:
+        """See `AuraBenchSettings.slide_n`: friction on the table."""
+        return self.table_friction * self.object_kg * GRAVITY_M_S2
 
     @property
     def weight(self) -> Weight:
@@ -47,7 +111,10 @@ class GraspBenchSettings(AuraBenchSettings):
         pad = self.pad
         spring_n_m = pad.mass_kg * (2.0 * np.pi * pad.mode_hz) ** 2
         each_n_m = spring_n_m * pad.contact_ratio / (1.0 + pad.contact_ratio)
-        return Weight(self.object_kg, self.pad_friction, 2.0 * each_n_m)
+        about = (self.up_m, self.added, self.added_s, self.added_for_s)
+        tap = (self.tap_n, self.tap_s, self.tap_for_s)
+        body = (self.object_kg, self.pad_friction, 2.0 * each_n_m, self.lever_m, self.gyration_m)
+        return Weight(Held(*body, *about, *tap), self.crush_n)
 
 
 class PadPart(BenchPart):
@@ -91,7 +158,8 @@ class PadPart(BenchPart):
         """Height of the finger over the object, and how far its pad is pressed, at each sample."""
         times_s = self.bench.origin_s + numbers / self._plant.settings.rate_hz
         rows = self._gripper.track.at(ticks_of(times_s))
-        force_n = rows[:, FORCE][:, 0]
+        # by the limit surface a torque takes up its part of the friction: the pull has the rest
+        force_n = rows[:, FORCE][:, 0] * np.where(rows[:, SHARE] > 0.0, rows[:, SHARE], 1.0)
         press_m = np.where(force_n > 0.0, force_n / self._plant.settings.normal_n_m, APART_M)
         return rows[:, TOOL][:, 2] - rows[:, OBJECT][:, 2], press_m
 

@@ -134,7 +134,7 @@ ACTING = {
     "touch": {"contact_ours"},
     "objects": {"contact_ours"},
     "centering": {"left_ours", "right_ours", "left_contact", "right_contact"},
-    "grasp": {"left_ours", "right_ours", "left_contact", "right_contact", "slip_ours"},
+    "grasp": {"left_ours", "right_ours", "left_contact", "right_contact", "slip_ours", "load"},
 }
 """Detectors that a trial of a profile acts on; of `slip` and `centering` that of the fingertip, and one by our way."""
 

@@ -2,13 +2,13 @@
 
 import pytest
 
-from behaviors.events import Resumed, SlipEnded, SlipStarted, Tick
+from behaviors.events import LoadChanged, Resumed, SlipEnded, SlipStarted, Tick
 from behaviors.grasp import Grasp, GraspSettings
 from behaviors.search import SearchFactors
-from drivers.core.messages import Grip, Gripped, MovePose, Release
+from drivers.core.messages import Grip, Gripped, MovePose, Release, Stop, Twist
 from tests.unit.behaviors.driving import arm, jaws, lost, seen, still, tell, touch
 
-NAMES = frozenset({"left_ours", "right_ours", "left_contact", "right_contact", "slip"})
+NAMES = frozenset({"left_ours", "right_ours", "left_contact", "right_contact", "slip", "load"})
 FOUND = [
     arm(1.0, 0.0),
     jaws(2.0),
@@ -25,94 +25,176 @@ FOUND = [
     touch(12.1, "left_contact"),
     touch(12.2, "right_contact"),
 ]
+UP_S = 15.0
+"""When it is up; what swings has calmed half a second later."""
 
 
-@pytest.fixture
-def lifting():
+def grasping(**settings):
     """A grasp that both fingers feel, and what was commanded last."""
-    behavior = Grasp(GraspSettings(slip=("slip",), tightest_n=13.0), SearchFactors(), NAMES)
+    usual = {
+        "slip": ("slip",),
+        "load": ("load",),
+        "tightest_n": 40.0,
+        "margin": 1.2,
+        "boost": 1.5,
+        "hold_s": 5.0,
+    }
+    behavior = Grasp(GraspSettings(**usual | settings), SearchFactors(), NAMES)
     behavior.begin(0.0)
     commands = tell(behavior, *FOUND)
-    assert behavior.state == "LIFTING"
+    assert behavior.state == "LOADING"
     return behavior, commands
 
 
-UP_S = 12.2 + 0.3
-"""When the lift, begun at the last contact, has gone 3 mm at 10 mm/s."""
-
-
 def harder(force_n):
-    return Grip("gripper", 0.0, 0.02, force_n)
+    return Grip("gripper", 0.0, 0.1, pytest.approx(force_n))
 
 
 def slip(t_s):
     return SlipStarted(t_s, "slip", 20.0, 10.0)
 
 
-def test_what_both_fingers_feel_is_lifted_from_the_middle_held_and_set_down_there(lifting):
-    behavior, commands = lifting
-    assert commands == [MovePose("arm", (0.002, 0.0, 0.02, 0.0, 0.0, 0.0), 0.01)]
-    assert not behavior.handle(arm(14.0, 0.002))
+def over(t_s):
+    return SlipEnded(t_s, "slip", 5.0, 10.0)
+
+
+def load(t_s, load_n):
+    return LoadChanged(t_s, "load", load_n, 0.1)
+
+
+def in_the_air(**settings):
+    """A grasp whose object has slipped at 4 of 10 N, and is up with 5 N on a finger."""
+    behavior, _ = grasping(**settings)
+    tell(
+        behavior, load(12.9, 4.0), slip(13.0), Tick(13.0), over(13.05), load(13.2, 5.0), arm(14.0), arm(UP_S)
+    )
     assert behavior.state == "HOLDING"
-    lower = behavior.handle(Tick(15.0))
-    assert lower == [MovePose("arm", (0.002, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01)]
+    assert behavior.notes["friction"] == [pytest.approx(0.4)]
+    return behavior
+
+
+def test_the_weight_is_taken_up_slowly_and_then_lifted_from_the_middle():
+    behavior, commands = grasping()
+    assert commands == [MovePose("arm", (0.002, 0.0, 0.004, 0.0, 0.0, 0.0), 0.002)]
+    assert behavior.handle(arm(14.2)) == [MovePose("arm", (0.002, 0.0, 0.02, 0.0, 0.0, 0.0), 0.01)]
+    assert not behavior.handle(arm(UP_S))
+    assert behavior.state == "HOLDING"
+
+
+def test_a_slip_tells_the_friction_and_the_grip_follows_the_load_by_it():
+    behavior, _ = grasping()
+    assert not behavior.handle(load(12.9, 4.0)), "nothing is known yet"
+    assert behavior.handle(slip(13.0)) + list(behavior.handle(Tick(13.0))) == [harder(12.0)], (
+        "4 N of 10 N: 0.4"
+    )
+    behavior.handle(over(13.05))
+    assert behavior.handle(load(13.2, 5.0)) == [harder(1.2 * 5.0 / 0.4)]
+    assert not behavior.handle(load(13.25, 4.9)), "less load, no harder grip"
+
+
+def test_a_load_beyond_what_friction_bears_makes_the_jaws_press_harder_at_once():
+    behavior = in_the_air()
+    assert behavior.handle(load(17.0, 5.9)) == [harder(1.5 * 15.0)], "98 % of 6 N: it is about to slip"
+    assert behavior.handle(load(17.01, 7.6)) == [harder(1.2 * 7.6 / 0.4)], (
+        "not again at once, but what the load asks for"
+    )
+
+
+def test_a_grip_that_is_no_longer_needed_is_loosened_step_by_step():
+    behavior = in_the_air()
+    tell(behavior, load(17.0, 5.9), load(17.1, 5.0))
+    forces_n = []
+    for k in range(200):
+        forces_n += [command.force_n for command in behavior.handle(Tick(17.11 + 0.01 * k))]
+    assert forces_n[0] == pytest.approx(0.94 * 22.5)
+    assert forces_n == sorted(forces_n, reverse=True)
+    assert forces_n[-1] == pytest.approx(15.0)
+
+
+def test_a_slip_that_is_told_of_a_finger_that_carries_little_is_a_knock():
+    behavior = in_the_air()
+    tell(behavior, load(15.1, 3.9))
+    assert not [*behavior.handle(slip(15.2)), *behavior.handle(Tick(15.2))], "65 % of what friction bears"
+    tell(behavior, over(15.3), load(15.35, 5.0))
+    commands = [*behavior.handle(slip(15.8)), *behavior.handle(Tick(15.8))]
+    assert commands[-1].force_n > 1.2 * 15.0
+
+
+def test_while_the_arm_shakes_it_no_slip_is_believed():
+    behavior, _ = grasping(shake_m_s=0.05)
+    tell(behavior, load(12.9, 4.0), slip(13.0), Tick(13.0), over(13.05), load(13.2, 5.0), arm(14.0))
+    tell(behavior, arm(UP_S))
+    assert behavior.state == "SHAKING"
+    commands = [*behavior.handle(slip(15.25)), *behavior.handle(Tick(15.25))]
+    assert not any(isinstance(command, Grip) for command in commands), "83 % of what friction bears"
+
+
+def test_the_shake_goes_up_and_down_and_ends_standing():
+    behavior, _ = grasping(shake_m_s=0.05, shake_hz=2.5)
+    tell(behavior, arm(14.0))
+    commands = list(behavior.handle(arm(UP_S)))
+    for k in range(1, 400):
+        commands += behavior.handle(Tick(UP_S + 0.005 * k))
+    speeds_m_s = [command.twist[2] for command in commands if isinstance(command, Twist)]
+    assert speeds_m_s == [0.05, -0.05] * 5 + [0.05]
+    assert behavior.handle(Tick(UP_S + 2.0)) == [Stop("arm")]
+    assert behavior.state == "HOLDING"
+
+
+def test_steps_of_force_are_the_other_rule():
+    behavior, _ = grasping(rule="step", load=(), tighten_n=2.0)
+    assert behavior.handle(slip(13.0)) + list(behavior.handle(Tick(13.0))) == [harder(12.0)]
+    assert not behavior.handle(Tick(13.04))
+    assert behavior.handle(Tick(13.05)) == [harder(14.0)], "it slips on"
+    behavior.handle(over(13.06))
+    assert not behavior.handle(Tick(13.2))
+
+
+def test_no_grip_is_harder_than_the_hardest():
+    behavior = in_the_air(tightest_n=16.0)
+    assert behavior.handle(load(17.0, 7.0)) == [harder(16.0)]
+    assert not behavior.handle(load(17.1, 9.0))
+
+
+def test_what_is_carried_to_the_end_is_held_and_set_down():
+    behavior = in_the_air()
+    assert behavior.handle(Tick(UP_S + 5.0)) == [MovePose("arm", (0.002, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01)]
     assert behavior.outcome == "held"
-    assert behavior.handle(arm(17.0, 0.002)) == [Release("gripper", 0.02)]
+    assert behavior.handle(arm(22.0)) == [Release("gripper", 0.02)]
 
 
-def test_a_knock_while_the_pads_take_up_the_weight_is_no_slip(lifting):
-    behavior, _ = lifting
-    deadline_s = behavior.wake_s
-    assert not behavior.handle(slip(12.25))
-    assert behavior.wake_s == pytest.approx(UP_S), "a slip would last until the weight is taken up"
-    assert not behavior.handle(SlipEnded(12.42, "slip", 5.0, 10.0))
-    assert behavior.wake_s == deadline_s
-    assert not behavior.handle(Tick(12.6))
-
-
-def test_a_slip_that_outlasts_the_take_up_makes_the_jaws_press_harder(lifting):
-    behavior, _ = lifting
-    assert not behavior.handle(slip(12.25))
-    assert not behavior.handle(Tick(12.49))
-    assert behavior.handle(Tick(12.5)) == [harder(12.0)]
-
-
-def test_later_a_slip_makes_the_jaws_press_harder_at_once(lifting):
-    behavior, _ = lifting
-    assert behavior.handle(slip(13.0)) == [harder(12.0)]
-    tell(behavior, Gripped(13.1, "gripper", True, 0.019, 12.0), SlipEnded(13.2, "slip", 5.0, 10.0))
-    assert not behavior.handle(Tick(13.4)), "it is over"
-    assert behavior.handle(slip(13.5)) == [harder(13.0)], "the tightest"
-    assert not behavior.handle(Gripped(13.6, "gripper", True, 0.019, 13.0))
-    assert not behavior.handle(Tick(13.9)), "it slips on, and no more can be done"
-    assert behavior.state == "LIFTING"
-
-
-def test_a_slip_gets_its_time_to_end_before_the_jaws_press_harder_still(lifting):
-    behavior, _ = lifting
-    behavior.handle(slip(13.0))
-    assert not behavior.handle(Gripped(13.1, "gripper", True, 0.019, 12.0))
-    assert not behavior.handle(Tick(13.3))
-    assert behavior.handle(Tick(13.35)) == [harder(13.0)]
-
-
-def test_what_falls_out_of_the_jaws_is_no_grasp(lifting):
-    behavior, _ = lifting
-    behavior.handle(Gripped(13.0, "gripper", False, 0.0, 0.0))
-    assert behavior.state == "LOWERING"
-    assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in LIFTING")
-
-
-def test_what_a_finger_no_longer_feels_at_the_end_is_no_grasp(lifting):
-    behavior, _ = lifting
-    tell(behavior, arm(14.0, 0.002), lost(14.5, "left_contact"), Tick(15.0))
+def test_what_a_finger_no_longer_carries_at_the_end_is_lost():
+    behavior = in_the_air()
+    tell(behavior, load(17.0, 0.2), Tick(UP_S + 5.0))
     assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in HOLDING")
 
 
-def test_a_pause_sets_it_down(lifting):
-    behavior, _ = lifting
+def test_where_nothing_tells_the_load_the_fingers_must_feel_it_to_the_end():
+    behavior, _ = grasping(load=())
+    tell(behavior, arm(14.0), arm(UP_S), lost(16.0, "left_contact"), Tick(UP_S + 5.0))
+    assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in HOLDING")
+
+
+def test_what_falls_out_of_the_jaws_is_no_grasp():
+    behavior, _ = grasping()
+    behavior.handle(Gripped(13.0, "gripper", False, 0.0, 0.0))
+    assert behavior.state == "LOWERING"
+    assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in LOADING")
+
+
+def test_a_pause_sets_it_down():
+    behavior, _ = grasping()
     assert behavior.handle(Resumed(13.0)) == [MovePose("arm", (0.002, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01)]
     assert behavior.reason == "a pause broke the grip off"
+
+
+def test_without_centering_the_jaws_close_where_they_are():
+    behavior = Grasp(GraspSettings(center=False), SearchFactors(), NAMES)
+    behavior.begin(0.0)
+    tell(behavior, *FOUND[:4], Tick(6.0))
+    assert behavior.state == "RESTING"
+    (grip,) = behavior.handle(Tick(8.0))
+    assert isinstance(grip, Grip)
 
 
 def test_a_slip_before_the_lift_is_no_slip_of_the_object():

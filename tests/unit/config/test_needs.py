@@ -56,6 +56,7 @@ CENTERING = {
 GRASP = {
     "limits.grip_n",
     "detectors.slip_ours.threshold",
+    "signals.pad.overload_n",
     *(f"behavior.{key}" for key in ("lift_m", "weight_n", "grip_force_n", "tightest_n")),
     *(
         f"detectors.{side}_{what}"
