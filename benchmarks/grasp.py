@@ -29,7 +29,6 @@ from controller.reports.counts import wilson
 from controller.signals.strain import Strain, StrainSettings
 from drivers.can_gripper.units import POSITION_COUNTS, GripperUnits, speed_ticks_s
 from drivers.core.messages import (
-    Command,
     Grip,
     MovePose,
     Reached,
@@ -102,6 +101,8 @@ def drawn(seed: int, count: int) -> list[Thing]:
 
 
 PROFILE = load_profile("mock/grasp", {})
+assert PROFILE.plant is not None
+PLANT = PROFILE.plant.settings.model_dump()
 
 
 def grasped(seed: int, thing: Thing, rule: Mapping[str, Any], plant: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -119,7 +120,7 @@ def grasped(seed: int, thing: Thing, rule: Mapping[str, Any], plant: Mapping[str
     own = {"object_kg": thing.mass_kg, "pad_friction": thing.friction, "lever_m": thing.lever_m}
     own |= {"object_width_m": thing.width_m, "object_n_m": thing.stiffness_n_m, "crush_n": thing.crush_n}
     own |= {"pad_roughness": thing.roughness}
-    about = PROFILE.plant.settings.model_dump() | own
+    about = PLANT | own
     about |= {name: factor * about[name] for name, factor in plant.items()}
     return Scene(GraspBenchSettings.model_validate(about), (seed, thing.number), settings).run()
 
@@ -149,16 +150,16 @@ class Scene:
         self.settings = settings
         self.behavior = Grasp(settings, SearchFactors(), DETECTORS)
         detectors = PROFILE.detectors
-        self.slips = [
+        slips: list[SlipDetector | SlipPaperDetector] = [
             SlipDetector("slip_ours", _of(SlipSettings, detectors["slip_ours"].settings)),
             SlipPaperDetector("slip_paper", _of(SlipPaperSettings, detectors["slip_paper"].settings)),
         ]
-        self.slips = [slip for slip in self.slips if slip.name in settings.slip]
+        self.slips = [slip for slip in slips if slip.name in settings.slip]
         self.load = LoadDetector("load", _of(LoadSettings, detectors["load"].settings))
         self.strain = Strain("pad", _of(StrainSettings, PROFILE.signals["pad"].settings))
         self.events: list[Event] = []
         self.entered_s: dict[str, float] = {}
-        self._orders: list[tuple[float, Command]] = []
+        self._orders: list[tuple[float, Grip]] = []
         self._outcome = GripperOutcome("gripper", self.units, OBJECT_S)
         self._arrives_s = math.inf
         self._felt_s: float | None = None
@@ -168,8 +169,9 @@ class Scene:
         turn, behavior = round(BEGIN_S / TURN_S), self.behavior
         behavior.begin(BEGIN_S)
         ways = self._here(BEGIN_S), _jaws(BEGIN_S), _jaws(BEGIN_S), self._here(BEGIN_S)
-        for event in (*ways, Tick(BEGIN_S + self.settings.baseline_s)):
-            behavior.handle(event)
+        for way in ways:
+            behavior.handle(way)
+        behavior.handle(Tick(BEGIN_S + self.settings.baseline_s))
         behavior._entered_s = BEGIN_S
         assert behavior.state == "RESTING", behavior.state
         last = round(BEGIN_S * 1000.0)
@@ -185,10 +187,10 @@ class Scene:
             ticks = np.arange(last + 1, round(t_s * 1000.0) + 1)
             last = int(ticks[-1])
             events = [*self._sensed(ticks), *self._statuses(t_s)]
-            for event in [*sorted(events, key=lambda event: event.t_s), Tick(t_s)]:
-                if isinstance(event, Tick) and t_s < behavior.wake_s - 1e-9:
-                    continue
+            for event in sorted(events, key=lambda event: event.t_s):
                 self._handle(event, t_s)
+            if t_s >= behavior.wake_s - 1e-9:
+                self._handle(Tick(t_s), t_s)
         return self._measured()
 
     def _here(self, t_s: float) -> Reached:
@@ -261,7 +263,7 @@ def _jaws(t_s: float) -> Reached:
     return Reached(t_s, "gripper", 0.063)
 
 
-def _of(kind: type, settings: Any) -> Any:
+def _of(kind: type[Any], settings: Any) -> Any:
     return kind.model_validate(settings.model_dump())
 
 
