@@ -99,6 +99,10 @@ def test_what_the_grip_crushes_is_no_success(tmp_path):
     assert outcome.exit_code == EXIT_FAILED
 
 
+def always(value):
+    return property(lambda self: value)
+
+
 def test_what_grips_cannot_see_the_truth(tmp_path, monkeypatch):
     """Everything that a simulated bench knows is scrambled: commands and times stay the same."""
     _, seen, run = grasped(tmp_path / "a", HEAVY)
@@ -109,7 +113,7 @@ def test_what_grips_cannot_see_the_truth(tmp_path, monkeypatch):
         (GripperPart, "contacts", spans),
         (PadPart, "slips", spans),
     ):
-        monkeypatch.setattr(part, name, property(lambda self, value=value: value))
+        monkeypatch.setattr(part, name, always(value))
     _, unseen, again = grasped(tmp_path / "b", HEAVY)
     assert [event for event in run.events if event["commands"]] == [
         event for event in again.events if event["commands"]

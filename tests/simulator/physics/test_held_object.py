@@ -1,6 +1,8 @@
 """An object between two pads: against a solver of other logic, against closed forms, and under stress."""
 
 import math
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,6 +65,18 @@ class Reference:
         elastic = self.k_n_m * (tool_m - y[0] - self.held_m + kernel.RELAX_S * (tool_m_s - y[1]))
         return np.where(self.slides, self.direction * self.most_n, elastic)
 
+    def lags(self, ring, t_s, y):
+        """How fast the pads move over the object, the way that a ring slides."""
+        return self.direction[ring] * (self.tool(t_s)[1] - y[1])
+
+    def exceeds(self, ring, t_s, y):
+        """By how much a ring that sticks is overloaded."""
+        return abs(self.pulls(t_s, y)[ring]) - STATIC * self.most_n[ring]
+
+    def rises(self, mass_kg, t_s, y):
+        """By how much the pads pull more than it weighs."""
+        return self.pulls(t_s, y).sum() - mass_kg * GRAVITY_M_S2
+
     def run(self, until_s, mass_kg):
         """Go on to a time with this mass."""
         while self.t_s < until_s - 1e-12:
@@ -73,18 +87,17 @@ class Reference:
                     return [0.0, 0.0]
                 return [y[1], self.pulls(t_s, y).sum() / mass_kg - GRAVITY_M_S2]
 
-            events = []
+            events: list[Any] = []
             for ring in range(RINGS):
                 if self.slides[ring]:
                     # it sticks where the pads no longer move over the object that way
-                    events.append(lambda t, y, i=ring: self.direction[i] * (self.tool(t)[1] - y[1]))
+                    events.append(partial(self.lags, ring))
                     events[-1].direction = -1.0
                 else:
-                    limit_n = STATIC * self.most_n[ring]
-                    events.append(lambda t, y, i=ring, f=limit_n: abs(self.pulls(t, y)[i]) - f)
+                    events.append(partial(self.exceeds, ring))
                     events[-1].direction = 1.0
             if stands:
-                events.append(lambda t, y: self.pulls(t, y).sum() - mass_kg * GRAVITY_M_S2)
+                events.append(partial(self.rises, mass_kg))
             for event in events:
                 event.terminal = True
             end_s = until_s
@@ -111,7 +124,7 @@ class Reference:
                     self.held_m[ring] = stretch_m - self.direction[ring] * self.most_n[ring] / self.k_n_m
                     rests = self.direction[ring] * (self.tool(self.t_s)[1] - self.y[1]) <= 1e-9
                     self.slides[ring] = not rests  # those of another event of this instant as well
-                elif len(found.t_events[ring]):
+                elif found.t_events is not None and len(found.t_events[ring]):
                     self.direction[ring] = np.sign(self.pulls(self.t_s, self.y)[ring])
                     self.slides[ring] = True
             if self.slides.all() and math.isnan(self.onset_s):
