@@ -121,23 +121,45 @@ def payload(runs: Sequence[Run], room: int) -> str:
     """Every trial's signals as JSON; in `room` bytes, or nearly.
 
     A curve of more points than fit keeps the least and the largest sample of each stretch of time: no peak is lost.
-    Trials that do not fit even so are not in it.
+    Trials that do not fit even so are not in it: those that stand out of no column.
     """
-    trials = [(run, trial) for run in runs for trial in run.recorded_trials]
-    fitting = max(1, int(room / (CURVES * LEAST_POINTS * BYTES_A_POINT)))
-    signals: dict[str, Any] = {}
-    points = POINTS
-    for run, trial in trials[: max(fitting, 1)]:
+    trials = outliers_first(runs)
+    texts: list[str] = []
+    points, used = POINTS, 0
+    for run, trial in trials:
         recording = run.readable(trial)
         if recording is None:
             continue
         events = run.events_of(trial)
         curves = list(_chosen(run, recording, _deciding(run, events)))
-        share = room / max(1, min(len(trials), fitting)) / max(1, len(curves)) / BYTES_A_POINT
+        share = room / len(trials) / max(1, len(curves)) / BYTES_A_POINT
         points = int(min(POINTS, max(LEAST_POINTS, share)))
-        signals[key_of(runs, run, trial)] = _trial(run, trial, events, curves, points)
+        signals = {key_of(runs, run, trial): _trial(run, trial, events, curves, points)}
+        texts.append(json.dumps(signals, separators=(",", ":"), ensure_ascii=False)[1:-1])
+        used += len(texts[-1])
+        if used > room:
+            break
     # "</" would end the element that it stands in, "<!--" would hide its end
-    return json.dumps(signals, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
+    return f"{{{','.join(texts)}}}".replace("<", "\\u003c")
+
+
+def outliers_first(runs: Sequence[Run]) -> list[tuple[Run, int]]:
+    """The recorded trials: those that failed, those that lead a column sorted up or down or stand in its middle, and
+    so on."""
+    rows = [(run, row) for run in runs for row in run.trials]
+    ranks = [0 if not run.succeeded(row) else len(rows) for run, row in rows]
+    factors = {"trial", *(name for run in runs for name in run.factors)}
+    for name in dict.fromkeys(name for _, row in rows for name in row if not is_instant(name)):
+        cells = [(row.get(name), place) for place, (_, row) in enumerate(rows)]
+        known = [(float(value), place) for value, place in cells if is_number(value)]
+        if name in factors or len({value for value, _ in known}) < 2:
+            continue
+        for rank, (_, place) in enumerate(sorted(known)):
+            last = len(known) - 1
+            ranks[place] = min(ranks[place], rank, last - rank, abs(rank - last // 2))
+    first = {(id(run), row["trial"]): rank for (run, row), rank in zip(rows, ranks, strict=True)}
+    trials = [(run, trial) for run in runs for trial in run.recorded_trials]
+    return sorted(trials, key=lambda each: first.get((id(each[0]), each[1]), 0))
 
 
 def key_of(runs: Sequence[Run], run: Run, trial: int) -> str:
