@@ -80,10 +80,13 @@ def _listed(experiment: str, rows: Sequence[Row], good: int) -> Headline | None:
     for line in table("headlines"):
         if line["experiment"] != experiment:
             continue
-        own = [row for row in rows if _holds(str(line["where"] or ""), row)] or rows
+        where = str(line["where"] or "").split("&")
+        own = [row for row in rows if all(_holds(each, row) for each in where)]
+        others = [] if own else [row for row in rows if _holds(where[0], row)] or rows
         if line["over"] == "success":
             return _successes(good, rows)._replace(what=line["what"], verdict=line["what"])
-        if found := _number(own, line):
+        # the paper's figure is not of others
+        if found := _number(own or others, line if own else {**line, "paper": None}):
             return found
     return None
 
@@ -207,7 +210,8 @@ def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
     """
     line = next((row for row in table("headlines") if row["experiment"] == experiment), None)
     column: str | None = line["column"] if line else None
-    method = next((method for method in METHODS if (column or "").startswith(f"{method}_")), "")
+    measured = column and any(is_number(row.get(column)) for run in runs for row in run.trials)
+    method = next((each for each in METHODS if measured and str(column).startswith(f"{each}_")), "")
     recorded = {id(run): set(run.recorded_trials) for run in runs}
     all_seen = [
         (run, row, moments_of(run, row, method))
@@ -225,7 +229,8 @@ def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
         rows = [row for _, row in seen]
         found = _measured(runs, rows)
         column = found and found.column
-    asked = [each for each in seen if line and _holds(str(line["where"] or ""), each[1])]
+    where = str(line["where"] or "").split("&") if line else []
+    asked = [each for each in seen if all(_holds(condition, each[1]) for condition in where)]
     seen = asked or seen
     good = [each for each in seen if each[0].succeeded(each[1])]
     good.sort(key=lambda each: abs(_value(each[1], column)))
@@ -235,7 +240,7 @@ def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
         chosen.append(("failed", bad[0]))
     elif good and missed:
         chosen.append(("missed", missed[0]))
-    elif len(good) > 1 and column:
+    elif len(good) > 1 and measured:
         chosen.append(("worst" if line and line["less"] else "largest", good[-1]))
     drawn = [_drawn(name, runs, run, row, method) for name, (run, row) in chosen]
     return [each for each in drawn if each is not None]

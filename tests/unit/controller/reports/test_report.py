@@ -496,6 +496,12 @@ def test_predictions_and_goals_are_counted_apart(campaign):
     assert found.verdict.endswith("; 1 of 2 predictions as the paper; 0 of 1 goals met.")
 
 
+def test_the_papers_number_stands_only_beside_what_it_is_of():
+    rows = [{"object": "pipe", "axis": "y", "seen_paper": 1, "approaches": 1, "outcome": "approached"}] * 4
+    beside = [first_screen._listed("aura", [{**row, "axis": axis} for row in rows], 4).paper for axis in "xy"]
+    assert beside == ["92.4 %", ""]
+
+
 def test_a_curve_is_cut_where_it_leaves_its_plot():
     t, v = first_screen._within(np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 0.0]), -1.0, 2.0)
     assert t.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
