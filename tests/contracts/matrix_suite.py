@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from drivers.core.errors import CommandError
-from drivers.core.messages import Command, Excite, Listen, Lost, Saturated
+from drivers.core.messages import Excite, Listen, Lost, Saturated
 from simulator.physics.fingertip_settings import Matrix
 from tests.contracts.crank import Crank
+from tests.contracts.sensor_suite import SensorContract
 from tests.steady import SteadyTexels
 
 SHAPES = (Matrix(2, 3, 0.0034), Matrix(1, 2, 0.0034))
@@ -27,8 +27,11 @@ class MatrixBench(Crank):
     """Matrices called `dsa`."""
 
 
-class MatrixContract:
+class MatrixContract(SensorContract):
     """Subclasses give a fixture `bench` whose texels are `steady()`."""
+
+    stream = TEXELS
+    senseless = (Excite("dsa", True), Listen("dsa", frozenset({"dsa.force"})))
 
     def test_each_cell_of_each_matrix_is_a_channel(self, bench: MatrixBench) -> None:
         info = bench.info.streams[TEXELS]
@@ -37,10 +40,6 @@ class MatrixContract:
             *("m1.r0.c0", "m1.r0.c1"),
         )
         assert (info.unit, info.scale) == ("V", 1e-3)
-
-    def test_nothing_is_sent_without_a_subscriber(self, bench: MatrixBench) -> None:
-        bench.turn(0.1)
-        assert bench.blocks == []
 
     def test_the_texels_are_read(self, bench: MatrixBench) -> None:
         bench.listen(TEXELS)
@@ -60,34 +59,8 @@ class MatrixContract:
         assert gaps == sum(lost.samples for lost in bench.of(Lost))
         assert all(after.t0_s > before.t0_s for before, after in pairwise(bench.blocks))
 
-    def test_a_stream_ends_when_it_is_unsubscribed_and_begins_anew(self, bench: MatrixBench) -> None:
-        bench.listen(TEXELS)
-        bench.turn(0.2)
-        bench.listen()
-        bench.turn(0.3)
-        last = bench.blocks[-1]
-        bench.blocks.clear()
-        bench.turn(0.2)
-        assert bench.blocks == []
-        bench.listen(TEXELS)
-        bench.turn(0.2)
-        assert bench.blocks[0].seq >= last.seq + len(last)
-
     def test_a_texel_at_its_end_is_reported_once(self, bench: MatrixBench) -> None:
         bench.listen(TEXELS)
         bench.turn(0.3)
         (saturated,) = bench.of(Saturated)
         assert (saturated.stream, saturated.value) == (TEXELS, pytest.approx(4.095))
-
-    @pytest.mark.parametrize("command", [Excite("dsa", True), Listen("dsa", frozenset({"dsa.force"}))])
-    def test_a_command_that_makes_no_sense_is_refused_in_one_line(
-        self, bench: MatrixBench, command: Command
-    ) -> None:
-        with pytest.raises(CommandError) as error:
-            bench.device.apply(command)
-        assert "\n" not in str(error.value)
-        assert str(error.value).startswith("dsa: ")
-
-    def test_closing_twice_is_no_error(self, bench: MatrixBench) -> None:
-        bench.device.close()
-        bench.device.close()

@@ -13,21 +13,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from drivers.core.clock import VirtualClock
-from drivers.core.errors import CommandError
-from drivers.core.messages import (
-    Command,
-    Home,
-    Listen,
-    MoveAt,
-    MoveTo,
-    Reached,
-    Refused,
-    Sent,
-    Standstill,
-    Status,
-    Stop,
-    Twist,
-)
+from drivers.core.messages import Command, Home, Listen, MoveAt, MoveTo, Reached, Refused, Sent, Status, Stop
 from drivers.zaber_stage.codec import MICROSTEP_M
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
@@ -122,28 +108,6 @@ def test_home_once_is_enough(homed: StageBench) -> None:
     assert [type(status) for status in statuses] == [Sent, Reached]
 
 
-def test_home_goes_to_the_home_end(homed: StageBench) -> None:
-    homed.apply(MoveTo("stage", 0.008, 0.02), 2.0)
-    statuses = homed.apply(Home("stage", id=4), 2.0)
-    assert [(type(status), status.command_id) for status in statuses] == [(Sent, 4), (Reached, 4)]
-    assert homed.position_m == pytest.approx(0.0, abs=MICROSTEP_M)
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        MoveTo("stage", 0.0255, 0.01),
-        MoveAt("stage", math.nan, 0.01),
-        Twist("stage", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0),
-    ],
-)
-def test_what_makes_no_sense_is_an_error_and_nothing_moves(homed: StageBench, command: Command) -> None:
-    with pytest.raises(CommandError):
-        homed.device.apply(command)
-    homed.turn(0.5)
-    assert homed.position_m == 0.0
-
-
 @pytest.mark.parametrize(
     ("command", "clamped"),
     [
@@ -203,17 +167,6 @@ def test_an_unsupervised_stage_halts_within_its_blind_travel_and_goes_on_when_se
     homed.turn(3.0)
     assert [type(status) for status in homed.statuses] == [Sent, Reached]
     assert homed.position_m == pytest.approx(to_m, abs=MICROSTEP_M)
-
-
-def test_a_stop_is_answered_moving_or_not(homed: StageBench) -> None:
-    statuses = homed.apply(Stop("stage", id=5), 0.1)
-    assert [(type(status), status.command_id) for status in statuses] == [(Sent, 5), (Standstill, 5)]
-    homed.apply(MoveAt("stage", 0.01, 0.02, id=6), 0.5)
-    statuses = homed.apply(Stop("stage", id=7), 0.5)
-    assert [(type(status), status.command_id) for status in statuses] == [(Sent, 7), (Standstill, 7)]
-    still_m = homed.position_m
-    homed.turn(1.0)
-    assert homed.position_m == still_m, "nothing sends it on after a stop"
 
 
 PLACES_M = (0.0, 0.004, 0.008, 0.012)

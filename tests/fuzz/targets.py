@@ -65,7 +65,7 @@ from simulator.physics.stage_axis import StageAxis
 from simulator.wiring.emulator import ControlPort
 from tests.contracts.audio_suite import SteadyFingers
 from tests.steady import SteadyForces, SteadyTexels
-from tests.unit.drivers.sensor_board.board_bench import Source
+from tests.unit.drivers.sensor_board.conftest import Source
 
 BYTES_MAX: Final = 4096
 """Longest input: longer than any frame, short enough to be quick."""

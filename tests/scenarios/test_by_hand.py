@@ -238,13 +238,6 @@ def test_it_goes_no_farther_than_the_travel_and_back_again(session):
     assert 0.0 < position_m(one, "stage") < 0.003
 
 
-def test_a_force_beyond_the_limit_ends_it(session):
-    one = session(limits__force_n="0.003")
-    result, _, _ = jogged(one, "stage", ("h", [0.1]), hold("F", 1.0, 3.0), ("q", [4.0]))
-    assert result.outcome == "guard"
-    check_refusal(result.reason, "board.load_cell", "limits.force_n")
-
-
 def test_a_stage_that_does_not_know_where_it_is_says_so(session):
     result, _, _ = jogged(session(), "stage", ("f", [1.0]), ("q", [2.0]))
     assert result.outcome == "fault"

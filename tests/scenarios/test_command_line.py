@@ -20,7 +20,7 @@ import pytest
 from config.source import profile_names, read_source
 from run import cli
 from tests.refusals import check_refusal
-from tests.unit.config.shipped import lab_values
+from tests.unit.config.conftest import lab_values
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
@@ -253,14 +253,6 @@ def test_an_unforeseen_error_is_one_line_and_shows_its_place_with_debug(verb, mo
         cli.main(["list", "--debug"], prog_name="run.py")
 
 
-def test_a_reader_who_leaves_early_is_no_error():
-    reading, writing = os.pipe()
-    os.close(reading)
-    with started("list", stdout=writing, stderr=subprocess.PIPE) as process:
-        os.close(writing)
-        assert process.communicate(timeout=PATIENCE_S)[1] == ""
-
-
 # --- run, report, replay -----------------------------------------------------------------------------
 
 
@@ -298,15 +290,6 @@ def test_a_report_into_a_folder_that_may_only_be_read_gives_advice_that_works(
     check_refusal(err, "report.html", "copy the run folder to one that may be written")
 
 
-def test_an_export_into_a_folder_that_may_only_be_read_names_its_own_option(
-    verb, recorded, tmp_path, monkeypatch
-):
-    monkeypatch.setattr("pyarrow.parquet.write_table", read_only)
-    code, _, err = verb("export", recorded[1], "--to", "parquet", "--into", tmp_path / "tables")
-    assert code == 1
-    check_refusal(err, "choose another with --into")
-
-
 def test_run_prints_each_trial_on_a_line_and_where_the_report_is(recorded):
     done, folder = recorded
     assert (done.returncode, done.stderr) == (0, "")
@@ -322,24 +305,6 @@ def test_run_prints_each_trial_on_a_line_and_where_the_report_is(recorded):
     assert "The guard stopped nothing." in lines
     assert (folder / "report.html").is_file()
     assert json.loads((folder / "manifest.json").read_text())["exit"]["status"] == "done"
-
-
-def test_a_recording_is_replayed_one_json_line_an_event(verb, recorded):
-    code, out, _ = verb("replay", recorded[1], "--detector", "resonance.paper", "--set", "threshold_sigma=8")
-    events = [json.loads(line) for line in out.splitlines()]
-    assert code == 0
-    assert [event["event"] for event in events][:2] == ["BaselineReady", "Contact"]
-    assert set(events[0]) == {"t_s", "detector", "event", "value", "threshold"}
-    assert events[0]["detector"] == "resonance.paper"
-
-
-def test_a_report_is_written_anew_from_the_recording_alone(verb, recorded):
-    page = recorded[1] / "report.html"
-    page.unlink()
-    code, out, _ = verb("report", "latest", "--out", recorded[1].parent)
-    assert code == 0
-    assert f"report: {page}\n" in out
-    assert page.is_file()
 
 
 def test_open_prints_where_a_report_is_and_writes_one_where_there_is_none(verb, recorded, monkeypatch):

@@ -1,15 +1,20 @@
-"""The examples run on a small run and leave the plot that they promise; a recorded signal goes into other libraries."""
+"""The examples and the docs' script run; the first use compiles."""
 
 import json
+import os
+import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from config.source import ProfileError
 from tests.scenarios.conftest import QUICK
 from touchbench import open_run, run_trials
 
@@ -93,3 +98,43 @@ def test_a_missing_xarray_is_one_clear_line(folder, monkeypatch):
         ImportError, match=r"xarray is not installed; install it: pip install 'touchbench\[xarray\]'"
     ):
         open_run("latest").signal(1, "board.load_cell").to_xarray()
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "run_campaigns.md"
+
+
+def test_the_script_in_the_docs_runs(tmp_path, monkeypatch, capsys):
+    code, reading = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    scope: dict[str, object] = {}
+    exec(compile(code, str(PAGE), "exec"), scope)
+    run: Any = scope["run"]
+    assert [row["speed_m_s"] for row in run.trials] == pytest.approx([0.002, 0.003, 0.0045, 0.00675])
+    assert "0.002 contact" in capsys.readouterr().out
+    exec(compile(reading.replace("signal(5,", "signal(2,"), str(PAGE), "exec"), scope)  # it has four trials
+    force: Any = scope["force"]
+    assert len(force.times_s) == len(force.values) > 0
+
+
+def test_a_bad_factor_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(ProfileError, match="speed_m_s"):
+        run_trials("mock/transient", [{"location": "f", "speed_m_s": -1.0}], out=tmp_path / "runs")
+    assert not (tmp_path / "runs").exists()
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_compiling_changes_no_digit(verb, tmp_path):
+    """Fused multiply-adds, for one, would fall differently into the two, and a bounce magnifies the last bit."""
+    asked = ("run", "mock/transient", "--only", "1", "--set", "behavior.settle_s=2.0", "--no-report", "--out")
+    subprocess.run(
+        [sys.executable, "run.py", *asked, tmp_path / "compiling"],
+        cwd=ROOT,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        check=True,
+        capture_output=True,
+    )
+    assert verb(*asked, tmp_path / "compiled")[0] == 0
+    compiling, compiled = (next((tmp_path / name).glob("*/trials.csv")) for name in ("compiling", "compiled"))
+    assert compiling.read_bytes() == compiled.read_bytes()

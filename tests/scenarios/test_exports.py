@@ -27,14 +27,6 @@ def run(run_profile):
     return run_profile(trials=TRIALS).run
 
 
-def test_a_run_is_read_in_python_as_a_table_and_as_arrays(run):
-    assert list(run.table["trial"]) == [row["trial"] for row in run.trials]
-    assert run.table.set_index("trial").loc[16, "outcome"] == "contact"
-    force = run.trial(16).stream("board.load_cell")
-    assert force.unit == "N"
-    assert len(force.times_s) == len(force.values) > 0
-
-
 def test_parquet_holds_every_row_and_every_sample(run, tmp_path):
     trials, samples = export(run, "parquet", tmp_path)
     pd.testing.assert_frame_equal(pd.read_parquet(trials), run.table)

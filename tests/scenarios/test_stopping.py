@@ -1,13 +1,15 @@
-"""Whatever happens, the bench stands still afterwards, and what was measured is on the disk."""
+"""Whatever happens, the bench stands still afterwards, and what was measured is kept; first touches wait."""
 
 from typing import Any
 
 import pytest
 
 from behaviors.transient import Transient
-from controller.campaign import EXIT_DEVICE, EXIT_FAILED, EXIT_GUARD, EXIT_INTERRUPTED
+from controller.campaign import EXIT_DEVICE, EXIT_FAILED
+from controller.recording.reader import open_run
 from drivers.core.errors import SilentError
-from drivers.core.messages import MOTION, Stop
+from drivers.core.messages import MOTION
+from tests.refusals import check_refusal
 
 UNDISTURBED: dict[str, Any] = {}
 
@@ -44,49 +46,6 @@ def test_a_fault_stops_every_mover_from_every_state(run_profile, state, device):
     assert "the link is gone" in bench.outcome.line
     last = bench.run.events[-1]
     assert not any(command.startswith(kind.__name__) for command in last["commands"] for kind in MOTION)
-
-
-@pytest.mark.parametrize(
-    ("state", "start_m"), [("STARTING", "0.0026"), ("APPROACH", "0.0"), ("RETRACTING", "0.0")]
-)
-def test_a_silent_load_cell_stops_what_moves(run_profile, state, start_m):
-    far = {"behavior__start_m": start_m}  # far enough for the motion to outlast limits.stale_s
-    at_s = when(run_profile, state, **far)
-    bench = run_profile(trials=(1,), faults=[{"device": "board", "kind": "silent", "at_s": at_s}], **far)
-    assert bench.outcome.exit_code == EXIT_DEVICE
-    assert "is silent" in bench.outcome.line
-    assert "board." in bench.outcome.line
-    assert stands_still(bench)
-
-
-def test_a_stalled_stage_ends_the_run(run_profile):
-    at_s = when(run_profile, "APPROACH")
-    bench = run_profile(trials=(1,), faults=[{"device": "stage", "kind": "stall", "at_s": at_s}])
-    assert bench.outcome.exit_code == EXIT_DEVICE
-    assert "stalled" in bench.outcome.line
-
-
-def test_a_force_beyond_the_limit_stops_the_approach_without_the_behavior(run_profile):
-    bench = run_profile(trials=(1,), limits__force_n="0.02", detectors__contact__threshold_sigma="90.0")
-    assert bench.outcome.exit_code == EXIT_GUARD
-    assert "beyond limits.force_n = 0.02" in bench.outcome.line
-    assert bench.run.trials[0]["outcome"] == "guard"
-    assert stands_still(bench)
-
-
-def test_a_command_beyond_the_travel_is_refused_before_anything_moves(run_profile):
-    bench = run_profile(trials=(1,), behavior__approach_limit_m="0.011", limits__travel_m="0.0105")
-    assert bench.outcome.exit_code == EXIT_GUARD
-    assert "0.011 m is outside" in bench.outcome.line
-    assert bench.run.trials[0]["outcome"] == "guard"
-    assert stands_still(bench)
-
-
-def test_a_sensor_that_reads_full_scale_stops_the_bench(run_profile):
-    at_s = when(run_profile, "APPROACH")
-    bench = run_profile(trials=(1,), faults=[{"device": "board", "kind": "full_scale", "at_s": at_s}])
-    assert bench.outcome.exit_code == EXIT_GUARD
-    assert stands_still(bench)
 
 
 @pytest.mark.parametrize(
@@ -132,28 +91,64 @@ def test_ctrl_c_once_pauses_and_the_trial_goes_on_after_a_new_baseline(run_profi
     assert bench.outcome.exit_code == 0
 
 
-def test_a_pause_stops_the_mover_at_once(run_profile, script):
-    stops = []
-
-    def spy(rig):
-        stage = rig.devices["stage"]
-        apply = stage.apply
-        stage.apply = lambda command: (
-            stops.append((rig.clock.now(), command)) if isinstance(command, Stop) else None,
-            apply(command),
-        )[1]
-
-    script.requests = {"APPROACH": ["pause"], "PAUSED": ["resume"]}
-    run_profile(trials=(1,), script=script, wrap=spy)
-    paused_s = next(t_s for name, t_s in script.seen if name == "PAUSED")
-    assert stops[0] == (paused_s, Stop("stage"))
+MOTIONS = ("Home(", "MoveTo(", "MoveAt(")
 
 
-def test_an_abort_stops_and_keeps_what_there_is(run_profile, script):
-    script.requests = {"APPROACH": ["abort"]}
-    bench = run_profile(trials=(1, 2), script=script)
-    assert bench.outcome.exit_code == EXIT_INTERRUPTED
-    assert stands_still(bench)
-    assert [row["outcome"] for row in bench.run.trials] == ["aborted"]
-    assert bench.run.manifest["exit"]["status"] == "aborted"
-    assert bench.run.manifest["outcomes"] == {"aborted": 1}
+@pytest.fixture
+def touch(verb, tmp_path):
+    """Runs the profile; gives exit code, errors and the run."""
+
+    def touch(*more):
+        code, _, err = verb("run", "mock/first_contact", "--no-report", "--out", tmp_path, *more)
+        return code, err, open_run(max(tmp_path.iterdir(), key=lambda folder: folder.stat().st_mtime_ns))
+
+    return touch
+
+
+def test_each_motion_of_a_first_touch_waits_for_a_person(touch):
+    code, _, run = touch()
+    assert code == 0
+    assert [row["outcome"] for row in run.trials] == ["contact"] * 3
+    for row in run.trials:
+        assert 0.02 < float(row["force_peak_n"]) < 0.05
+        assert 0.0 <= float(row["stop_travel_m"]) < 1e-4
+        assert 0.0029 < float(row["position_m"]) < 0.0035, "the finger's surface is at 3 mm"
+    words = motions = 0
+    for event in (event for event in run.events if event["trial"] == 1):
+        words += event["event"] == "Answered"
+        motions += any(command.startswith(MOTIONS) for command in event["commands"])
+        assert motions <= words, event
+    assert (words, motions) == (5, 5)
+
+
+@pytest.mark.parametrize("state", ["STARTING", "NUDGING", "APPROACH", "RETRACTING"])
+def test_nothing_moves_where_nobody_answers(touch, state):
+    _, _, run = touch("--only", "1")
+    at_s = next(event["t_s"] for event in run.events if event["next"] == state) - 0.6
+    fault = f'faults=[{{device="operator",kind="silent",at_s={at_s}}}]'
+    code, err, run = touch("--only", "1", "--set", fault, "--set", "behavior.answer_timeout_s=5.0")
+    assert code == 1
+    assert "operator" in err
+    assert [row["outcome"] for row in run.trials] == ["aborted"]
+    after = [event for event in run.events if event["t_s"] > at_s]
+    assert not any(command.startswith(MOTIONS) for event in after for command in event["commands"])
+
+
+def test_a_reversed_axis_ends_in_the_first_millimetre_by_the_persons_word(touch):
+    _, _, run = touch("--only", "1")
+    asked_s = next(event["t_s"] for event in run.events if event["next"] == "READY_FOR_TOUCH")
+    fault = f'faults=[{{device="operator",kind="refuse",at_s={asked_s - 0.01}}}]'
+    code, err, run = touch("--only", "1", "--set", fault)
+    assert code == 1
+    check_refusal(err.strip().splitlines()[-1], "operator", "stage", "forward", "approach_axis", "reversed")
+    (row,) = run.trials
+    assert row["outcome"] == "aborted"
+    way_m = run.trial(1).stream("stage.position").values
+    assert 0.0 < way_m.max() < 0.001
+
+
+def test_an_unplugged_load_cell_ends_before_the_first_millimetre(touch):
+    code, err, run = touch("--only", "1", "--set", 'faults=[{device="board",kind="stuck",at_s=0.5}]')
+    assert code == 3
+    check_refusal(err.strip().splitlines()[-1], "board.load_cell", "sticks", "power and cable")
+    assert run.trial(1).stream("stage.position").values.max() < 0.001

@@ -1,12 +1,20 @@
-"""A campaign whose output is not read: the run goes on, and the exit code is the experiment's."""
+"""Output that nobody reads, and a disk that hangs or is full."""
 
+import fcntl
 import os
 import subprocess
 import sys
+import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
+import pytest
+
+from controller.campaign import EXIT_FAILED
+from controller.recording.disk import DiskThread
 from controller.recording.reader import open_run
+from controller.recording.run_folder import RunFolder
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
@@ -92,3 +100,114 @@ def wait_for_rows(out, count):
             return
         time.sleep(0.05)
     raise AssertionError("the run waits for its reader")
+
+
+PATIENCE_S = 60.0
+"""How long a whole trial in virtual time may take on a machine that is busy with others."""
+
+
+class Pipe:
+    """In the place of events.jsonl: it is full, and nothing reads it before the test does."""
+
+    def __init__(self):
+        self.read = b""
+        self._thread = None
+
+    def make(self, path):
+        os.mkfifo(path)
+        self._far = os.open(path, os.O_RDWR)
+        fcntl.fcntl(self._far, fcntl.F_SETPIPE_SZ, 4096)
+        os.set_blocking(self._far, False)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(self._far, b"\n")
+
+    def drain(self):
+        os.set_blocking(self._far, True)
+        self._thread = threading.Thread(target=self._drain, daemon=True)
+        self._thread.start()
+
+    def _drain(self):
+        while piece := os.read(self._far, 65536):
+            self.read += piece
+
+
+@pytest.fixture
+def pipe(monkeypatch):
+    pipe = Pipe()
+    create = RunFolder.create
+
+    def made(root: Path, *arguments):
+        folder = create(root, *arguments)
+        pipe.make(folder.events_path)
+        return folder
+
+    monkeypatch.setattr(RunFolder, "create", made)
+    return pipe
+
+
+def test_a_trial_goes_to_its_end_while_the_disk_hangs_and_then_all_of_it_is_written(
+    run_profile, script, pipe
+):
+    """The disk hangs from the first event on until the trial has done its last turn: nothing else lets it go."""
+    hung = []
+
+    def wrap(rig):
+        begin = rig.begin_trial
+        truth = rig.truth
+
+        def began(scene):
+            hung.append("hangs")
+            begin(scene)
+
+        def ended():
+            hung.append("goes on")
+            pipe.drain()
+            return truth()
+
+        object.__setattr__(rig, "begin_trial", began)
+        object.__setattr__(rig, "truth", ended)  # asked once the loop has come back
+
+    done = []
+    thread = threading.Thread(
+        target=lambda: done.append(run_profile(trials=(1,), script=script, wrap=wrap)), daemon=True
+    )
+    thread.start()
+    thread.join(PATIENCE_S)
+    assert done, f"the loop waits for the disk, in {script.seen[-1:]}"
+    assert hung == ["hangs", "goes on"]
+    assert done[0].outcome.exit_code == 0
+    assert script.rows[0][1] == "contact"
+    assert b'"event": "Contact"' in pipe.read
+    assert b'"event": "Standstill"' in pipe.read
+
+
+def test_a_disk_that_fills_up_in_a_trial_ends_it_with_the_bench_still(run_profile, monkeypatch, script):
+    def full(self, **_):
+        raise OSError(28, "No space left on device")
+
+    def wrap(rig):
+        board = rig.devices["board"]
+        read = board.read
+
+        def filled():
+            if script.seen and script.seen[-1][0] == "APPROACH":
+                monkeypatch.setattr("controller.recording.mcap_file.McapWriter.flush", full)
+            return read()
+
+        board.read = filled
+
+    room = DiskThread.room
+
+    def written(self):
+        self.flush(sync=False)  # at every turn, for virtual time is over before the thread would by itself
+        return room(self)
+
+    monkeypatch.setattr(DiskThread, "room", written)
+    bench = run_profile(trials=(1, 2), script=script, wrap=wrap)
+    assert bench.outcome.exit_code == EXIT_FAILED
+    assert "No space left on device while writing" in bench.outcome.line
+    assert script.seen[-1][0] == "APPROACH"
+    assert not bench.stage.axis.moving(bench.rig.clock.now())
+    assert [row["outcome"] for row in bench.run.trials] == ["fault"]
+    assert bench.run.manifest["exit"]["status"] == "failed"

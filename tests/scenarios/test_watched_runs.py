@@ -11,9 +11,11 @@ import pytest
 from config.assemble import build_rig, plan_campaign
 from config.jobs import Silent
 from config.profile import load_profile
+from config.script import run_trials
 from controller.by_hand import HandResult
-from controller.campaign import Campaign
+from controller.campaign import EXIT_DONE, Campaign
 from controller.console import ConsoleOperator
+from controller.reports.run_account import facts_of
 from controller.watching.feed import SOCKET, Watched, at
 from controller.watching.page import after, trial_signals
 from tests.scenarios.conftest import QUICK
@@ -132,3 +134,32 @@ def test_what_ends_badly_by_hand_ends_the_run_before_the_next_trial(tmp_path, mo
     assert list(outcome.not_at_rest) == list(result.not_at_rest if result else [])
     assert result is None or result.reason in outcome.line
     assert sum(manifest["outcomes"].values()) == 1
+
+
+def one_approach(out, clocks="watched"):
+    row = {"side": "normal", "speed_m_s": 0.03, "object": "pipe"}
+    settings = {"signals.right.clocks": clocks}
+    return run_trials("mock/pretouch", [row], settings=settings, seed=1, out=out, say=lambda line: None)
+
+
+def test_one_clock_stands_in_manifest_and_report_and_in_no_warning(tmp_path):
+    outcome, run = one_approach(tmp_path)
+    assert outcome.exit_code == EXIT_DONE
+    assert run.manifest["signals"].keys() == {"right"}
+    assert abs(run.manifest["signals"]["right"]["drift_ppm"]) < 0.01
+    assert "ppm" not in outcome.line
+    assert any("drift_ppm" in text for _, text in facts_of(run))
+
+
+def test_two_clocks_that_were_taken_for_one_are_reported_in_the_last_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("controller.signals.iq.DRIFT_MAX_PPM", 0.0)
+    outcome, run = one_approach(tmp_path)
+    assert outcome.exit_code == EXIT_DONE
+    assert 'set clocks = "tracked", or use one card for both' in outcome.line
+    assert outcome.line.count("ppm apart") == 1
+    assert run.manifest["signals"]["right"]["warning"] in outcome.line
+
+
+def test_without_a_request_nothing_is_reported(tmp_path):
+    _, run = one_approach(tmp_path, "locked")
+    assert run.manifest["signals"] == {}

@@ -89,3 +89,47 @@ def test_a_person_who_says_no_ends_the_run(tmp_path):
     assert outcome.exit_code == 3
     assert run.trials[0]["outcome"] == "fault"
     assert "operator refused" in outcome.line
+
+
+PAPER = {"none": (28.0, 1.0), "light": (30.0, 2.0), "full": (50.0, 3.0)}
+"""Dominant frequency and how far from it the bench may be, Hz (Backus and Dollar, IV.A)."""
+
+
+@pytest.fixture(scope="module")
+def by_condition(tmp_path_factory):
+    from config.script import run_trials
+
+    _, run = run_trials(
+        "mock/static",
+        [{"condition": condition} for condition in PAPER],
+        settings={"behavior.settle_s": "3.0"},
+        out=tmp_path_factory.mktemp("runs"),
+        say=lambda line: None,
+    )
+    return {row["condition"]: row for row in run.trials}
+
+
+@pytest.mark.parametrize("condition", PAPER)
+def test_the_dominant_frequency_is_the_papers(by_condition, condition):
+    frequency_hz, tolerance_hz = PAPER[condition]
+    assert by_condition[condition]["frequency_hz"] == pytest.approx(frequency_hz, abs=tolerance_hz)
+
+
+def test_light_contact_is_erratic_and_the_others_are_not(by_condition):
+    """Periods bounce between 28.5 and 36 Hz or more: a spread of hertz, against tenths at rest and in full contact."""
+    assert by_condition["light"]["frequency_sd_hz"] > 1.0
+    assert by_condition["none"]["frequency_sd_hz"] < 0.3
+    assert by_condition["full"]["frequency_sd_hz"] < 0.6
+
+
+def test_the_amplitude_falls_from_none_to_light_to_full_contact(by_condition):
+    amplitudes = [by_condition[condition]["amplitude_m"] for condition in ("none", "light", "full")]
+    assert amplitudes == sorted(amplitudes, reverse=True)
+    assert amplitudes[2] < 0.2 * amplitudes[0]
+
+
+def test_force_grows_from_none_to_light_to_full_contact(by_condition):
+    forces_n = [by_condition[condition]["force_n"] for condition in ("none", "light", "full")]
+    assert abs(forces_n[0]) < 0.001
+    assert 0.01 < forces_n[1] < 0.2, "of the order of 0.1 N"
+    assert forces_n[2] > forces_n[1]

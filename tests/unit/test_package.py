@@ -1,18 +1,24 @@
-"""What `pip install .` takes along, and what the project states about itself."""
+"""The package: what is installed, imported and named, in public and in docs/troubleshooting.md."""
 
 import ast
 import fnmatch
+import os
 import re
+import subprocess
 import sys
 import tomllib
 from collections import defaultdict
-from importlib import metadata
+from importlib import import_module, metadata
 from itertools import chain
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
+import touchbench
 from run import cli
+from tests import messages
+from touchbench.lookup import PLACES, ROOMS
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
@@ -102,3 +108,71 @@ def test_every_page_begins_with_what_it_is_for() -> None:
     firsts = {page.name: page.read_text("utf-8").split("\n\n")[1] for page in pages}
     assert {name: first for name, first in firsts.items() if not re.match(r"For [^\n]+[.:?]", first)} == {}
     assert len((ROOT / "docs/reference/glossary.md").read_text("utf-8").splitlines()) <= 50, "one screen"
+
+
+def python(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Python in a folder, with touchbench behind it on the import path."""
+    path = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, cwd=folder, env=path, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_each_name_is_there(name):
+    assert getattr(touchbench, name) is getattr(import_module(PLACES[name]), name)
+
+
+def test_what_is_not_there_is_an_attribute_that_is_not_there():
+    assert not hasattr(touchbench, "nothing_such")
+
+
+def test_importing_it_loads_no_module_of_the_program(tmp_path):
+    loaded = f"import sys, touchbench; print(sys.modules.keys() & {set(ROOMS) | {'numpy', 'pydantic'}})"
+    assert python("-c", loaded, folder=tmp_path).stdout == "set()\n"
+
+
+def test_docs_and_the_example_import_it_alone():
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    texts = [
+        block for page in pages for block in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+    ]
+    texts += [path.read_text() for path in (ROOT / "tests" / "data" / "force_sensor").glob("*.py")]
+    found = re.findall(r"^ *(?:from|import) (\w+)", "\n".join(texts), re.MULTILINE)
+    ours = {"run", "tests", *(path.parent.name for path in ROOT.glob("*/__init__.py"))}
+    assert {name for name in found if name in ours} == {"touchbench"}
+
+
+@pytest.mark.parametrize("own", ["config/__init__.py", "drivers.py", "run.py"])
+def test_a_module_of_the_users_own_that_takes_the_place_of_one_is_one_line(tmp_path, own):
+    (tmp_path / own).parent.mkdir(exist_ok=True)
+    (tmp_path / own).write_text("")
+    ended = python("-m", "touchbench", "list", folder=tmp_path)
+    (line,) = ended.stderr.splitlines()
+    place = own.removesuffix("/__init__.py")
+    assert ended.returncode == 2
+    assert f"{tmp_path / place} takes the place of" in line
+    assert "rename it" in line
+    (tmp_path / "campaign.py").write_text("from touchbench import run_trials\n")
+    script = python("campaign.py", folder=tmp_path)
+    assert (script.returncode == 0) == (own == "run.py")  # a script runs no command
+    assert script.returncode == 0 or line in script.stderr.splitlines()[-1]
+
+
+def test_a_folder_that_is_no_package_is_in_nobodys_way(tmp_path):
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "mine.toml").write_text("")
+    assert "  transient " in python("-m", "touchbench", "list", folder=tmp_path).stdout
+
+
+def test_every_message_is_an_entry_and_every_entry_a_message() -> None:
+    written = messages.PAGE.read_text().partition(messages.MARK)[2]
+    lines = {line for line in written.splitlines() if line.startswith("| ")}
+    entries = {line for line in messages.tables().splitlines() if line.startswith("| ")}
+    assert not entries - lines, f"python -m tests.messages adds: {sorted(entries - lines)[:5]}"
+    assert not lines - entries, f"python -m tests.messages removes: {sorted(lines - entries)[:5]}"
+    assert len(entries) > 300
+
+
+def test_a_message_is_found_with_its_remedy_and_what_varies() -> None:
+    arm = messages.messages()["A device does not answer"]
+    assert ("the controller's time has stood still for … s", "is the cable in, and the controller up?") in arm

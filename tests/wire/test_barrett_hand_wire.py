@@ -13,30 +13,20 @@ from simulator.devices.barrett_hand import EmulatedBarrettHand
 from simulator.devices.slcan import EmulatedSlcan
 from tests.contracts.hand_suite import F1, F2, F3, FORCES_N, HandBench, HandContract
 from tests.steady import SteadyForces
+from tests.wire.conftest import Serve, Wired
 
 
-class Wire:
+class Wire(Wired):
     """A hand behind an adapter on a pty, and its driver."""
 
-    def __init__(self, serve: Any, **settings: Any) -> None:
-        self.hand = EmulatedBarrettHand(FingerStrainSettings(), SteadyForces(FORCES_N))
-        self.adapter = EmulatedSlcan(self.hand)
-        self.port = serve(self.adapter)
-        self.lock = serve.lock(self.port)
+    def __init__(self, serve: Serve, **settings: Any) -> None:
+        super().__init__(
+            serve, EmulatedSlcan(EmulatedBarrettHand(FingerStrainSettings(), SteadyForces(FORCES_N)))
+        )
         # No answer is late on a bench whose time waits for its threads, but a wire takes its time.
-        values = {
-            "port": self.port,
-            "poll_hz": 200.0,
-            "answer_timeout_s": 0.2,
-            "silence_timeout_s": 2.0,
-            **settings,
-        }
-        self.clock = serve.clock
-        self.driver = BarrettHand("hand", BarrettHandSettings(**values), self.clock)
-
-    def inject(self, kind: str) -> None:
-        with self.lock:
-            self.adapter.inject(kind, self.clock.monotonic_s())
+        patient = {"poll_hz": 200.0, "answer_timeout_s": 0.2, "silence_timeout_s": 2.0}
+        given = BarrettHandSettings(port=self.port, **patient | settings)
+        self.driver = BarrettHand("hand", given, self.clock)
 
 
 @pytest.fixture
@@ -73,15 +63,6 @@ def test_a_spoilt_line_is_one_lost_sample_of_one_finger(wire: Wire, bench: HandB
     assert {lost.stream for lost in bench.of(Lost)} & {F1, F2, F3}
     assert bench.of(Failed) == []
     assert bench.blocks_of(F1)[-1].physical[-1, 0] == pytest.approx(1.0, abs=0.005)
-
-
-def test_a_pulled_plug_has_failed_once(serve: Any, wire: Wire, bench: HandBench) -> None:
-    bench.listen(F1)
-    bench.turn(0.1)
-    serve.unplug(wire.port)
-    bench.turn(0.4)
-    (failed,) = bench.of(Failed)
-    assert "the bus" in failed.reason
 
 
 def test_a_finger_that_is_not_there_is_named(serve: Any) -> None:

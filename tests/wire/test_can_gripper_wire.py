@@ -23,43 +23,24 @@ from tests.contracts.gripper_suite import (
     GripperContract,
     calibrated_jaws,
 )
+from tests.wire.conftest import Serve, Wired
 
 PATIENT = {"reply_timeout_s": 0.2, "silence_timeout_s": 3.0, "watchdog_s": 5.0}
 """The machine may be busy with other tests."""
 
 
-class Hurried:
-    """An emulated device whose time runs five times as fast: a calibration takes half a second."""
-
-    def __init__(self, device: EmulatedSlcan) -> None:
-        self._device = device
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        return self._device.receive(data, 5.0 * t_s)
-
-    def step(self, t_s: float) -> bytes:
-        return self._device.step(5.0 * t_s)
-
-
-class Wire:
+class Wire(Wired):
     """A gripper behind an adapter on a pty, and its driver."""
 
-    def __init__(self, serve: Any, drive: JawsDrive, hurry: bool = False, **settings: Any) -> None:
+    def __init__(self, serve: Serve, drive: JawsDrive, hurry: bool = False, **settings: Any) -> None:
         self.drive = drive
-        self.adapter = EmulatedSlcan(EmulatedCanGripper(EmulatedCanGripperSettings(), drive))
-        self.port = serve(Hurried(self.adapter) if hurry else self.adapter)
-        self.lock = serve.lock(self.port)
-        self.clock = serve.clock
+        super().__init__(serve, EmulatedSlcan(EmulatedCanGripper(EmulatedCanGripperSettings(), drive)), hurry)
         values = {"port": self.port, "closed_width_m": SCENE.closed_width_m, **PATIENT, **settings}
         self.driver = CanGripper("gripper", CanGripperSettings(**values), self.clock)
 
     def change(self, scene: Callable[[JawsDrive], object]) -> None:
         with self.lock:
             scene(self.drive)
-
-    def inject(self, kind: str) -> None:
-        with self.lock:
-            self.adapter.inject(kind, self.clock.monotonic_s())
 
     def open(self) -> GripperBench:
         return GripperBench(self.driver, self.clock, self.change)
@@ -119,16 +100,6 @@ def test_a_host_that_hangs_loses_the_grip(serve: Any) -> None:
         assert "watchdog" in bench.until(Stalled).reason
     finally:
         wire.driver.close()
-
-
-def test_a_pulled_plug_has_failed_once_and_the_grip_is_gone(
-    serve: Any, wire: Wire, bench: GripperBench
-) -> None:
-    bench.turn(0.05)
-    serve.unplug(wire.port)
-    bench.turn(0.3)
-    (failed,) = [status for status in bench.statuses if isinstance(status, Failed)]
-    assert "the bus" in failed.reason
 
 
 def test_the_virtual_bus_carries_a_grip_in_one_process() -> None:

@@ -5,9 +5,7 @@ import pytest
 from config.assemble import build_rig, plan_campaign, start_emulator
 from config.profile import load_profile
 from controller.campaign import EXIT_DONE, Campaign
-from controller.doctor import examine
 from controller.recording.reader import open_run
-from controller.rig import TrialScene
 from tests.wire.wire_campaign import Hand
 
 SHORT = {
@@ -30,20 +28,6 @@ def bench():
     emulator = start_emulator(profile)
     yield profile, emulator
     emulator.close()
-
-
-def test_the_doctor_reads_arm_gripper_and_sound_and_moves_nothing(bench):
-    profile, emulator = bench
-    rig = build_rig(profile, emulator.endpoints)
-    scene = TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))
-    findings = list(examine(rig, scene))
-    rig.close()
-    there = emulator.scene()
-    lines = "\n".join(finding.line for finding in findings)
-    for text in ("UR5", "SSG-48", "emulated recorder", "arm.position", "gripper.width", "audio.fingers"):
-        assert text in lines
-    assert there["tool_x_m"] == pytest.approx(-0.005, abs=1e-9)
-    assert there["width_m"] == pytest.approx(0.063, abs=1e-9)
 
 
 def test_the_pipe_is_centred_closed_on_confirmed_and_released(bench, tmp_path):

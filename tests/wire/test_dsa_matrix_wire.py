@@ -12,26 +12,19 @@ from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSet
 from simulator.physics.fingertip_settings import Matrix
 from tests.contracts.matrix_suite import TEXELS, MatrixBench, MatrixContract, steady
 from tests.steady import SteadyTexels
+from tests.wire.conftest import Serve, Wired
 
 PATIENT = {"reply_timeout_s": 0.5, "silence_timeout_s": 3.0, "power_up_s": 2.0}
 """The machine may be busy with other tests."""
 
 
-class Wire:
+class Wire(Wired):
     """Matrices on a pty, and their driver."""
 
-    def __init__(self, serve: Any, source: Any, **settings: Any) -> None:
-        self.matrices = EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), source)
-        self.port = serve(self.matrices)
-        self.lock = serve.lock(self.port)
-        self.clock = serve.clock
-        self.driver = DsaMatrix(
-            "dsa", DsaMatrixSettings(port=self.port, **{**PATIENT, **settings}), self.clock
-        )
-
-    def inject(self, kind: str, frames: int = 1) -> None:
-        with self.lock:
-            self.matrices.inject(kind, self.clock.monotonic_s(), frames)
+    def __init__(self, serve: Serve, source: Any, **settings: Any) -> None:
+        super().__init__(serve, EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), source))
+        given = DsaMatrixSettings(port=self.port, **PATIENT | settings)
+        self.driver = DsaMatrix("dsa", given, self.clock)
 
 
 @pytest.fixture
@@ -72,12 +65,3 @@ def test_spoilt_frames_are_lost_and_nothing_else(wire: Wire, bench: MatrixBench)
     bench.turn(0.4)
     assert 3 <= sum(lost.samples for lost in bench.of(Lost)) <= 8
     assert bench.of(Failed) == []
-
-
-def test_a_pulled_plug_has_failed_once(serve: Any, wire: Wire, bench: MatrixBench) -> None:
-    bench.listen(TEXELS)
-    bench.turn(0.1)
-    serve.unplug(wire.port)
-    bench.turn(0.4)
-    (failed,) = bench.of(Failed)
-    assert "the port" in failed.reason

@@ -6,23 +6,30 @@ whatever the machine's speed. Bench time is virtual, and only time that the loop
 
 import gc
 import os
+import pty
 import socket
+import termios
 import threading
 import time
 import tty
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console as Terminal
 
 from behaviors.machine import Behavior, StatePlan, on
 from config.verbs import say_at_once
+from controller import live
 from controller.console import PlainConsole
 from controller.guard import Guard, GuardSettings
+from controller.live import LiveConsole
 from controller.loop import Loop, LoopSettings
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder
@@ -245,3 +252,51 @@ def test_the_loop_makes_every_turn_and_every_stop_while_all_that_it_writes_to_ha
     assert len(bench.recorder._disk._queue) > 1000
     assert bench.console._printer._lines.qsize() > 900
     assert bench.recorder.failure is None
+
+
+class Unread:
+    """A terminal whose other end is not read."""
+
+    def __init__(self):
+        self.far, near = pty.openpty()
+        self.file = os.fdopen(near, "w")
+
+    def read(self):
+        """Reads it after all, to its end."""
+        data = b""
+        with suppress(OSError):  # both ends are closed
+            while piece := os.read(self.far, 65536):
+                data += piece
+        return data.decode()
+
+
+@pytest.mark.parametrize("how", ["full", "stopped"])
+def test_a_terminal_that_takes_nothing_holds_neither_the_loop_nor_the_end_up(monkeypatch, how):
+    monkeypatch.setattr(live, "REFRESH_S", -1.0)
+    terminal = Unread()
+    operator = SimpleNamespace(poll=lambda: None, pressed_yet=lambda: "", question=None)
+    console = LiveConsole(operator, Terminal(file=terminal.file, force_terminal=True, width=72, height=24))
+    if how == "stopped":
+        termios.tcflow(terminal.file.fileno(), termios.TCOOFF)  # what Ctrl+S does
+    console.campaign_started("mock/transient", 42, Path("runs/x"))
+    thread, pictures = console._drawer._thread, console._drawer._pictures
+    console.trial_started(1, {})
+    hung = turns = 0
+    while hung < 60:  # turns in one drawing of its thread's
+        console.state("MOVING", 0.005 * turns)  # what has not changed is not drawn
+        console.poll()
+        time.sleep(0.005)
+        turns += 1
+        assert turns < 4000, "the terminal takes all there is"
+        hung = hung + 1 if pictures.full() else 0
+    # read only after all turns and the end's message: a wait for the terminal would last for ever
+    console.campaign_ended("")
+    if how == "stopped":
+        termios.tcflow(terminal.file.fileno(), termios.TCOON)
+    with ThreadPoolExecutor(1) as reader:
+        reading = reader.submit(terminal.read)
+        thread.join(10.0)
+        assert not thread.is_alive()
+        terminal.file.close()
+        assert "mock/transient" in reading.result(10.0)
+    os.close(terminal.far)

@@ -12,26 +12,11 @@ from can.interfaces.slcan import slcanBus
 from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
+from tests.wire.conftest import HURRY, Hurried
 
 spectral = pytest.importorskip("Spectral_BLDC.Spectral_BLDC", reason="the vendor's client is not installed")
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*bustype:DeprecationWarning")
-
-HURRY = 5.0
-"""The emulated gripper's time runs so much faster than the wall's."""
-
-
-class Hurried:
-    """An emulated device in a hurry."""
-
-    def __init__(self, device: EmulatedSlcan) -> None:
-        self._device = device
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        return self._device.receive(data, HURRY * t_s)
-
-    def step(self, t_s: float) -> bytes:
-        return self._device.step(HURRY * t_s)
 
 
 class Judge:

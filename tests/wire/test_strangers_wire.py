@@ -6,8 +6,8 @@ import pytest
 
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.can_gripper.driver import CanGripper, CanGripperSettings
-from drivers.core.clock import Clock, WallClock
-from drivers.core.errors import PortError, ProtocolError
+from drivers.core.clock import Clock
+from drivers.core.errors import ProtocolError
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.operator.driver import Person, PersonSettings
 from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
@@ -53,9 +53,3 @@ def test_another_device_on_the_bus_is_not_opened(serve: Any, name: str, line: by
     port = serve(Other(line))
     with pytest.raises(ProtocolError, match=message):
         open_at(name, port, serve.clock)
-
-
-@pytest.mark.parametrize("name", DRIVERS)
-def test_an_absent_port_is_an_error(name: str) -> None:
-    with pytest.raises(PortError, match="/dev/ttyNONE0 does not exist"):
-        open_at(name, "/dev/ttyNONE0", WallClock())

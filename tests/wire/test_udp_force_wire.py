@@ -1,17 +1,29 @@
-"""The force sensor's box over loopback: real datagrams, the twin's clock."""
+"""A force sensor's box, a Robotiq gripper and a person on lines: real drivers, emulated far ends."""
 
+import socket
+import threading
+import time
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers.core.messages import Failed, Lost, Tare
+from drivers.core.clock import WallClock
+from drivers.core.messages import Ask, Failed, Gripped, Listen, Loaded, LoadWeight, Lost, Sent, Tare
+from drivers.operator.driver import Person, PersonSettings
+from drivers.robotiq.driver import Robotiq
+from drivers.robotiq.settings import RobotiqSettings
 from drivers.udp_force.driver import UdpForce, UdpForceSettings
 from simulator.devices.faults import Fault, FaultSchedule
+from simulator.devices.operator import EmulatedPerson, HandSettings
+from simulator.devices.robotiq import EmulatedRobotiq
 from simulator.devices.udp_force import EmulatedUdpForce
 from simulator.wiring.far_ends import UdpLine
 from tests.contracts.crank import Crank
+from tests.contracts.gripper_suite import GRIP, SCENE, GripperBench, calibrated_jaws
 from tests.contracts.test_a_new_sensor import Weighed
+from tests.contracts.test_persons import Fingertip
 from tests.wire.conftest import Serve
 
 
@@ -56,3 +68,83 @@ def test_lost_datagrams_are_counted_and_silence_ends_it(serve: Serve) -> None:
     (failed,) = crank.of(Failed)
     assert "no record" in failed.reason
     crank.device.close()
+
+
+def test_an_object_is_gripped_over_tcp_and_a_server_that_hangs_up_is_a_failure() -> None:
+    drive, lock, over = calibrated_jaws(), threading.Lock(), threading.Event()
+    widths = {"closed_width_m": SCENE.closed_width_m, "open_width_m": 0.068}
+    twin = EmulatedRobotiq(RobotiqSettings(port="-", **widths), SimpleNamespace(jaws=drive))
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        with server.accept()[0] as connection:
+            connection.settimeout(0.01)
+            while not over.is_set():
+                try:
+                    data = connection.recv(4096)
+                except TimeoutError:
+                    continue
+                with lock:
+                    answer = twin.receive(data, time.monotonic())
+                connection.sendall(answer)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    where = f"socket://127.0.0.1:{server.getsockname()[1]}"
+    settings = RobotiqSettings(port=where, reply_timeout_s=10.0, **widths)  # the machine may be busy
+
+    def change(scene: object) -> None:
+        with lock:
+            scene(drive)
+
+    bench = GripperBench(Robotiq("gripper", settings, WallClock()), WallClock(), change)
+    bench.place("mug")
+    bench.device.apply(Listen("gripper", frozenset({"gripper.width"})))
+    bench.device.apply(GRIP)
+    gripped = bench.until(Gripped)
+    assert gripped.object
+    assert abs(gripped.width_m - 0.039) < 0.3e-3
+    assert bench.blocks_of("gripper.width")
+    over.set()
+    thread.join(10.0)
+    assert "taken away" in bench.until(Failed).reason
+    bench.device.close()
+    server.close()
+
+
+@pytest.fixture
+def line(serve):
+    tip = Fingertip()
+    port = serve(EmulatedPerson(HandSettings(answer_s=0.05, weight_error=0.0), tip))
+    person = Crank(Person("operator", PersonSettings(port=port), serve.clock), serve.clock)
+    person.turn_s = 0.002
+    yield person, tip, port
+    person.device.close()
+
+
+def test_a_weight_hangs_before_it_is_called_loaded(line):
+    person, tip, _ = line
+    assert (person.info.model, list(person.info.streams)) == ("emulated person", ["operator.load"])
+    person.listen("operator.load")
+    asked_s = person.clock.now()
+    person.device.apply(LoadWeight("operator", "t", 0.5))
+    loaded = person.until(Loaded)
+    assert isinstance(person.statuses[-1], Sent)
+    assert tip.hangs["t"] == 0.5
+    assert (loaded.bridge, loaded.force_n) == ("t", 0.5)
+    assert asked_s + 0.05 <= loaded.t_s <= person.clock.now()
+    (block,) = person.blocks
+    assert block.values.tolist() == [[0.0, 0.0, 0.5]]
+    assert block.times[0] == loaded.t_s
+    person.device.apply(Ask("operator", "shut the door"))
+    assert person.device.question is None, "the console is not bothered by a person on a line"
+
+
+def test_a_line_that_is_pulled_is_a_failure_reported_once(line, serve):
+    person, _, port = line
+    person.device.apply(LoadWeight("operator", "x", 1.0))
+    serve.unplug(port)
+    assert "taken away" in person.until(Failed).reason
+    person.device.apply(LoadWeight("operator", "x", 1.0))
+    person.turn(0.05)
+    assert person.of(Failed) == []

@@ -6,14 +6,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.arm.axis import Axis
 from drivers.core.messages import (
     Command,
     Home,
     Listen,
     Lost,
     MoveAt,
-    MovePose,
     MoveTo,
     Reached,
     Refused,
@@ -45,24 +43,6 @@ def test_an_approach_a_stop_a_move_a_twist_and_home(hand: Callable[..., Hand]) -
     assert state["pose"] == pytest.approx(list(settings(one.emulated).start_pose), abs=1e-5)
     assert state["log"] == []
     assert not {"rtde_control", "rtde_receive"} & sys.modules.keys()
-
-
-def test_a_tool_moves_turns_and_comes_back_in_all_directions(hand: Callable[..., Hand]) -> None:
-    one = hand()
-    axis = Axis(settings(one.emulated))
-    offset = (0.01, -0.02, 0.01, 0.05, 0.0, 0.0)
-    reached = one.do(MovePose("arm", offset, 0.05), Reached)
-    assert reached.position_m == pytest.approx(-0.01, abs=1e-4)
-    assert one.emulated.order()["pose"] == pytest.approx(list(axis.displaced(offset)), abs=1e-5)
-    begin = np.array(one.emulated.order()["pose"][:3])
-    one.do(Twist("arm", (0.02, 0.0, 0.0, 0.0, 0.1, 0.0), 0.5), Reached)
-    # 10 mm; a cycle of 8 ms more or less, on a busy machine two.
-    assert np.array(one.emulated.order()["pose"][:3]) - begin == pytest.approx([0.01, 0.0, 0.0], abs=4e-4)
-    one.set_out(MovePose("arm", (-0.03, 0.0, 0.0, 0.0, 0.0, 0.0), 0.02))
-    one.do(Stop("arm"), Standstill)
-    one.do(MovePose("arm", (0.0,) * 6, 0.1), Reached)
-    assert one.emulated.order()["pose"] == pytest.approx(list(axis.pose(0.0)), abs=1e-5)
-    assert one.emulated.order()["log"] == []
 
 
 @pytest.mark.parametrize("rate_hz", [500.0, 125.0])
@@ -114,13 +94,6 @@ def test_closing_stops_the_arm_before_the_process_ends(hand: Callable[..., Hand]
     one.arm.close()
 
 
-def test_an_arm_can_be_opened_again_after_it_was_closed(hand: Callable[..., Hand]) -> None:
-    one = hand()
-    one.arm.close()
-    one.arm.open()
-    one.do(MoveTo("arm", 0.005, 0.05), Reached)
-
-
 @pytest.mark.parametrize(
     "command",
     [
@@ -161,21 +134,3 @@ def test_a_script_that_is_refused_later_keeps_home_from_recovering(hand: Callabl
     one.do(Home("arm"), Refused)
     one.emulated.order(accepts_scripts=True)
     one.do(Home("arm"), Reached)
-
-
-def test_motions_of_all_kinds_one_upon_the_other_leave_the_program_running(hand: Callable[..., Hand]) -> None:
-    one = hand()
-    for command in (
-        MoveAt("arm", 0.02, 0.04),
-        MoveTo("arm", -0.02, 0.05),
-        Twist("arm", (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 2.0),
-        Home("arm"),
-        MoveAt("arm", -0.02, -0.04),
-        Stop("arm"),
-        MoveTo("arm", 0.01, 0.05),
-    ):
-        one.arm.apply(command)
-        one.run(0.15)
-    while one.await_(Reached).position_m != pytest.approx(0.01, abs=1e-4):
-        pass
-    assert one.emulated.order()["log"] == []

@@ -98,19 +98,6 @@ def test_a_client_that_hangs_is_killed_and_replaced(hand: Callable[..., Hand]) -
     one.do(Home("arm"), Reached)
 
 
-def test_without_a_second_try_a_lost_client_is_a_failure_and_the_arm_stops_all_the_same(
-    hand: Callable[..., Hand],
-) -> None:
-    one = hand(reconnect_s=0.0)
-    one.set_out(MoveAt("arm", 0.02, 0.04))
-    os.kill(child(one), signal.SIGKILL)
-    one.await_(Failed)
-    state = one.emulated.until(resting)
-    assert any("watchdog" in line for line in state["log"])
-    # 20 mm/s for the watchdog's 0.1 s, and the way to rest.
-    assert state["runtime"] == "STOPPED"
-
-
 HOST = """
 import sys
 from simulator.wiring.bench_clock import BenchClock, ClockPage

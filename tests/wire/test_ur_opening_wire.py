@@ -6,11 +6,9 @@ from typing import Any
 
 import pytest
 
-from drivers.core.clock import WallClock
-from drivers.core.errors import PortError, RefusedError, SilentError
+from drivers.core.errors import RefusedError, SilentError
 from drivers.ur_arm.driver import UrArm
-from drivers.ur_arm.settings import UrArmSettings
-from tests.wire.emulated_ur import EmulatedUr, free_host
+from tests.wire.emulated_ur import EmulatedUr
 from tests.wire.ur_hand import settings
 
 
@@ -20,12 +18,6 @@ def refused(emulated: EmulatedUr, kind: type[Exception], message: str, **changes
         arm.open()
     assert "\n" not in str(caught.value)
     arm.close()
-
-
-def test_an_address_without_a_controller_is_a_port_error() -> None:
-    given = UrArmSettings(host=free_host(), start_pose=(0.4, 0.0, 0.2, 0.0, 3.14, 0.0))
-    with pytest.raises(PortError, match="nothing answers"):
-        UrArm("arm", given, WallClock()).open()
 
 
 def test_a_handshake_without_a_reply_is_given_up(emulated: EmulatedUr) -> None:
@@ -39,16 +31,6 @@ def test_a_controller_that_runs_no_script_is_a_refusal(emulated: EmulatedUr) -> 
 
 
 TOOL = {"tcp_offset": (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), "payload_kg": 1.25, "payload_cog_m": (0.0, 0.0, 0.05)}
-
-
-def test_an_arm_with_the_profile_s_tool_is_opened_and_records_it() -> None:
-    with EmulatedUr(**TOOL) as emulated:
-        arm = UrArm("arm", settings(emulated, **TOOL), emulated.clock)
-        details = arm.open().details
-        arm.close()
-        for name, value in TOOL.items():
-            assert details[name] == pytest.approx(value)
-        assert details["not_stated_by_the_profile"] == ()
 
 
 def test_an_arm_is_given_the_profile_s_tool_and_its_own_back() -> None:

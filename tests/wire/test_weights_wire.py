@@ -1,5 +1,13 @@
-"""B6 over the wire, short: with an emulated person, and with one at a terminal who pauses in the middle."""
+"""Short experiments over the wire: weights, a bench at rest, the pointer, the finger's."""
 
+import tomllib
+
+import numpy as np
+import pytest
+
+from config.quiet import quieted
+from config.script import run_trials
+from controller.campaign import EXIT_DONE
 from controller.recording.reader import open_run
 from tests.wire.terminal import Terminal
 
@@ -53,3 +61,96 @@ def test_a_person_at_a_terminal_answers_pauses_goes_on_and_ends_it(tmp_path):
     assert names.count("Loaded") == 2, "nothing and half a newton"
     assert (names.count("Paused"), names.count("Resumed")) == (1, 1)
     assert "the person says no" in run.manifest["exit"]["reason"]
+
+
+LAB = """extends = "emulated/transient"  # ours
+
+[detectors]
+ours.threshold = "? run.py quiet"
+"""
+
+
+def test_an_emulated_bench_at_rest_sets_the_threshold_of_its_finger(tmp_path, capsys):
+    lab = tmp_path / "lab.toml"
+    lab.write_text(LAB)
+    code = quieted(str(lab), {}, None, (), None, seconds=12.0, interval_s=3600.0, named=(), dry_run=False)
+    out, _ = capsys.readouterr()
+    assert code == 0
+    assert "contact: no threshold from rest" in out
+    # of a free finger the least of a normal deviate is 3.5, and 500 simulated approaches asked for 4.6
+    assert 3.5 < tomllib.loads(lab.read_text())["detectors"]["ours"]["threshold"] < 15.0
+    assert lab.read_text().startswith(LAB.partition("[")[0])
+
+
+POINTED = {
+    "behavior.angles_rad": "[0.0, 0.06]",  # the last touch is at zero: turning home is slow
+    "plant.surface_m": "0.0006",
+    "behavior.turn_rad_s": "0.12",
+    "behavior.rest_s": "0.1",
+    "behavior.record_s": "0.2",
+    "detectors.touch.baseline_s": "0.2",
+}
+
+
+def test_the_angle_of_the_contact_is_measured_over_the_wire(tmp_path):
+    from config.script import run_trials
+    from controller.reports.pointer import read_sweeps
+
+    outcome, run = run_trials(
+        "emulated/pointer",
+        [{"detectors.touch.threshold": 1.0}],
+        settings=POINTED,
+        out=tmp_path,
+        say=lambda line: None,
+    )
+    assert outcome.exit_code == 0, outcome.line
+    (sweep,) = read_sweeps([run])
+    assert [touch.going for touch in sweep.touches] == ["up", "up", "down", "down"]
+    # the emulated arm turns to what it was asked for within the drift of a twist's end, 1 % of a radian
+    assert [touch.true_rad for touch in sweep.touches] == pytest.approx([0.0, 0.06, 0.06, 0.0], abs=0.01)
+    # at 1 N the play opens no loop: what is left is the bridges' unequal hysteresis, below 0.7 degrees, and noise
+    assert sweep.errors.largest < 0.02
+    assert 1.0 < sweep.pressed_n < 2.5
+
+
+QUICK = {"behavior.settle_s": "0.5", "detectors.ours.baseline_s": "1.5", "plant.noise_scale": "0.2"}
+
+
+def row_of(name, folder, trial, settings):
+    outcome, run = run_trials(
+        f"emulated/{name}", [trial], settings=settings, out=folder, say=lambda line: None
+    )
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    (row,) = run.trials
+    return row, run.trial(row["trial"])
+
+
+def test_the_tendon_is_moved_and_recorded_over_the_wire(tmp_path):
+    sweep = {
+        # rest and sweep end with the baseline: of a sweep that was not learned every flexing is a contact
+        "behavior.rest_s": "1.0",
+        "behavior.sweep_m_s": "0.01",
+        "behavior.flexing_s": "1.0",
+        "detectors.following.baseline_s": "3.0",
+    }
+    trial = {"location": "f", "speed_m_s": 0.006435, "tendon_m_s": 0.002}
+    row, recording = row_of("flexion", tmp_path, trial, QUICK | sweep)
+    assert row["free_rise_hz"] > 2.0, "V.C: flexing raises the resonance"
+    tendon_m = recording.stream("board.tendon").values
+    assert np.ptp(tendon_m) > 0.002, "the sweep, and 1 s of flexing at 2 mm/s"
+
+
+def test_the_link_that_was_touched_is_identified_over_the_wire(tmp_path):
+    calm = QUICK | {"detectors.contact.baseline_s": "1.5", "detectors.contact.threshold_sigma": "8.0"}
+    row, recording = row_of("proximal", tmp_path, {"location": "f", "speed_m_s": 0.006435}, calm)
+    assert (row["outcome"], row["identified"]) == ("contact", "distal")
+    assert not recording.stream("board.distal").gaps
+
+
+def test_each_threshold_is_judged_on_what_arrived_over_the_wire(tmp_path):
+    # noise as it is: over a calmer baseline 100 sigma would stop the probe on its way
+    short = QUICK | {"detectors.contact.baseline_s": "1.5", "plant.noise_scale": "1.0"}
+    row, recording = row_of("tradeoff", tmp_path, {"location": "f", "speed_m_s": 0.011997}, short)
+    for sense in ("frequency", "amplitude", "phase", "all"):
+        assert row[f"{sense}_before"] < row[f"{sense}_later"], sense
+    assert not recording.stream("board.accelerometer").gaps

@@ -1,25 +1,38 @@
-"""Whole experiments through real serial drivers, ptys and emulated devices, and what pulls them down."""
+"""Whole approaches of stage and arm through real drivers, ptys and emulated devices, and what pulls them down."""
 
+import time
+from contextlib import closing
+
+import numpy as np
 import pytest
 
 from config.assemble import build_rig, start_emulator
 from config.profile import load_profile
-from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD
+from controller.campaign import EXIT_DEVICE, EXIT_DONE
 from controller.doctor import examine
 from controller.recording.reader import open_run
 from controller.rig import TrialScene
+from drivers.core.messages import Home, Listen, MoveAt, MoveTo, Reached, Stalled
+from tests.contracts.device_suite import Bench
 from tests.wire.wire_campaign import QUICK, run
+
+STAGE, ARM = "emulated/transient", "emulated/transient_arm"
 
 
 @pytest.fixture
-def emulated():
+def emulated(request):
     """A profile and an emulator of it that outlives the run, so that one can look at the bench afterwards."""
-    profile = load_profile("emulated/transient", QUICK)
-    emulator = start_emulator(profile)
-    yield profile, emulator
-    emulator.close()
+    name = getattr(request, "param", ARM)
+    profile = load_profile(name, {} if name == "emulated/centering" else QUICK)
+    with closing(start_emulator(profile)) as emulator:
+        yield profile, emulator
 
 
+def scene_of(profile):
+    return TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))
+
+
+@pytest.mark.parametrize("emulated", [STAGE, ARM], indirect=True)
 def test_an_approach_over_the_wire_ends_by_contact(emulated, tmp_path):
     profile, emulator = emulated
     outcome, hand = run(profile, emulator, tmp_path)
@@ -29,15 +42,24 @@ def test_an_approach_over_the_wire_ends_by_contact(emulated, tmp_path):
     (row,) = done.trials
     assert row["outcome"] == "contact"
     assert row["onset_s"] < row["detect_s"] < row["command_s"] < row["standstill_s"]
-    # 4.843 mm/s from the onset to the detection, through the stage's own positions and the board's own clock.
+    # 4.843 mm/s from the onset to the detection, through two devices' clocks, each known to a few milliseconds
     assert row["extent_m"] == pytest.approx(0.004843 * row["delay_s"], abs=6e-5)
-    force = done.trial(2).stream("board.load_cell")
-    assert not force.gaps
-    assert done.manifest["bench"] == "emulated"
-    assert done.manifest["clock"] == "held"
+    assert not done.trial(2).stream("board.load_cell").gaps
+    assert (done.manifest["bench"], done.manifest["clock"]) == ("emulated", "held")
+    if "arm" not in profile.devices:
+        return
+    position = done.trial(2).stream("arm.position")
+    at_m = float(np.interp(row["onset_s"], position.times_s, position.values[:, 0]))
+    # The finger's surface is at 3 mm, and swings towards the probe by up to half a millimetre.
+    assert 0.0024 < at_m < 0.0032
+    assert done.manifest["roles"]["mover"] == "arm"
+    assert done.manifest["devices"]["arm"]["link"]["rows"] > 500
+    assert emulator.endpoints["devices"]["arm"]["host"].startswith("127.0.0.")
 
 
-@pytest.mark.parametrize("device", ["board", "stage"])
+@pytest.mark.parametrize(
+    ("emulated", "device"), [(STAGE, "board"), (STAGE, "stage"), (ARM, "arm")], indirect=["emulated"]
+)
 def test_a_pulled_plug_stops_the_bench_and_says_which(emulated, tmp_path, device):
     profile, emulator = emulated
     outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": lambda: emulator.inject(device, "unplug")})
@@ -46,35 +68,98 @@ def test_a_pulled_plug_stops_the_bench_and_says_which(emulated, tmp_path, device
     assert "\n" not in outcome.line
     done = open_run(outcome.folder)
     assert done.trials[0]["outcome"] == "fault"
-    failed = [event for event in done.events if event["event"] == "Failed"]
-    assert failed[0]["device"] == device
-    if device == "board":
+    # The arm is tried again for a while, but not in this trial.
+    faults = [event for event in done.events if event["event"] in ("Failed", "Stalled")]
+    assert faults[0]["device"] == device
+    if device != "stage":
         assert emulator.scene()["probe_m_s"] == 0.0
     assert len(done.trial(2).stream("board.load_cell")) > 500, "what was measured is kept"
 
 
-def test_a_board_that_falls_silent_stops_the_stage(emulated, tmp_path):
+@pytest.mark.parametrize(
+    ("emulated", "device", "said"),
+    [(STAGE, "stage", "stalled"), (ARM, "arm", "protective stop")],
+    indirect=["emulated"],
+)
+def test_a_stall_ends_the_run(emulated, tmp_path, device, said):
     profile, emulator = emulated
-    outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": lambda: emulator.inject("board", "silent")})
-    assert outcome.exit_code in (EXIT_DEVICE, EXIT_GUARD)
-    assert "board" in outcome.line
+    # Under way: the state is reported before its command is given.
+    stall = {"APPROACH": lambda: emulator.inject(device, "stall", after_s=0.2)}
+    outcome, _ = run(profile, emulator, tmp_path, stall)
+    assert outcome.exit_code == EXIT_DEVICE
+    assert said in outcome.line
     assert emulator.scene()["probe_m_s"] == 0.0
 
 
-def test_a_stalled_stage_ends_the_run(emulated, tmp_path):
+@pytest.mark.parametrize(
+    ("emulated", "named", "there"),
+    [
+        (STAGE, ("board.load_cell", "stage.position"), {"probe_m": 0.0, "probe_m_s": 0.0}),
+        (ARM, ("arm.force", "UR5"), {"probe_m": -0.005, "probe_m_s": 0.0}),
+        (
+            "emulated/centering",
+            ("UR5", "SSG-48", "emulated recorder", "arm.position", "gripper.width", "audio.fingers"),
+            {"tool_x_m": -0.005, "width_m": 0.063},
+        ),
+    ],
+    indirect=["emulated"],
+)
+def test_the_doctor_reads_every_sensor_and_moves_nothing(emulated, named, there):
     profile, emulator = emulated
-    outcome, _ = run(profile, emulator, tmp_path, {"APPROACH": lambda: emulator.inject("stage", "stall")})
-    assert outcome.exit_code == EXIT_DEVICE
-    assert "stalled" in outcome.line, outcome.line
-
-
-def test_the_doctor_reads_every_sensor_and_moves_nothing(emulated):
-    profile, emulator = emulated
-    rig = build_rig(profile, emulator.endpoints)
-    findings = list(examine(rig, TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))))
-    rig.close()
+    with closing(build_rig(profile, emulator.endpoints)) as rig:
+        findings = list(examine(rig, scene_of(profile)))
     lines = "\n".join(finding.line for finding in findings)
     assert all(finding.verdict != "fail" for finding in findings), lines
-    assert "board.load_cell" in lines
-    assert "stage.position" in lines
-    assert emulator.scene() == {"probe_m": 0.0, "probe_m_s": 0.0}
+    assert [name for name in named if name not in lines] == []
+    scene = emulator.scene()
+    assert {name: scene[name] for name in there} == pytest.approx(there, abs=1e-9)
+
+
+@pytest.fixture
+def bench(emulated):
+    """The arm's, at the beginning of a trial; with its rig."""
+    profile, emulator = emulated
+    with closing(build_rig(profile, emulator.endpoints)) as rig:
+        rig.begin_trial(scene_of(profile))
+        yield Bench(rig), rig
+        for device in rig.devices.values():
+            device.close()
+
+
+def test_the_arm_feels_what_the_load_cell_feels(bench):
+    bench, _ = bench
+    for command in (Home("arm"), MoveTo("arm", 0.010, 0.015)):
+        bench.apply(command)
+        bench.until(Reached, "arm")
+    for name, stream in (("arm", "arm.force"), ("board", "board.load_cell")):
+        bench.apply(Listen(name, frozenset({stream})))
+    bench.turn(1.0)
+    felt = np.concatenate([block.values for block in bench.blocks_of("arm.force")]).mean(axis=0)
+    pressed_n = np.concatenate([block.physical for block in bench.blocks_of("board.load_cell")]).mean()
+    assert pressed_n > 0.15, "7 mm into the finger"
+    # Five standard errors of 500 samples of 0.5 N. The tool moves downwards, and the finger presses it upwards.
+    assert felt[:3] == pytest.approx([0.0, 0.0, pressed_n], abs=0.12)
+
+
+def test_a_loop_that_hangs_is_caught_by_the_arm_s_process_for_the_bench_goes_on_without_it(emulated, bench):
+    (profile, emulator), (bench, rig) = emulated, bench
+    bench.apply(Home("arm"))
+    bench.until(Reached, "arm")
+    bench.apply(MoveAt("arm", 0.001, 0.012))
+    bench.turn(0.2)
+    began_s = rig.clock.now()
+    assert emulator.scene()["probe_m_s"] == pytest.approx(0.001, rel=0.01)
+    # a real hang, on the wall's clock: the bench's patience, the process's, the time to brake
+    gone_s = time.monotonic() + 60.0
+    while emulator.scene()["probe_m_s"] != 0.0:
+        assert time.monotonic() < gone_s, "the arm goes on for ever"
+        time.sleep(0.05)
+    assert rig.clock.now() - began_s > profile.devices["arm"].settings.loop_timeout_s
+    bench.until(Stalled, "arm")
+
+
+def test_two_movers_do_not_share_a_probe():
+    two = {"devices.stage.driver": "zaber_stage", "devices.stage.port": "emulated"}
+    with pytest.raises(Exception, match="another mover carries it already") as refusal:
+        start_emulator(load_profile(ARM, two))
+    assert "\n" not in str(refusal.value)

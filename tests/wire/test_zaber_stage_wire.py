@@ -1,16 +1,15 @@
 """The real driver, with real pyserial, against the emulated stage on a pty."""
 
-import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from drivers.core.errors import SilentError
-from drivers.core.messages import Failed, Listen, MoveAt, Reached, Stop
+from drivers.core.messages import Failed, Stop
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
-from tests.unit.drivers.zaber_stage.stage_bench import EVERYTHING, STEP_M, StageBench, Wire
+from tests.unit.drivers.zaber_stage.stage_bench import StageBench, Wire
 
 
 class Bench(StageBench):
@@ -50,27 +49,6 @@ def test_after_a_failed_opening_the_port_is_free_again(serve: Any) -> None:
     assert stage.open().mover
     stage.close()
     stage.close()
-
-
-def test_an_approach_ends_at_its_limit(bench: Callable[..., Bench]) -> None:
-    b = bench()
-    b.begin(MoveAt("stage", 0.01, 0.002))
-    assert 0.002 - STEP_M < b.expect(Reached).position_m <= 0.002
-
-
-def test_positions_come_in_order_each_with_its_own_time(bench: Callable[..., Bench]) -> None:
-    b = bench()
-    b.stage.apply(Listen("stage", EVERYTHING))
-    b.begin(MoveAt("stage", 0.02, 0.004))
-    b.expect(Reached)
-    b.blocks += b.stage.read()
-    times_s = [t_s for block in b.blocks for t_s in block.times]
-    positions_m = [x for block in b.blocks for x in block.physical[:, 0]]
-    assert [block.seq for block in b.blocks] == [0, *itertools.accumulate(map(len, b.blocks))][:-1]
-    assert all(a < later for a, later in itertools.pairwise(times_s))
-    assert all(a <= later for a, later in itertools.pairwise(positions_m))
-    assert positions_m[-1] == pytest.approx(0.004, abs=STEP_M)
-    assert b.blocks[0].unit == "m"
 
 
 def test_a_pulled_plug_is_a_failure_and_a_stop_after_it_says_so_again(bench: Callable[..., Bench]) -> None:

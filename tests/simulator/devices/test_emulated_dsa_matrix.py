@@ -1,12 +1,19 @@
-"""The emulated controller, in the bytes of its command set."""
+"""The emulated matrices, hand and CAN adapter, by bytes."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
+from drivers.barrett_hand.strain import FingerStrainSettings
+from drivers.core.can_frame import CanFrame
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
+from simulator.devices.barrett_hand import EmulatedBarrettHand
+from simulator.devices.barrett_hand import counts as counts_of_hand
 from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, counts
+from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.fingertip_settings import Matrix
-from tests.steady import SteadyTexels
+from tests.steady import SteadyForces, SteadyTexels
 
 CELLS = np.arange(6) * 0.5
 
@@ -119,3 +126,151 @@ def test_texels_saturate_at_their_converters_ends() -> None:
 def test_faults_it_does_not_know_are_refused() -> None:
     with pytest.raises(ValueError, match="matrices know no fault 'stall'"):
         Line().matrices.inject("stall", 50.0)
+
+
+SETTINGS = FingerStrainSettings(newton_per_count=0.01, zero_counts=2000)
+
+
+@pytest.fixture
+def hand() -> EmulatedBarrettHand:
+    return EmulatedBarrettHand(SETTINGS, SteadyForces({11: 1.0, 12: -0.5, 13: 30.0}), asleep=False)
+
+
+def test_one_finger_answers_for_itself(hand: EmulatedBarrettHand) -> None:
+    answer = hand.receive(CanFrame(0x00B, b"\x19"), 0.0)
+    assert answer == [CanFrame(0x566, bytes.fromhex("99 00 34 08"))]  # 2100
+
+
+def test_all_fingers_answer_one_question_and_the_spread_has_no_gauge(hand: EmulatedBarrettHand) -> None:
+    answers = hand.receive(CanFrame(0x405, b"\x19"), 0.0)
+    assert [(frame.id, int.from_bytes(frame.data[2:], "little")) for frame in answers] == [
+        (0x566, 2100),
+        (0x586, 1950),
+        (0x5A6, 4095),
+    ]
+
+
+def test_a_finger_that_was_switched_on_answers_for_its_status_alone_until_it_was_woken() -> None:
+    hand = EmulatedBarrettHand(SETTINGS, SteadyForces({11: 1.0, 12: 0.0, 13: 0.0}))
+    status, strain = CanFrame(0x00B, b"\x05"), CanFrame(0x00B, b"\x19")
+    assert hand.receive(strain, 0.0) == []
+    assert hand.receive(status, 0.0) == [CanFrame(0x566, bytes.fromhex("85 00 00 00"))]
+    assert hand.receive(CanFrame(0x00B, bytes.fromhex("85 00 02 00 00 00")), 1.0) == []
+    assert hand.receive(status, 1.1) == hand.receive(strain, 1.1) == [], "it wakes"
+    assert hand.receive(status, 1.4) == [CanFrame(0x566, bytes.fromhex("85 00 02 00"))]
+    assert hand.receive(strain, 1.4) == [CanFrame(0x566, bytes.fromhex("99 00 34 08"))]
+    assert hand.receive(CanFrame(0x00C, b"\x19"), 1.4) == [], "the others sleep on"
+
+
+def test_frames_that_are_not_for_it_are_passed_over(hand: EmulatedBarrettHand) -> None:
+    for frame in (
+        CanFrame(0x00A, b"\x19"),
+        CanFrame(0x404, b"\x19"),
+        CanFrame(0x00B),
+        CanFrame(0x00B, b"\x07"),
+        CanFrame(0x00B, bytes.fromhex("AA 00 D0 01 01 00")),
+    ):
+        assert hand.receive(frame, 0.0) == []
+
+
+def test_gauges_saturate_at_their_converters_ends() -> None:
+    forces_n = np.array([-100.0, 0.0, 0.014, 100.0, np.nan])
+    assert counts_of_hand(forces_n, SETTINGS).tolist() == [0, 2000, 2001, 4095, 0]
+
+
+def test_faults_that_a_hand_does_not_know_are_refused(hand: EmulatedBarrettHand) -> None:
+    with pytest.raises(ValueError, match="a hand knows no fault 'stall'"):
+        hand.inject("stall", 0.0)
+    hand.inject("saturate", 0.0)
+    assert hand.receive(CanFrame(0x00B, b"\x19"), 0.0)[0].data[2:] == b"\0\0"
+    hand.inject("silent", 0.0)
+    assert hand.receive(CanFrame(0x00B, b"\x19"), 0.0) == []
+
+
+class Echo:
+    """Answers each frame with its data reversed, and sends frames of its own when set."""
+
+    def __init__(self) -> None:
+        self.received: list[CanFrame] = []
+        self.due: list[CanFrame] = []
+
+    def receive(self, frame: CanFrame, t_s: float) -> Sequence[CanFrame]:
+        self.received.append(frame)
+        return [CanFrame(frame.id + 1, frame.data[::-1])]
+
+    def step(self, t_s: float) -> Sequence[CanFrame]:
+        due, self.due = self.due, []
+        return due
+
+    def inject(self, kind: str, t_s: float) -> None:
+        if kind != "stall":
+            raise ValueError(kind)
+
+
+@pytest.fixture
+def echo() -> Echo:
+    return Echo()
+
+
+@pytest.fixture
+def adapter(echo: Echo) -> EmulatedSlcan:
+    opened = EmulatedSlcan(echo)
+    assert opened.receive(b"C\rS8\r\rO\r", 0.0) == b"\r\r\r\r"
+    return opened
+
+
+def test_a_frame_goes_out_and_its_answer_comes_back(adapter: EmulatedSlcan, echo: Echo) -> None:
+    assert adapter.receive(b"t07A5641401F4C0\r", 0.0) == b"z\rt07B5C0F4011464\r"
+    assert echo.received == [CanFrame(0x7A, bytes.fromhex("641401F4C0"))]
+
+
+def test_a_line_may_come_in_pieces(adapter: EmulatedSlcan, echo: Echo) -> None:
+    for byte in b"t1002ABCD\r":
+        answer = adapter.receive(bytes([byte]), 0.0)
+    assert answer == b"z\rt1012CDAB\r"
+
+
+def test_a_remote_frame_has_no_data(adapter: EmulatedSlcan, echo: Echo) -> None:
+    adapter.receive(b"r0320\r", 0.0)
+    assert echo.received == [CanFrame(0x32, remote=True)]
+
+
+def test_a_nodes_own_frames_come_while_the_channel_is_open(adapter: EmulatedSlcan, echo: Echo) -> None:
+    echo.due = [CanFrame(0x12)]
+    assert adapter.step(0.0) == b"t0120\r"
+    adapter.receive(b"C\r", 0.0)
+    echo.due = [CanFrame(0x12)]
+    assert adapter.step(0.0) == b""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"t07\r", b"t07A9\r", b"t07A2AB\r", b"tXYZ0\r", b"tFFF0\r", b"T0000007A0\r", b"q\r", b"O\r", b"S8\r"],
+)
+def test_what_it_does_not_do_is_refused_with_a_bell(adapter: EmulatedSlcan, echo: Echo, line: bytes) -> None:
+    assert adapter.receive(line, 0.0) == b"\a"
+    assert echo.received == []
+
+
+def test_a_closed_channel_carries_nothing(echo: Echo) -> None:
+    assert EmulatedSlcan(echo).receive(b"t07A0\r", 0.0) == b"\a"
+    assert echo.received == []
+
+
+def test_a_refused_frame_reaches_no_node(adapter: EmulatedSlcan, echo: Echo) -> None:
+    adapter.inject("bell", 0.0)
+    assert adapter.receive(b"t07A0\rt07C0\r", 0.0) == b"\az\rt07D0\r"
+    assert [frame.id for frame in echo.received] == [0x7C]
+
+
+def test_spoilt_lines_are_no_slcan(adapter: EmulatedSlcan) -> None:
+    adapter.inject("malformed", 0.0)
+    assert adapter.receive(b"t1002ABCD\r", 0.0) == b"z\rt?012CDAB\r"
+    adapter.inject("truncated", 0.0)
+    assert adapter.receive(b"t1002ABCD\r", 0.0) == b"z\rt1012CD\r"
+
+
+def test_faults_of_nodes_are_handed_on(adapter: EmulatedSlcan) -> None:
+    adapter.inject("stall", 0.0)
+    with pytest.raises(ValueError, match="nothing on this bus knows a fault 'melt'"):
+        adapter.inject("melt", 0.0)

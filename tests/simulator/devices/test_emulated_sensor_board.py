@@ -18,7 +18,7 @@ from drivers.sensor_board.codec import (
 )
 from drivers.sensor_board.framing import BoardFrameDecoder, frame
 from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
-from tests.unit.drivers.sensor_board.board_bench import PERIOD_S, Source
+from tests.unit.drivers.sensor_board.conftest import PERIOD_S, Source
 
 ACCELERATION, FORCE, PERIOD = 0, 1, 2
 

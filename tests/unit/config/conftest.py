@@ -1,10 +1,13 @@
-"""A bench of the small table of classes, and a profile on it."""
+"""Small profiles, and those that are shipped."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from config.profile import load_profile
 from controller import registry
 from tests.unit.config import touch_bench
 
@@ -50,3 +53,44 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str
     write_file("bench.toml", BENCH)
     write_file("touch.toml", TOUCH)
     return write_file
+
+
+COMPARED = {
+    "zaber_stage": {"microstep_m", "travel_m"},
+    "ur_arm": {"tcp_offset", "payload_kg", "payload_cog_m"},
+}
+"""Settings of a driver that the real device is held against at opening."""
+
+
+def on_the_mock_bench(devices: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The devices with the mock bench's ports, and without what a real device is held against."""
+    return {
+        name: {
+            **{key: value for key, value in device.items() if key not in COMPARED.get(device["driver"], ())},
+            "port": "mock",
+        }
+        for name, device in devices.items()
+    }
+
+
+PLAIN = {
+    "port": "/dev/nowhere",
+    "tcp_offset": [0.0, 0.0, 0.1, 0.0, 0.0, 0.0],
+    "payload_kg": 1.0,
+    "payload_cog_m": [0.0, 0.0, 0.05],
+    "microstep_m": 0.49609375e-6,
+    "travel_m": 0.0254,
+}
+"""Values of a lab for what the simulation has none of."""
+
+
+def lab_values(name: str) -> dict[str, str]:
+    """Values for all that a hardware profile leaves to the lab, as `--set` takes them; its ports lead nowhere."""
+    profile = load_profile(name)
+    found = {}
+    for path in profile.source.unset:
+        place: Any = profile.resolved
+        for key in path:
+            place = place[key]
+        found[".".join(path)] = json.dumps(PLAIN.get(path[-1], place))
+    return found

@@ -1,13 +1,14 @@
-"""The profiles of B6 and B7 on all three benches."""
+"""The shipped profiles of the fingertip (weights, pointer) and of the sonic fingers."""
 
 import pytest
 
 from config.profile import load_profile
+from config.source import ProfileError, read_source
 from controller.reports.papers import table
 
 
-def loaded(name):
-    return load_profile(name, {})
+def loaded(name, overrides=None):
+    return load_profile(name, overrides)
 
 
 @pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
@@ -45,3 +46,79 @@ def test_the_pointer_touches_with_several_forces_below_the_sensors_limit():
     forces = [trial.factors["detectors.touch.threshold"] for trial in loaded("mock/pointer").trials(0)]
     assert len(set(forces)) >= 3
     assert max(forces) < 10.0
+
+
+@pytest.mark.parametrize("bench", ["emulated", "hardware"])
+def test_other_benches_guard_forces_speeds_and_ways_as_the_mock_one_does(bench):
+    mock, other = (
+        read_source("mock/centering").data["limits"],
+        read_source(f"{bench}/centering").data["limits"],
+    )
+    assert {key: other[key] for key in mock} == mock
+
+
+def test_the_wire_has_sound_and_the_brackets_of_its_plant():
+    profile = loaded("emulated/centering")
+    assert profile.plant.settings.level == "carrier"
+    assert profile.devices["gripper"].settings.closed_width_m == profile.plant.settings.closed_width_m
+
+
+@pytest.mark.parametrize("bench", ["emulated", "hardware"])
+@pytest.mark.parametrize("experiment", ["centering", "pretouch"])
+def test_where_time_is_real_the_loop_turns_as_fast_as_it_does_by_itself(bench, experiment):
+    assert loaded(f"{bench}/{experiment}").loop.rate_hz == 200.0
+
+
+@pytest.mark.parametrize("listener", ["signals.left", "detectors.right_ours"])
+def test_a_listener_for_another_frequency_than_the_drives_is_refused(listener):
+    with pytest.raises(ProfileError) as refusal:
+        loaded("mock/centering", {f"{listener}.drive_hz": "41000.0"})
+    assert f"[{listener}] drive_hz = 41000.0: [behavior] has drive_hz = 40000.0" in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "line"),
+    [
+        (
+            "drive_hz",
+            "44000.0",
+            '[signals.left] drive_hz = 44000: 96000 frames a second with variant = "cic"',
+        ),
+        ("output_hz", "100.0", '[signals.left] output_hz = 100: variant = "cic" needs 375 at the least'),
+        ("output_hz", "700.0", "[signals.left] output_hz = 700: 96000 frames a second are no multiple of it"),
+    ],
+)
+def test_a_drive_that_the_chain_cannot_do_is_refused_with_the_profile(setting, value, line):
+    with pytest.raises(ProfileError) as refusal:
+        loaded("mock/centering", {"signals.left.variant": "cic", f"signals.left.{setting}": value})
+    assert line in str(refusal.value)
+
+
+def test_who_tracks_the_clocks_needs_a_rest_in_which_detectors_can_learn():
+    tracked = {"signals.left.clocks": "tracked"}
+    with pytest.raises(ProfileError) as refusal:
+        loaded("mock/centering", tracked)
+    (line,) = str(refusal.value).splitlines()
+    assert line.endswith(
+        "[behavior] baseline_s = 1.0: [signals.left] tracks for 1.01 s before it gives anything, and"
+        " [detectors.left_contact] learns for 0.3 s; make it 1.31 or longer"
+    )
+    assert loaded("mock/centering", tracked | {"behavior.baseline_s": "1.31"}).behavior.baseline_s == 1.31
+
+
+def test_a_bench_that_is_driven_at_another_frequency_throughout_is_taken():
+    wanted = {"behavior.drive_hz": "41000.0"}
+    listeners = (
+        "signals.left",
+        "signals.right",
+        *(f"detectors.{f}_{d}" for f in ("left", "right") for d in ("ours", "contact")),
+    )
+    profile = loaded("mock/centering", wanted | {f"{listener}.drive_hz": "41000.0" for listener in listeners})
+    assert profile.behavior.drive_hz == 41_000.0
+
+
+@pytest.mark.parametrize("experiment", ["pretouch", "touch"])
+def test_a_real_bench_is_run_a_side_at_a_time_as_the_gripper_is_not_turned_between_trials(experiment):
+    sides = {trial.factors["side"] for trial in loaded(f"hardware/{experiment}").trials(0)}
+    assert sides == {"normal"}
+    assert len({trial.factors["side"] for trial in loaded(f"mock/{experiment}").trials(0)}) == 5

@@ -12,7 +12,7 @@ from controller.registry import KINDS
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import RefusedError
 from tests.refusals import check_refusal, refused
-from tests.unit.config.shipped import lab_values
+from tests.unit.config.conftest import lab_values
 
 HARDWARE = [name for name in profile_names() if name.startswith("hardware/") and "bench" not in name]
 

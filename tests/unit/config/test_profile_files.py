@@ -1,9 +1,16 @@
-"""Finding profile files and joining what they extend."""
+"""Profiles as files and text: what joins them, hints at what was meant, values that are given and printed."""
+
+import tomllib
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from config.source import ProfileError, bench_of, nest, profile_names, read_source
-from tests.refusals import check_refusal
+from config.hints import did_you_mean, near_or_all, unknown_key
+from config.profile import load_profile
+from config.source import ProfileError, bench_of, nest, profile_names, read_source, to_toml, with_setting
+from controller.scales import si_unit
+from tests.refusals import check_refusal, refused
 
 
 def refusal(name, overrides=None):
@@ -128,3 +135,127 @@ def test_the_ports_make_the_bench(ports, bench):
 
 def test_dotted_keys_become_nested_tables():
     assert nest([("a.b", 1), ("a.c.d", 2), ("e", 3)]) == {"a": {"b": 1, "c": {"d": 2}}, "e": 3}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "known", "hint"),
+    [
+        ("speed_mm_s", 4.843, ["speed_m_s", "location"], "SI is meant: speed_m_s = 0.004843"),
+        ("settle_min", 1.5, ["settle_s"], "SI is meant: settle_s = 90"),
+        ("sample_khz", 1, ["sample_hz"], "SI is meant: sample_hz = 1000"),
+        ("force_lbf", 5, ["force_n"], "SI is meant: force_n = 22.2411"),
+        ("tilt_deg", 180, ["tilt_rad"], "SI is meant: tilt_rad = 3.14159"),
+        ("force_g", 100, ["force_n"], "SI is meant: force_n"),
+        ("force_mm", 2, ["force_n"], "SI is meant: force_n"),
+        ("speed_mm_s", "fast", ["speed_m_s"], "SI is meant: speed_m_s"),
+        ("speed_mm_s", True, ["speed_m_s"], "SI is meant: speed_m_s"),
+        ("speed", 4, ["speed_m_s"], "did you mean 'speed_m_s'?"),
+        ("averge_samples", 4, ["average_samples", "input"], "did you mean 'average_samples'?"),
+        ("colour", 4, ["input", "gamma"], "known: gamma, input"),
+        ("colour", 4, [], "known: none"),
+    ],
+)
+def test_an_unknown_key_is_answered_with_what_was_probably_meant(key, value, known, hint):
+    assert unknown_key(key, value, known) == hint
+
+
+def test_nothing_near_gives_no_hint():
+    assert did_you_mean("zzz", ["alpha", "beta"]) == ""
+
+
+def test_many_names_are_not_listed_in_full():
+    assert near_or_all("zzz", [f"name{i:02}" for i in range(40)]).endswith("name11, …")
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("speed_m_s", "m/s"),
+        ("a_m_s2", "m/s²"),
+        ("force_n", "N"),
+        ("sample_hz", "Hz"),
+        ("start_m", "m"),
+        ("location", ""),
+    ],
+)
+def test_the_unit_at_the_end_of_a_name_is_known(key, unit):
+    assert si_unit(key) == unit
+
+
+leaves = st.one_of(
+    st.booleans(),
+    st.integers(-(2**63), 2**63 - 1),
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.text(st.characters(codec="utf-8")),
+)
+values = st.recursive(
+    leaves,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3), st.dictionaries(st.text(st.characters(codec="utf-8")), inner, min_size=1)
+    ),
+    max_leaves=12,
+)
+
+
+@settings(max_examples=40)
+@given(table=st.dictionaries(st.text(st.characters(codec="utf-8")), values))
+def test_any_table_reads_back_as_it_was(table):
+    assert tomllib.loads(to_toml(table, lambda path: "somewhere")) == table
+
+
+def test_each_line_ends_with_where_its_value_came_from(write):
+    profile = load_profile("touch.toml", {"limits.force_n": "1.5"})
+    origins = profile.source.origins
+    lines = to_toml(profile.resolved, lambda path: origins.get(path, "default")).splitlines()
+    ends = {line.split(" = ")[0]: line.split("  # ")[-1] for line in lines if " = " in line and "# " in line}
+    assert ends["force_n"] == "--set"
+    assert ends["driver"] == "bench.toml"
+    assert ends["threshold_sigma"] == "touch.toml"
+    assert ends["average_samples"] == "default"
+
+
+def test_a_printed_profile_is_a_profile_with_the_same_hash(write):
+    profile = load_profile("touch.toml")
+    write("printed.toml", to_toml(profile.resolved, lambda path: "printed"))
+    assert load_profile("printed.toml").hash == profile.hash
+
+
+PATH = ("detectors", "touch", "threshold")
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ('extends = "x"  # why\n', 'extends = "x"  # why\n\n[detectors.touch]\nthreshold = 0.3  # new\n'),
+        (
+            "[detectors.touch]  # ours\nkind = 'a'\nthreshold = 1.0 # old\n[limits]\n",
+            "[detectors.touch]  # ours\nkind = 'a'\nthreshold = 0.3  # new\n[limits]\n",
+        ),
+        (
+            "[detectors.touch]\nkind = 'a'\n\n[limits]\nthreshold = 2\n",
+            "[detectors.touch]\nthreshold = 0.3  # new\nkind = 'a'\n\n[limits]\nthreshold = 2\n",
+        ),
+        (
+            "[detectors]\nother.threshold = 1\ntouch.threshold = '? how'\n",
+            "[detectors]\nother.threshold = 1\ntouch.threshold = 0.3  # new\n",
+        ),
+        ("detectors.touch.threshold = 1\n", "detectors.touch.threshold = 0.3  # new\n"),
+        ("[detectors.'touch']\nthreshold = 1", "[detectors.'touch']\nthreshold = 0.3  # new\n"),
+    ],
+)
+def test_it_is_given_where_it_stands_or_in_its_table(before, after):
+    assert with_setting(before, PATH, 0.3, "new") == after
+    assert tomllib.loads(after)["detectors"]["touch"]["threshold"] == 0.3
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[detectors]\ntouch = { threshold = 1.0 }\n",
+        "[detectors]\ntouch.kind = 'a'\n",
+        "title = '''\n[detectors.touch]\nthreshold = 1\n'''\n",
+    ],
+)
+def test_where_it_cannot_be_it_says_what_to_write(text):
+    with refused(ProfileError, "[detectors.touch]", "threshold = 0.3  # new"):
+        with_setting(text, PATH, 0.3, "new")

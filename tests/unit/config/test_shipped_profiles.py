@@ -5,7 +5,7 @@ import pytest
 from config.profile import load_profile
 from config.sections import referred
 from config.source import ProfileError, profile_names, read_source
-from tests.unit.config.shipped import on_the_mock_bench
+from tests.unit.config.conftest import on_the_mock_bench
 
 EXPERIMENTS = [name for name in profile_names() if "bench" not in name and not name.startswith("papers/")]
 

@@ -1,4 +1,4 @@
-"""Touches out of a recording whose angles are known by hand, and what their errors amount to."""
+"""Measures: touches of a pointer, contacts, sweeps, the sign of the first contact."""
 
 import math
 
@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from behaviors.chirp import ChirpSettings
+from behaviors.events import Contact
+from behaviors.first_contact import FirstContactSettings
+from behaviors.flexion import FlexionSettings
+from behaviors.transient import TransientSettings
+from controller.measures import chirp, first_contact, flexion
 from controller.measures.pointer import Touch, errors_of, touches_of, turned_rad
-from controller.measures.trial import spans_of
+from controller.measures.transient import measure
+from controller.measures.trial import TrialEvidence, spans_of
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock
 
@@ -131,3 +138,160 @@ def test_every_visit_to_a_state_has_its_span():
     visits = [("A", 0.0), ("B", 1.0), ("A", 2.0)]
     assert spans_of(visits, "A") == [(0.0, 1.0), (2.0, math.inf)]
     assert spans_of(visits, "C") == []
+
+
+STREAMS = (("board.load_cell", "N"), ("board.period", "s"), ("stage.position", "m"), ("board.tendon", "m"))
+
+
+class Silent:
+    inputs = ()
+
+
+def evidence(t_s, truth=None):
+    """One contact event; baseline to 2 s, approach and hold to 3 s, no force: every stream hardly changes."""
+    values = np.linspace(0.030, 0.031, 4000)[:, None]
+    recording = TrialRecording(1)
+    for stream, unit in STREAMS:
+        recording.add(SampleBlock(stream, 0, 0.0, values, rate_hz=1000.0, unit=unit))
+    entered_s = {"BASELINE": 0.0, "FLEXING": 1.0, "APPROACH": 2.0, "STOPPING": 2.9, "RETRACTING": 3.0}
+    return TrialEvidence(
+        factors={},
+        recording=recording,
+        events=[Contact(t_s, "contact", 29.0, 28.5)],
+        entered_s=entered_s,
+        visits=list(entered_s.items()),
+        truth=truth,
+        detectors={"contact": Silent()},
+    )
+
+
+def test_an_event_from_just_before_the_approach_that_stops_it_is_a_false_contact():
+    outcome, row = measure(evidence(1.99), TransientSettings(), "contact")
+    assert (outcome, row["false_contacts"], row["detect_s"]) == ("false_contact", 1, 1.99)
+
+
+BY_TIME = pytest.mark.parametrize(("t_s", "false"), [(2.7, 0), (2.5, 0), (2.4991, 0), (2.4989, 1), (2.45, 1)])
+TOUCH = [(2.5, True), (3.1, False)]
+
+
+@BY_TIME
+def test_a_contact_more_than_a_step_before_the_touch_is_false(t_s, false):
+    outcome, row = measure(evidence(t_s, TOUCH), TransientSettings(), "contact")
+    assert (outcome, row["false_contacts"]) == ("false_contact" if false else "contact", false)
+
+
+@BY_TIME
+def test_flexion_counts_a_contact_more_than_a_step_before_the_touch_as_false(t_s, false):
+    _, row = flexion.measure(evidence(t_s, TOUCH), FlexionSettings(), "contact")
+    assert (row["contact_false"], row["contact_blind"]) == (false, false)
+    assert row["contact_event_s"] == (None if false else pytest.approx(max(0.0, t_s - 2.5)))
+
+
+@pytest.mark.parametrize(("noise_n", "told"), [(0.0002, True), (0.003, False)])
+def test_a_real_load_cell_whose_noise_reaches_the_onset_shows_none(noise_n, told):
+    found = evidence(2.7)
+    force_n = np.random.default_rng(1).normal(0.0, noise_n, 4000)
+    force_n[2500:] += 0.2
+    found.recording = TrialRecording(1)
+    for stream, unit in STREAMS:
+        values = force_n if stream == "board.load_cell" else np.linspace(0.030, 0.031, 4000)
+        found.recording.add(SampleBlock(stream, 0, 0.0, values[:, None], rate_hz=1000.0, unit=unit))
+    outcome, row = measure(found, TransientSettings(), "contact")
+    assert outcome == "contact"
+    assert row["delay_s"] == (pytest.approx(0.2, abs=0.002) if told else None)
+    assert row["false_contacts"] == (0 if told else None)
+
+
+@pytest.mark.parametrize(
+    ("push_n", "judged"), [(0.2, ("contact", 0)), (-0.2, ("wrong_sign", None)), (0.0, ("false_contact", 1))]
+)
+def test_a_real_load_cell_that_reads_a_push_as_negative_has_the_wrong_sign(push_n, judged):
+    found = evidence(2.7)
+    force_n = np.random.default_rng(1).normal(0.0, 2e-4, 4000)
+    force_n[2500:] += push_n
+    found.recording = TrialRecording(1)
+    for stream, unit in STREAMS:
+        values = force_n if stream == "board.load_cell" else np.linspace(0.030, 0.031, 4000)
+        found.recording.add(SampleBlock(stream, 0, 0.0, values[:, None], rate_hz=1000.0, unit=unit))
+    outcome, row = measure(found, TransientSettings(), "contact")
+    assert (outcome, row["false_contacts"]) == judged
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.06])
+def test_the_best_frequency_is_where_most_comes_back_however_late_it_comes(late_s):
+    """The order stands at 0.1 s; 60 ms of buffers and latency are 1.6 kHz of this sweep."""
+    settings = ChirpSettings(duration_s=1.0)
+    times_s = np.arange(0, 1.4, 1.0 / 96_000.0)
+    swept_s = times_s - 0.1 - late_s
+    f_hz = 20_000.0 + 26_000.0 * swept_s
+    gain = 1.0 / np.sqrt(1.0 + ((f_hz - 39_500.0) / 1000.0) ** 2)
+    tone = np.where(
+        (swept_s >= 0) & (swept_s < 1.0),
+        gain * np.sin(2 * np.pi * (20_000.0 * swept_s + 13_000.0 * swept_s**2)),
+        0.0,
+    )
+    recording = TrialRecording(1)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal((len(tone), 2))
+    recording.add(
+        SampleBlock("audio.fingers", 0, 0.0, tone[:, None] * [1.0, 0.5] + noise, rate_hz=96_000.0, unit="FS")
+    )
+    evidence = TrialEvidence({}, recording, entered_s={"SWEEPING": 0.1, "RINGING": 1.1 + late_s})
+    _, row = chirp.measure(evidence, settings, "swept")
+    assert row["best_hz"] == pytest.approx(39_500.0, abs=chirp.STEP_HZ)
+    # half a band, and a millisecond of 26 kHz a second
+    assert row["unsure_hz"] == pytest.approx(125.0 + 26.0)
+    assert row["band_low_hz"] == pytest.approx(38_500.0, abs=2 * chirp.STEP_HZ)
+    assert row["band_high_hz"] == pytest.approx(40_500.0, abs=2 * chirp.STEP_HZ)
+    # (1 + 1/4) / 2 over twice the noise's variance
+    assert row["over_noise_db"] == pytest.approx(10 * math.log10(0.625 / 2e-6), abs=1.0)
+
+
+def test_a_sweep_that_a_pause_broke_off_is_not_taken_for_silence():
+    """A loud tone in the first second, silence from 2 s, the sweep from 3 s on."""
+    times_s = np.arange(0.0, 4.2, 1.0 / 96_000.0)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(len(times_s))
+    sound = np.where((times_s < 1.0) | ((times_s >= 3.0) & (times_s < 4.0)), np.sin(2e5 * times_s), 0.0)
+    recording = TrialRecording(1)
+    values = np.column_stack([sound + noise] * 2)
+    recording.add(SampleBlock("audio.fingers", 0, 0.0, values, rate_hz=96_000.0, unit="FS"))
+    evidence = TrialEvidence({}, recording, entered_s={"SILENT": 2.0, "SWEEPING": 3.0, "RINGING": 4.0})
+    _, row = chirp.measure(evidence, ChirpSettings(duration_s=1.0), "swept")
+    # half a square over the noise's variance
+    assert row["over_noise_db"] == pytest.approx(10 * math.log10(0.5 / 1e-6), abs=1.0)
+
+
+def test_a_sweep_that_did_not_come_to_its_end_gives_no_frequency():
+    recording = TrialRecording(1)
+    recording.add(SampleBlock("audio.fingers", 0, 0.0, np.ones((96_000, 2)), rate_hz=96_000.0, unit="FS"))
+    evidence = TrialEvidence({}, recording, entered_s={"SILENT": 0.0, "SWEEPING": 0.2, "FAILED": 0.9})
+    assert chirp.measure(evidence, ChirpSettings(), "fault") == ("fault", dict.fromkeys(chirp.COLUMNS))
+
+
+def test_a_sweep_downwards_is_a_mistake_of_the_profile():
+    with pytest.raises(ValueError, match="from_hz must be below to_hz"):
+        ChirpSettings(from_hz=46_000.0, to_hz=20_000.0)
+
+
+@pytest.mark.parametrize(("sign", "outcome"), [(1.0, "contact"), (-1.0, "wrong_sign")])
+def test_pressing_reads_positive(sign, outcome):
+    force_n = np.zeros((4000, 1))
+    force_n[2500:3000] = sign * 0.2
+    recording = TrialRecording(1)
+    for stream, unit, values in [
+        ("board.load_cell", "N", force_n),
+        ("stage.position", "m", np.zeros((4000, 1))),
+    ]:
+        recording.add(SampleBlock(stream, 0, 0.0, values, rate_hz=1000.0, unit=unit))
+    entered_s = {"BASELINE": 0.0, "APPROACH": 2.0, "STOPPING": 2.6}
+    evidence = TrialEvidence(
+        factors={},
+        recording=recording,
+        events=[Contact(2.51, "contact", 0.2, 0.02)],
+        entered_s=entered_s,
+        visits=list(entered_s.items()),
+        truth=None,
+        detectors={},
+    )
+    found, row = first_contact.measure(evidence, FirstContactSettings(), "contact")
+    assert found == outcome
+    assert row["force_peak_n"] == pytest.approx(0.2)

@@ -1,4 +1,7 @@
+"""Recordings: what is in a file, whole, cut off and repaired; its streams as series."""
+
 import io
+import shutil
 import zlib
 
 import numpy as np
@@ -7,17 +10,20 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Chunk, Footer, Metadata
 
 from controller.recording.mcap_file import (
     LARGEST_CHUNK_BYTES,
     ChunkPlace,
     McapWriter,
+    close_cut,
     messages,
     records,
     topics,
 )
+from controller.recording.series import Gap, Span, TrialRecording
+from drivers.core.messages import SampleBlock
 
 
 def write(path, *, chunks=3, per_chunk=4):
@@ -127,3 +133,145 @@ def test_a_chunk_that_unpacks_to_more_than_it_claims_or_than_any_of_ours_is_not_
     path.write_bytes(record)
     with pytest.raises(ValueError, match=f"it unpacks to {size} bytes instead of {claimed}"):
         list(messages(path, ChunkPlace(9, len(record) - 9)))
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory):
+    path = tmp_path_factory.mktemp("mcap") / "recording.mcap"
+    return write(path), path.read_bytes()
+
+
+def by_the_library(data):
+    """What both of the library's readers find, and the summary's own count."""
+    reader = make_reader(io.BytesIO(data), validate_crcs=True)
+    sought = [message.data for _, _, message in reader.iter_messages()]
+    streamed = [message.data for _, _, message in NonSeekingReader(io.BytesIO(data)).iter_messages()]
+    assert streamed == sought
+    assert reader.get_summary().statistics.message_count == len(sought)
+    assert {each.topic for each in reader.get_summary().channels.values()} <= {"/a"}
+    return sought
+
+
+def test_a_file_cut_at_any_byte_is_closed_with_all_that_is_whole_in_it(tmp_path, closed):
+    written, data = closed
+    path = tmp_path / "recording.mcap"
+    reader = make_reader(io.BytesIO(data))
+    end = reader.get_summary().chunk_indexes[-1]
+    last = end.chunk_start_offset + end.chunk_length + end.message_index_length
+    for cut in range(8, last + 30):
+        path.write_bytes(data[:cut])
+        before, footer = read(path)
+        assert not footer
+        assert close_cut(path)
+        assert read(path) == (before, True)
+        assert by_the_library(path.read_bytes()) == before
+    assert before == written
+
+
+def test_a_whole_file_is_left_alone(tmp_path, closed):
+    path = tmp_path / "recording.mcap"
+    path.write_bytes(closed[1])
+    assert not close_cut(path)
+    assert path.read_bytes() == closed[1]
+
+
+def test_a_file_is_closed_once(tmp_path, closed):
+    path = tmp_path / "recording.mcap"
+    path.write_bytes(closed[1][:-60])
+    assert [close_cut(path), close_cut(path)] == [True, False]
+
+
+def test_a_file_that_is_being_written_is_left_alone(tmp_path):
+    path = tmp_path / "recording.mcap"
+    writer = McapWriter(path)
+    writer.add_metadata("trial", {})
+    before = path.read_bytes()
+    assert not close_cut(path)
+    assert path.read_bytes() == before
+    writer.abandon()
+    assert close_cut(path)
+
+
+def test_a_file_that_cannot_be_closed_stays_as_it_was(tmp_path, closed, monkeypatch):
+    path = tmp_path / "recording.mcap"
+    path.write_bytes(closed[1][:-60])
+
+    def full(self):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(McapWriter, "finish", full)
+    with pytest.raises(OSError, match="No space left"):
+        close_cut(path)
+    assert [each.name for each in tmp_path.iterdir()] == ["recording.mcap"]
+    assert path.read_bytes() == closed[1][:-60]
+
+
+def test_a_file_whose_last_chunk_is_damaged_stays_as_it_was(tmp_path, closed):
+    path = tmp_path / "recording.mcap"
+    data = bytearray(closed[1])
+    end = make_reader(io.BytesIO(closed[1])).get_summary().chunk_indexes[-1]
+    data[end.chunk_start_offset + end.chunk_length - 3] ^= 0xFF
+    path.write_bytes(data[: end.chunk_start_offset + end.chunk_length])
+    shutil.copy(path, tmp_path / "before")
+    with pytest.raises(Exception, match=r"checksum|decompress"):
+        close_cut(path)
+    assert path.read_bytes() == (tmp_path / "before").read_bytes()
+
+
+def block(seq, count, *, rate_hz=1000.0):
+    values = np.arange(seq, seq + count, dtype=np.int32).reshape(-1, 1)
+    return SampleBlock("board.load_cell", seq, seq / rate_hz, values, rate_hz, unit="N", scale=0.5)
+
+
+def recorded(*blocks):
+    recording = TrialRecording(1)
+    for each in blocks:
+        recording.add(each)
+    return recording
+
+
+def test_a_stream_is_its_blocks_in_its_unit():
+    series = recorded(block(0, 3), block(3, 2)).stream("board.load_cell")
+    assert series.unit == "N"
+    assert series.values[:, 0].tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert np.allclose(series.times_s, np.arange(5) / 1000, atol=1e-15)
+    assert series.gaps == ()
+
+
+def test_a_lost_block_is_a_gap_with_the_number_of_samples_that_are_missing():
+    series = recorded(block(0, 10), block(15, 5)).stream("board.load_cell")
+    assert series.gaps == (Gap(0.009, 0.015, 5),)
+
+
+def test_a_skipped_span_is_no_loss():
+    recording = recorded(block(0, 10), block(1000, 5))
+    recording.skip("board.load_cell", 0.010, 1.0)
+    series = recording.stream("board.load_cell")
+    assert series.gaps == ()
+    assert series.skipped == (Span(0.010, 1.0),)
+
+
+def test_a_skipped_span_excuses_no_loss_elsewhere():
+    recording = recorded(block(0, 10), block(1000, 5), block(1010, 5))
+    recording.skip("board.load_cell", 0.010, 1.0)
+    assert recording.stream("board.load_cell").gaps == (Gap(1.004, 1.01, 5),)
+
+
+def test_a_stream_that_was_not_recorded_is_empty():
+    series = recorded().stream("board.load_cell")
+    assert len(series) == 0
+    assert series.values.shape == (0, 1)
+
+
+def test_between_takes_the_first_instant_and_leaves_the_last():
+    series = recorded(block(0, 10), block(20, 10)).stream("board.load_cell")
+    part = series.between(0.002, 0.005)
+    assert np.allclose(part.times_s, [0.002, 0.003, 0.004], atol=1e-15)
+    assert part.gaps == ()
+    assert len(series.between(0.0, 0.1).gaps) == 1
+
+
+def test_empty_blocks_change_nothing():
+    recording = recorded(block(0, 2), block(2, 0), block(2, 2))
+    assert len(recording.stream("board.load_cell")) == 4
+    assert len(recording.blocks("board.load_cell")) == 3

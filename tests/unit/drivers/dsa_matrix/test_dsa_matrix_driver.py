@@ -14,7 +14,7 @@ from drivers.dsa_matrix.packets import MatrixPacket, encode_packet
 from simulator.physics.fingertip_settings import Matrix
 from tests.contracts.matrix_suite import MatrixContract, steady
 from tests.refusals import refused
-from tests.unit.drivers.dsa_matrix.dsa_bench import Bench
+from tests.unit.drivers.dsa_matrix.conftest import Bench
 
 TEXELS = "dsa.taxels"
 ALL = Listen("dsa", frozenset({TEXELS}))

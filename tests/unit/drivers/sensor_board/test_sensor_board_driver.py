@@ -26,7 +26,7 @@ from drivers.core.messages import (
 from drivers.sensor_board.codec import BoardCode, BoardReply, BoardSamples, CommandFrame, decode, encode
 from drivers.sensor_board.framing import BoardFrameDecoder, frame
 from tests.refusals import refused
-from tests.unit.drivers.sensor_board.board_bench import Bench, Source
+from tests.unit.drivers.sensor_board.conftest import Bench, Source
 
 FORCE = "board.load_cell"
 ACCELERATION = "board.accelerometer"
