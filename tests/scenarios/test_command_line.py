@@ -3,17 +3,13 @@
 import errno
 import json
 import os
-import pty
 import re
-import select
 import shutil
 import signal
 import subprocess
 import sys
-import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,6 +17,7 @@ from config.source import profile_names, read_source
 from run import cli
 from tests.refusals import check_refusal
 from tests.unit.config.conftest import lab_values
+from tests.wire.terminal import Terminal
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
@@ -358,14 +355,6 @@ ENDLESS = ["run", "mock/transient", "--set", "trials.repeats=2000", *QUICK]
 """So many trials that no test sees the last one."""
 
 
-def _wait_for(text, read):
-    seen, end = "", time.monotonic() + PATIENCE_S
-    while text not in seen:
-        assert time.monotonic() < end, f"{text!r} never came; seen: {seen[-500:]!r}"
-        seen += read(end - time.monotonic())
-    return seen
-
-
 def test_without_a_terminal_the_first_signal_aborts_with_130_and_a_report(tmp_path):
     streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with started(*ENDLESS, "--out", tmp_path, **streams) as process:
@@ -381,47 +370,12 @@ def test_without_a_terminal_the_first_signal_aborts_with_130_and_a_report(tmp_pa
 
 
 def test_on_a_terminal_ctrl_c_pauses_enter_resumes_and_twice_aborts(tmp_path):
-    hand, terminal = pty.openpty()
-    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"}
-    streams: dict[str, Any] = {"stdin": terminal, "stdout": terminal, "stderr": subprocess.PIPE}
-    # A session of its own, whose terminal this is: Ctrl+C is then the key 0x03, as at a keyboard.
-    command = [sys.executable, "-c", _CONTROLLED, str(ROOT / "run.py"), *ENDLESS, "--no-report"]
-    command += ["--out", str(tmp_path)]
-    process = subprocess.Popen(
-        command, cwd=ROOT, text=True, env=environment, start_new_session=True, **streams
-    )
-    os.close(terminal)
-
-    def read(seconds):
-        ready, _, _ = select.select([hand], [], [], max(seconds, 0.0))
-        return os.read(hand, 65536).decode(errors="replace") if ready else ""
-
-    try:
-        _wait_for(" of 28000 trials", read)
-        _wait_for("contact", read)
-        os.write(hand, b"\x03")
-        _wait_for("Enter goes on", read)
-        os.write(hand, b"\n")
-        _wait_for("Ctrl+C pauses", read)
-        os.write(hand, b"\x03")
-        _wait_for("Enter goes on", read)
-        os.write(hand, b"\x03")
-        end = time.monotonic() + PATIENCE_S
-        while process.poll() is None and time.monotonic() < end:
-            with suppress(OSError):  # the program has left its terminal
-                read(0.1)
-        assert process.poll() == 130
-        assert "interrupted" in process.stderr.read()
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.wait()
-        process.stderr.close()
-        os.close(hand)
-
-
-_CONTROLLED = """
-import fcntl, os, sys, termios
-fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
-"""
+    terminal = Terminal([*ENDLESS, "--no-report", "--out", str(tmp_path)])
+    terminal.until(" of 28000 trials", PATIENCE_S)
+    terminal.until("contact", PATIENCE_S)
+    for key, answer in ((b"\x03", "Enter goes on"), (b"\n", "Ctrl+C pauses"), (b"\x03", "Enter goes on")):
+        terminal.press(key)
+        terminal.until(answer, PATIENCE_S)
+    terminal.press(b"\x03")
+    terminal.until("interrupted", PATIENCE_S)
+    assert terminal.close() == 130

@@ -73,111 +73,53 @@ def slipping(stream, name, *thresholds):
     return ARM | LIMITS | asked | set(stream) | {f"detectors.{each}.threshold" for each in thresholds}
 
 
+HALF_FULL = {"behavior.light_m", "behavior.full_m"}
+HELD = ARM | LIMITS | GRIPPER | {AUDIO}
+TOUCHED = HELD | PRETOUCH | {"detectors.contact_ours.threshold"}
+FIRST = {BOARD, "limits.travel_m", "detectors.contact.threshold", APPROACH}
+FINGER = STAGE | LIMITS | {BOARD}
+
 CASES = [
-    (
-        "hardware/first_contact",
-        {},
-        {"stage", "board", "operator"},
-        STAGE | {BOARD, "limits.travel_m", "detectors.contact.threshold", APPROACH},
+    ("first_contact", {}, "stage board operator", STAGE | FIRST),
+    ("chirp", {}, "audio", {AUDIO}),
+    ("weights", {}, "board operator", {BOARD}),
+    ("static", {}, "stage board", FINGER | HALF_FULL),
+    ("stiffness", {}, "stage board", FINGER | HALF_FULL),
+    ("locating", {}, "stage board", FINGER | {"behavior.full_m"}),
+    ("flexion", {}, "stage board", FINGER | {WAVEFORM, APPROACH, "behavior.flexed_m"}),
+    ("proximal", {}, "stage board", FINGER | {WAVEFORM, APPROACH}),
+    ("tradeoff", {}, "stage board", FINGER | {WAVEFORM, APPROACH}),
+    ("transient", {}, "stage board", FINGER | {WAVEFORM, APPROACH}),
+    ("transient_arm", {}, "arm board", ARM | LIMITS | {BOARD, WAVEFORM, APPROACH}),
+    ("pointer", {}, "arm board", ARM | LIMITS | {BOARD, TIP}),
+    *(
+        ("slip", sensor(name), devices, slipping(streams, name, *thresholds.split()))
+        for name, devices, streams, thresholds in (
+            ("fingertip", "arm board", {BOARD, TIP}, "touch_fingertip fingertip_ours"),
+            ("barrett_finger", "arm hand", {"devices.hand.port"}, "touch_arm barrett_paper barrett_ours"),
+            ("wrist", "arm", (), "touch_arm wrist_paper wrist_ours"),
+            ("dsa", "arm matrix", {"devices.matrix.port"}, "touch_dsa dsa_paper dsa_ours"),
+        )
     ),
-    ("hardware/chirp", {}, {"audio"}, {AUDIO}),
-    ("hardware/weights", {}, {"board", "operator"}, {BOARD}),
+    *((name, {}, "arm gripper audio", HELD | PRETOUCH) for name in ("pretouch", "pretouch_y", "pretouch_z")),
+    *((name, {}, "arm gripper audio", TOUCHED) for name in ("touch", "objects")),
     (
-        "hardware/static",
+        "border",
         {},
-        {"stage", "board"},
-        STAGE | LIMITS | {BOARD, "behavior.light_m", "behavior.full_m"},
-    ),
-    (
-        "hardware/stiffness",
-        {},
-        {"stage", "board"},
-        STAGE | LIMITS | {BOARD, "behavior.light_m", "behavior.full_m"},
-    ),
-    ("hardware/locating", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, "behavior.full_m"}),
-    (
-        "hardware/flexion",
-        {},
-        {"stage", "board"},
-        STAGE | LIMITS | {BOARD, WAVEFORM, APPROACH, "behavior.flexed_m"},
-    ),
-    ("hardware/proximal", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM, APPROACH}),
-    (
-        "hardware/tradeoff",
-        {},
-        {"stage", "board"},
-        STAGE | LIMITS | {BOARD, WAVEFORM, "behavior.approach_limit_m"},
-    ),
-    ("hardware/transient", {}, {"stage", "board"}, STAGE | LIMITS | {BOARD, WAVEFORM, APPROACH}),
-    ("hardware/transient_arm", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, WAVEFORM, APPROACH}),
-    ("hardware/pointer", {}, {"arm", "board"}, ARM | LIMITS | {BOARD, TIP}),
-    (
-        "hardware/border",
-        {},
-        {"arm", "board"},
+        "arm board",
         slipping({BOARD, TIP}, "fingertip", "touch_fingertip", "fingertip_ours", "border"),
     ),
-    (
-        "hardware/slip",
-        sensor("fingertip"),
-        {"arm", "board"},
-        slipping({BOARD, TIP}, "fingertip", "touch_fingertip", "fingertip_ours"),
-    ),
-    (
-        "hardware/slip",
-        sensor("barrett_finger"),
-        {"arm", "hand"},
-        slipping({"devices.hand.port"}, "barrett_finger", "touch_arm", "barrett_paper", "barrett_ours"),
-    ),
-    (
-        "hardware/slip",
-        sensor("wrist"),
-        {"arm"},
-        slipping((), "wrist", "touch_arm", "wrist_paper", "wrist_ours"),
-    ),
-    (
-        "hardware/slip",
-        sensor("dsa"),
-        {"arm", "matrix"},
-        slipping({"devices.matrix.port"}, "dsa", "touch_dsa", "dsa_paper", "dsa_ours"),
-    ),
-    ("hardware/pretouch", {}, {"arm", "gripper", "audio"}, ARM | LIMITS | GRIPPER | PRETOUCH | {AUDIO}),
-    (
-        "hardware/touch",
-        {},
-        {"arm", "gripper", "audio"},
-        ARM | LIMITS | GRIPPER | PRETOUCH | {AUDIO, "detectors.contact_ours.threshold"},
-    ),
-    *(
-        (f"hardware/{name}", {}, {"arm", "gripper", "audio"}, ARM | LIMITS | GRIPPER | PRETOUCH | {AUDIO})
-        for name in ("pretouch_y", "pretouch_z")
-    ),
-    (
-        "hardware/objects",
-        {},
-        {"arm", "gripper", "audio"},
-        ARM | LIMITS | GRIPPER | PRETOUCH | {AUDIO, "detectors.contact_ours.threshold"},
-    ),
-    (
-        "hardware/centering",
-        {"trials.grid.method": '["paper"]'},
-        {"arm", "gripper", "audio"},
-        ARM | LIMITS | GRIPPER | {AUDIO} | CENTERING,
-    ),
-    (
-        "hardware/grasp",
-        {},
-        {"arm", "gripper", "audio", "board"},
-        ARM | LIMITS | GRIPPER | {AUDIO, BOARD} | GRASP,
-    ),
+    ("centering", {"trials.grid.method": '["paper"]'}, "arm gripper audio", HELD | CENTERING),
+    ("grasp", {}, "arm gripper audio board", HELD | {BOARD} | GRASP),
 ]
 """Profile, what is chosen of it, what is opened, and which values the lab has to give for that."""
 
 
 @pytest.mark.parametrize(("name", "choice", "devices", "values"), CASES)
 def test_a_hardware_profile_opens_and_asks_for_what_its_trials_use(name, choice, devices, values):
+    name = f"hardware/{name}"
     given = lab_values(name)
-    assert opened(name, given | choice) == devices
+    assert opened(name, given | choice) == set(devices.split())
     needless = {key: value for key, value in given.items() if key not in values}
     asked = missing(name, needless | choice)
     assert asked == values
@@ -185,7 +127,7 @@ def test_a_hardware_profile_opens_and_asks_for_what_its_trials_use(name, choice,
 
 
 def test_every_hardware_profile_is_among_them():
-    assert {name for name, *_ in CASES} == set(HARDWARE)
+    assert {f"hardware/{name}" for name, *_ in CASES} == set(HARDWARE)
 
 
 PRINTED = {"fingertip_paper", "flexible_paper", "contact_paper", "touch"}

@@ -10,6 +10,7 @@ from drivers.arm.motion import MotionControl, MotionState
 from drivers.arm.settings import ArmSettings
 from drivers.core.messages import (
     Home,
+    Lead,
     MoveAt,
     MovePose,
     MoveTo,
@@ -274,14 +275,16 @@ def test_a_move_that_has_not_begun_after_50_ms_and_stands_elsewhere_is_a_stall()
     assert arm.step(0.001) == ([FEED], [Stalled(arm.now_s, "arm", reason, command_id=3)])
 
 
-@pytest.mark.parametrize(("command", "kept"), [(AT, [BRAKE]), (TO, [END_MOVE, FEED])])
+@pytest.mark.parametrize(
+    ("command", "kept"), [(AT, [BRAKE]), (TO, [END_MOVE, FEED]), (Lead("arm", id=3), [("lead", False), FEED])]
+)
 def test_an_arm_unsupervised_for_half_a_second_stops(command, kept):
     arm = Arm()
     arm.order(command)
     arm.moves()
     arm.now_s += 0.5
     arm.motion.step(arm.seen)
-    assert arm.state in (MotionState.SPEEDING, MotionState.TRAVELLING)
+    assert arm.state in (MotionState.SPEEDING, MotionState.TRAVELLING, MotionState.LED)
     arm.taken()
     arm.now_s += 0.01
     arm.motion.step(arm.seen)
