@@ -1,6 +1,7 @@
 """What the arm does with commands, on the emulated controller in virtual time."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -178,7 +179,7 @@ class Rig:
             self.motion.step(seen)
             self.advance(max(1, cycle_steps - old_steps))
 
-    def run_until(self, kind: type[Status], timeout_s: float = 10.0) -> Status:
+    def run_until(self, kind: type[Status], timeout_s: float = 10.0) -> Any:
         """Cycles until a status of a kind comes."""
         before = len(self.statuses)
         end_s = self.now() + timeout_s
@@ -290,7 +291,7 @@ def test_a_motion_ends_the_leading_first() -> None:
 
 def test_an_arm_that_cannot_be_led_refuses() -> None:
     arm = Rig()
-    arm.client.lead = lambda on: False
+    arm.client.lead = lambda on: False  # type: ignore[method-assign]
     arm.order(Lead("arm"))
     assert arm.kinds() == ["Refused"]
     assert arm.controller.arm.resting

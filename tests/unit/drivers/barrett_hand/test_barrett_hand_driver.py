@@ -153,7 +153,7 @@ def test_answers_to_no_cycle_and_of_other_fingers_are_passed_over(hand: BarrettH
 def test_a_bus_that_is_gone_is_a_failure_once(hand: BarrettHand, link: Link) -> None:
     link.fault = "the bus was taken away"
     (failed,) = hand.poll()
-    assert isinstance(failed, Failed)
+    assert isinstance(failed, Failed) and failed.reason == "the bus was taken away"
     assert hand.poll() == []
 
 

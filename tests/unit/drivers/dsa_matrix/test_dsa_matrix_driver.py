@@ -280,7 +280,7 @@ def test_a_refusal_is_a_failure(bench: Bench) -> None:
 def test_a_port_that_is_gone_is_a_failure_once(bench: Bench) -> None:
     bench.far.fault = "the port was taken away"
     bench.turn(0.2)
-    assert len(bench.take(Failed)) == 1
+    assert [failed.reason for failed in bench.take(Failed)] == ["the port was taken away"]
 
 
 def test_a_port_that_goes_while_opening_is_a_port_error(make_bench: Make) -> None:
