@@ -1,6 +1,7 @@
 """What `replay` and `calibrate` share: a detector, and its input from a recording."""
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -154,7 +155,7 @@ def certified(
     Raises:
         ProfileError, ReplayError, RunFolderError: as `load`.
     """
-    kinds = detectors or ("slip", "force.threshold")
+    kinds = detectors or ("slip", "force.threshold", "onset")
     made: dict[str, Callable[[], Statistic]] = {}
     for kind in kinds:
         own = overrides if len(kinds) == 1 else {}
@@ -174,8 +175,9 @@ def certified(
         second = (
             read_blocks(where, stream, column=reference, rate_hz=rate_hz, notes=notes) if reference else ()
         )
-        if unit is not None:
-            blocks = [replace(block, unit=unit) for block in blocks]
+        said = unit or _bracketed(column or "")
+        if said and (unit is not None or not blocks[0].unit):
+            blocks = [replace(block, unit=said) for block in blocks]
         given.append(Recorded(path.name, blocks, second))
     title = name or recordings[0].stem
     try:
@@ -183,6 +185,12 @@ def certified(
     except ValueError as error:
         raise ReplayError(f"{recordings[0]}: {error}") from None
     return found, notes
+
+
+def _bracketed(column: str) -> str:
+    """The unit in a column's name, as in `acc_z (m/s^2)` or `Force [N]`; "" without."""
+    found = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", column)
+    return found[1] if found else ""
 
 
 def _in_run(

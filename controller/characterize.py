@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from behaviors.events import Onset
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
+from controller.detectors.onset import OnsetDetector, OnsetSettings
 from controller.replay import between
 from controller.reports.counts import wilson
 from drivers.core.messages import SampleBlock
@@ -31,6 +33,9 @@ REFERENCE_SIGMA, REST_S, APART_S = 8.0, 0.5, 0.5
 
 OUTLIER = 5.0
 """Robust standard deviations beyond which a sample is an outlier; of a normal one 6 in ten million."""
+
+MARGIN_S, MOST_PASTED = 0.1, 40
+"""Quiet ends so long before the first knock that is heard; and so many are offered."""
 
 MAINS_HZ = (50.0, 60.0)
 DENSITY_HZ = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
@@ -119,7 +124,7 @@ def certificate(
         "touches": sum(map(len, touches)),
         "slips": len(truth.slips) * len(recordings),
         "rows": rows,
-        "cannot_say": gaps + list(_unsaid(rows, touches, truth, per_newton, quiet, rate_hz)),
+        "cannot_say": gaps + list(_unsaid(rows, recordings, touches, truth, per_newton, quiet, rate_hz)),
     }
 
 
@@ -226,6 +231,14 @@ def onsets(blocks: Sequence[SampleBlock]) -> Sequence[float]:
     sigma = max(1.4826 * float(np.median(np.abs(rest - middle))), float(rest.std()), 1e-12)
     beyond = t_s[np.abs(x - middle) > REFERENCE_SIGMA * sigma]
     return [float(t) for t in beyond[np.diff(beyond, prepend=-math.inf) > APART_S]]
+
+
+def knocks(blocks: Sequence[SampleBlock]) -> Sequence[float]:
+    """When something knocked or touched by the channel's own `onset`, s; none that begins within `MARGIN_S`."""
+    detector = OnsetDetector("onset", OnsetSettings())
+    events = [event for block in _as_input(blocks, detector) for event in detector.push(block)]
+    found = [event.began_s for event in events if isinstance(event, Onset)]
+    return [t_s for t_s in found if t_s > blocks[0].times[0] + MARGIN_S]
 
 
 def _against_reference(
@@ -396,6 +409,7 @@ def _delays(what: str, courses: Sequence[tuple[Floats, Floats]], threshold: floa
 
 def _unsaid(
     rows: Sequence[Row],
+    recordings: Sequence[Recorded],
     touches: Sequence[Sequence[float]],
     truth: Truth,
     per_newton: float | None,
@@ -408,8 +422,16 @@ def _unsaid(
             f"rare false alarms: {seconds:.3g} s of quiet are extrapolated at every rate; 100 an hour take 180 s,"
             " one an hour five hours, with the robot moving as in use"
         )
+    heard = [] if truth.quiet and (any(touches) or truth.slips) else knocks(recordings[0].blocks)
     if not truth.quiet:
         yield "which part is quiet: all of it was taken for quiet, touches as well; name it with --quiet T0:T1"
+    if heard:
+        given = " ".join(f"--touch {t_s:.6g}" for t_s in heard[:MOST_PASTED])
+        begin_s = _times(recordings[0].blocks[:1])[0]
+        yield (
+            f"what onset hears in {recordings[0].name}: {len(heard)} knocks, releases too; paste what is a touch:"
+            f" --quiet {begin_s:.4g}:{heard[0] - MARGIN_S:.4g} {given}"
+        )
     early = sum(
         "; 0 were above before" not in each["how"] for each in rows if each["quantity"].endswith(" told")
     )

@@ -141,7 +141,7 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
     "detectors",
     multiple=True,
     metavar="NAME",
-    help="Kinds; slip and force.threshold otherwise.",
+    help="Kinds; slip, force.threshold and onset otherwise.",
 )
 @verbs.set_option
 @click.option("--name", metavar="TEXT", help="The sensor's name on the page.")

@@ -192,11 +192,19 @@ class ForceThresholdDetector:
         return max(1, round(self.settings.average_s * rate_hz))
 
 
+AT_ONCE = 1 << 20
+"""Values of windows that are held at once: a minute of sound has a thousand million."""
+
+
 def running(values: Floats, size: int) -> Floats:
     """Means of `size` values in a row, shape (n - size + 1, channels); the same to the bit however they are cut."""
-    windows = values[np.arange(len(values) - size + 1)[:, None] + np.arange(size)].transpose(0, 2, 1)
-    # one sum for each window, in the same order each time: a cumulative sum would depend on where it began
-    means: Floats = np.ascontiguousarray(windows).sum(axis=-1) / size
+    windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=0)
+    means = np.empty(windows.shape[:2])
+    rows = max(1, AT_ONCE // (size * values.shape[1]))
+    for begin in range(0, len(windows), rows):
+        # one sum for each window, in the same order each time: a cumulative sum would depend on where it began
+        part = slice(begin, begin + rows)
+        means[part] = np.ascontiguousarray(windows[part]).sum(axis=-1) / size
     return means
 
 

@@ -46,7 +46,8 @@ SCALES_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs":
 """Seconds in a unit of time, as columns are named after them."""
 
 TIME = re.compile(
-    rf"(?:t|time|timestamp|elapsed|x_value)(?:[ _]*[(\[]?({'|'.join(SCALES_S)})[)\]]?)?", re.IGNORECASE
+    rf"(?:t|time|timestamp|elapsed|x_value|zeit|temps|tiempo|tempo)(?:[ _]*[(\[]?({'|'.join(SCALES_S)})[)\]]?)?",
+    re.IGNORECASE,
 )
 """Names of a column of times; without a unit they are seconds, or those of a calendar clock."""
 
@@ -209,12 +210,11 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
 
     try:
         text = path.read_text("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ReplayError(
-            f"{path}: byte {error.start}: no UTF-8 text; save it as CSV (UTF-8), or is it another kind of file?"
-        ) from None
-    if "\0" in text:
-        raise ReplayError(f"{path}: byte {text.index(chr(0))}: no text; is it another kind of file?")
+    except UnicodeDecodeError:
+        text = path.read_text("latin-1")  # any bytes; as older loggers write degrees and umlauts
+    odd = re.search(r"[\0-\x08\x0e-\x1f\x7f-\x9f]", text)
+    if odd:
+        raise ReplayError(f"{path}: byte {odd.start()}: no text; is it another kind of file?")
     lines = [line for line in text.splitlines() if line.strip()]
     rows: Sequence[str] = [line for line in lines if not line.lstrip().startswith(COMMENT)]
     if not rows:

@@ -1,9 +1,11 @@
 """What a certificate says of a sensor whose truth is known."""
 
 import json
+import re
 
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 from config.assemble import make_detector
 from controller.characterize import Recorded, Truth, certificate, differences, page
@@ -79,3 +81,42 @@ def test_from_a_loggers_file_to_a_page(verb, tmp_path):
     assert stored["touches"] == 22
     assert "cannot say: newtons" in out
     assert "latency: 4 | 4 ms, x 1" in verb("compare", tmp_path / "cell.json", tmp_path / "cell.json")[1]
+
+
+def test_a_recording_of_which_nothing_is_known_says_where_it_knocks_to_be_pasted(verb, tmp_path):
+    """A sound file alone; then the line that was printed, as it stands."""
+    rng = np.random.default_rng(3)
+    x, at_s = 0.01 * rng.standard_normal(8 * 8000), (3.2, 4.1, 5.3, 6.6, 7.1)
+    for t_s in at_s:
+        begin = round(8000 * t_s)
+        x[begin : begin + 400] += 0.4 * np.exp(-np.arange(400) / 80.0) * np.sin(np.arange(400))
+    file = tmp_path / "desk.wav"
+    wavfile.write(file, 8000, np.round(32767 * np.clip(x, -1.0, 1.0)).astype(np.int16))
+    code, out, err = verb("characterize", file, "--out", tmp_path / "desk")
+    assert code == 0, err
+    (offered,) = re.findall(r"cannot say: what onset hears in desk.wav: 5 knocks.*?a touch: (.*)", out)
+    pasted = offered.split()
+    assert [float(each) for each in pasted[3::2]] == pytest.approx(at_s, abs=1e-3)
+    assert pasted[1] == "0:3.1"
+    code, out, err = verb("characterize", file, *pasted, "--out", tmp_path / "desk")
+    assert code == 0, err
+    stored = {row["quantity"]: row for row in json.loads((tmp_path / "desk.json").read_text())["rows"]}
+    told = stored["onset at 100 false alarms an hour: contact told"]
+    assert (told["value"], told["n"]) == (1.0, 5)
+    assert "what onset hears" not in out
+
+
+def test_a_log_of_an_older_windows_with_decimal_commas_and_its_own_words_is_read(verb, tmp_path):
+    rng = np.random.default_rng(4)
+    rows = (
+        f"{k / 80.0:.4f};{v:.4f}\n".replace(".", ",") for k, v in enumerate(0.01 * rng.standard_normal(2400))
+    )
+    file = tmp_path / "waage.txt"
+    file.write_bytes(
+        ("Gerät: Wägezelle\nStart: 25.11.2026\n\nZeit;Kraft [N]\n" + "".join(rows)).encode("latin-1")
+    )
+    code, _, err = verb("characterize", file, "--column", "Kraft [N]", "--out", tmp_path / "cell")
+    assert code == 0, err
+    assert "2400 samples, 80 Hz" in err
+    stored = json.loads((tmp_path / "cell.json").read_text())
+    assert (stored["unit"], stored["rate_hz"]) == ("N", 80.0)

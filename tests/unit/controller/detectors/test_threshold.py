@@ -1,5 +1,7 @@
 """Contact by the force alone."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -130,3 +132,15 @@ def test_a_tip_that_bounces_is_one_contact_where_the_hold_is_longer_than_the_bou
     kinds = [type(event) for event in detector(hold_s=0.05).push(block(bounces))]
     assert kinds == [BaselineReady, Contact, ContactLost]
     assert [type(event) for event in detector().push(block(bounces))].count(Contact) == 5
+
+
+def test_minutes_of_sound_take_no_more_memory_than_they_are(monkeypatch):
+    """40 s at 44.1 kHz in windows of 882 samples: all windows at once would be 12 GB."""
+    x = np.random.default_rng(8).standard_normal((400_000, 1))
+    whole = detector(average_s=0.02).statistic(x, 44_100.0)
+    monkeypatch.setattr("controller.detectors.threshold.AT_ONCE", 882 * 50)
+    tracemalloc.start()
+    again = detector(average_s=0.02).statistic(x, 44_100.0)
+    assert tracemalloc.get_traced_memory()[1] < 20 * x.nbytes
+    tracemalloc.stop()
+    assert np.array_equal(whole, again, equal_nan=True)
