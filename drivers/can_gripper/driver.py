@@ -115,7 +115,7 @@ class CanGripper(WireDriver[CanLink]):
         self._state: GripperState | None = None
         self._state_s = -math.inf  # monotonic; when it was asked for
         self._order = IDLE  # the last one that drives the jaws
-        self._ordered_s = -math.inf  # monotonic
+        self._ordered_s = -math.inf  # monotonic; but for stops
         self._asked: deque[float] = deque()  # monotonic times of polls without an answer
         self._asked_s = -math.inf
         self._late: deque[float] = deque()  # those whose answer may still come, or was lost
@@ -219,7 +219,8 @@ class CanGripper(WireDriver[CanLink]):
     def _order_now(self, link: CanLink, command: Command) -> None:
         orders = self._orders(command)
         self._write(link, *orders)
-        self._ordered_s = self._clock.monotonic_s()
+        if not isinstance(command, Stop):
+            self._ordered_s = self._clock.monotonic_s()
         self._outcome.begin(command, self._clock.now(), drives=any(map(_drives, orders)))
 
     def read(self) -> Sequence[SampleBlock]:
