@@ -515,8 +515,3 @@ def make_detector(
     settings = validated(model, given, lambda place: f"--set {'.'.join(place)}")
     detector: Detector = made(kind, settings)
     return detector
-
-
-def calibratable() -> Sequence[str]:
-    """Kinds of detectors that can show the number which they hold against their threshold."""
-    return [kind for kind, entry in KINDS["detector"].items() if hasattr(found(entry.made), "statistic")]

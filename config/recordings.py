@@ -8,14 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from config.assemble import calibratable, make_detector
+from config.assemble import make_detector
 from config.hints import near_or_all
 from config.source import ProfileError, given_value
 from config.validation import validated
 from controller.characterize import Recorded, Truth, certificate
 from controller.detectors.calibration import Statistic
 from controller.detectors.protocol import Detector, envelope_of
-from controller.own_modules import is_own, own_folders
+from controller.own_modules import found, is_own, own_folders
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
 from controller.recording.series import TrialRecording
@@ -134,6 +134,12 @@ def load_quiet(
     return loaded
 
 
+def not_calibratable(kind: str) -> ReplayError:
+    """The error of a kind of detector that shows no number which it holds against a threshold."""
+    shown = [name for name, entry in KINDS["detector"].items() if hasattr(found(entry.made), "statistic")]
+    return ReplayError(f"--detector {kind}: no threshold that a recording could set; try {', '.join(shown)}")
+
+
 def certified(
     recordings: Sequence[Path],
     overrides: Mapping[str, str],
@@ -161,9 +167,7 @@ def certified(
         own = overrides if len(kinds) == 1 else {}
         one = make_detector(kind, own, None, ())
         if not isinstance(one, Statistic):
-            raise ReplayError(
-                f"--detector {kind}: no threshold that a recording could set; try {', '.join(calibratable())}"
-            )
+            raise not_calibratable(kind)
         made[kind] = partial(make_detector, kind, own, None, ())  # type: ignore[assignment]
     if overrides and len(kinds) != 1:
         raise ProfileError(f"--set {min(overrides)}: of which detector? name one with --detector")

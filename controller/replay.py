@@ -68,16 +68,21 @@ ADVISED, NEAR = 0.8, 1.0 / 3.0
 that which the largest is at least. Assumption: what stays farther away may be noise."""
 
 
-def nearest(blocks: Sequence[SampleBlock], detector: Detector) -> str:
-    """How near a detector that reported no event came to its threshold, and what to do; "" where it does not show.
-
-    The detector is reset, and hears the blocks again."""
+def all_readings(detector: Detector, blocks: Sequence[SampleBlock]) -> NDArray[np.float64]:
+    """What a detector, reset, holds against its threshold, decision by decision; see `readings_of`."""
     detector.reset()
     found = [NOTHING]
     for block in blocks:
         detector.push(block)
         found.append(readings_of(detector))
-    readings = np.concatenate(found)
+    return np.concatenate(found)
+
+
+def nearest(blocks: Sequence[SampleBlock], detector: Detector) -> str:
+    """How near a detector that reported no event came to its threshold, and what to do; "" where it does not show.
+
+    The detector is reset, and hears the blocks again."""
+    readings = all_readings(detector, blocks)
     readings = readings[np.isfinite(readings).all(axis=1)]
     if not len(readings):
         return ""

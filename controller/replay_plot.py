@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, StatisticCourse, courses_of
-from controller.detectors.protocol import NOTHING, Detector, readings_of
+from controller.detectors.protocol import NOTHING, Detector
 from controller.recording.tables import ReplayError
+from controller.replay import all_readings
 from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
 from controller.scales import displayed, spaced
 from drivers.core.messages import SampleBlock
@@ -57,7 +58,7 @@ def draw(
             courses = courses_of(detector, blocks)
         except ValueError as error:
             notes.append(f"{path}: the statistic is drawn only where it was compared: {error}")
-    shown = NOTHING if courses else _readings(detector, blocks)
+    shown = NOTHING if courses else all_readings(detector, blocks)
     panels = len(named) + bool(courses or len(shown))
     with Figures(path.parent).figure(HEIGHT_IN * panels, rows=panels, sharex=True) as drawing:
         for axes, (stream, own) in zip(drawing.axes, named.items(), strict=False):
@@ -82,16 +83,6 @@ def draw(
             drawing.figure.legend(handles, labels, loc="outside upper right", ncols=4)
         save(drawing, path)
     return notes
-
-
-def _readings(detector: Detector, blocks: Sequence[SampleBlock]) -> Floats:
-    """What a detector without a course holds against its threshold, decision by decision."""
-    detector.reset()
-    found = [NOTHING]
-    for block in blocks:
-        detector.push(block)
-        found.append(readings_of(detector))
-    return np.concatenate(found)
 
 
 def save(drawing: Drawing, path: Path) -> None:

@@ -86,18 +86,14 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
       run.py calibrate drag_*.csv --detector slip --span 0.5:2.2 --false-alarm-interval 60
       run.py calibrate latest --detector slip.paper --set input=board.flexible --false-alarm-interval 600
     """
-    from config.assemble import calibratable
-    from config.recordings import load_quiet
+    from config.recordings import load_quiet, not_calibratable
     from controller.detectors.calibration import Statistic
-    from controller.recording.tables import ReplayError
     from controller.replay import calibration_line
 
     loaded = load_quiet(detector, **given)
     pieces = [(one.detector, one.blocks) for one in loaded if isinstance(one.detector, Statistic)]
     if not pieces:
-        raise ReplayError(
-            f"--detector {detector}: no threshold that a recording could set; try {', '.join(calibratable())}"
-        )
+        raise not_calibratable(detector)
     limits: list[str] = []
     line = calibration_line(pieces, detector, interval_s, given["overrides"], limits)
     verbs.complain("\n".join(dict.fromkeys([note for one in loaded for note in one.notes] + limits)))

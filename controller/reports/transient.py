@@ -6,7 +6,7 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -49,9 +49,6 @@ from controller.reports.run_account import acting_of, criterion_of, setting_of
 from controller.reports.section import ROWS, Kind, Result, Section, judged, rows_where
 from controller.reports.settings import shown
 from controller.scales import NOTHING, scale_of
-
-if TYPE_CHECKING:
-    pass
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
