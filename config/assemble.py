@@ -354,16 +354,14 @@ def own_kinds(profile: Profile, there: Collection[str]) -> dict[str, Any]:
     """What `controller.contracts.tried` takes of a profile and its bench, which has the devices that are there; nothing
     where all is shipped."""
     devices = [name for name, entry in profile.devices.items() if is_own(entry.kind) and name in there]
-    detectors = {
-        name: partial(entry.made, name, entry.settings)
-        for name, entry in profile.detectors.items()
-        if is_own(entry.kind)
-    }
-    own_signals = {
-        name: partial(entry.made, name, entry.settings)
-        for name, entry in profile.signals.items()
-        if is_own(entry.kind)
-    }
+    detectors, own_signals = (
+        {
+            name: partial(entry.made, name, entry.settings)
+            for name, entry in named.items()
+            if is_own(entry.kind)
+        }
+        for named in (profile.detectors, profile.signals)
+    )
     if not (devices or detectors or own_signals):
         return {}
     baselines_s = {

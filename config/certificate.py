@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from config.profile import Profile
-    from controller.by_hand import HandOperator, HandSession
+    from controller.by_hand import HandSession
     from controller.certify import Certifier, Proof
+    from controller.loop import HandOperator
 
 PAGE = "certificate.md"
 DATA = "certificate.json"

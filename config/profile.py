@@ -15,6 +15,7 @@ from typing import Any
 from config.sections import Entry, Sections
 from config.source import (
     ABSENT,
+    TAKEN_OFF,
     UNSET,
     Bench,
     KeyPath,
@@ -83,15 +84,11 @@ class Profile:
             "title": self.title,
             "description": self.description,
             "experiment": self.experiment,
-            "devices": {
-                name: {"driver": entry.kind, "port": entry.port, **_own(entry.settings)}
-                for name, entry in self.devices.items()
-            }
-            | off.get("devices", {}),
-            "signals": {name: _chosen(entry) for name, entry in self.signals.items()}
-            | off.get("signals", {}),
-            "detectors": {name: _chosen(entry) for name, entry in self.detectors.items()}
-            | off.get("detectors", {}),
+            **{
+                section: {name: _chosen(entry) for name, entry in getattr(self, section).items()}
+                | off.get(section, {})
+                for section in TAKEN_OFF
+            },
             "behavior": as_table(self.behavior),
             "limits": as_table(self.limits),
             "loop": as_table(self.loop),
@@ -164,13 +161,12 @@ class Profile:
 
 
 def _chosen(entry: Entry) -> Table:
-    """A kind and its settings."""
-    return {"kind": entry.kind, **as_table(entry.settings)}
-
-
-def _own(settings: Settings) -> Table:
-    """A driver's settings, without the address that its port is."""
-    return {key: value for key, value in as_table(settings).items() if key not in settings.keys_of("address")}
+    """A kind and its settings; of a device its driver, and its port in place of its address."""
+    own = as_table(entry.settings)
+    if not entry.port:
+        return {"kind": entry.kind, **own}
+    without = {key: value for key, value in own.items() if key not in entry.settings.keys_of("address")}
+    return {"driver": entry.kind, "port": entry.port, **without}
 
 
 def load_profile(

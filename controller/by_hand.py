@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from behaviors.machine import Behavior, StatePlan, on
 from controller.detectors.protocol import Compiled
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.holding import Holding
-from controller.loop import Aborted, Loop, LoopSettings
+from controller.loop import Aborted, HandOperator, Loop, LoopSettings
 from controller.rig import Rig, TrialScene
 from controller.signals.protocol import Signal, Signals
 from drivers.core.clock import monotonic_s, rest
@@ -58,16 +58,6 @@ HOME_S = 120.0
 
 FORCES = ("N", "N m")
 """Units of streams that can be tared."""
-
-
-class HandOperator(Protocol):
-    """Who may interrupt."""
-
-    def poll(self) -> str | None:
-        """See `LoopOperator.poll`."""
-
-    def suspend(self) -> None:
-        """See `LoopOperator.suspend`."""
 
 
 class ByHand(Behavior):

@@ -24,7 +24,7 @@ from behaviors.machine import Behavior
 from controller.detectors.protocol import Compiled, Detector, Quantity, quantities_of
 from controller.guard import Guard, GuardRefusal
 from controller.live_view import LiveView
-from controller.loop import Aborted, Loop, LoopOperator, LoopSettings, UnfitStreamError
+from controller.loop import Aborted, HandOperator, Loop, LoopOperator, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.outcomes import counted, exit_of, successes_in
 from controller.recording.run_folder import RecordingError, RunFolder
@@ -147,7 +147,7 @@ class Watching(Protocol):
         """After each trial's recording has begun."""
 
 
-class Held(Protocol):
+class Held(HandOperator, Protocol):
     """What holds a campaign between two trials: see `controller.watching.between`."""
 
     possible: bool
@@ -155,12 +155,6 @@ class Held(Protocol):
 
     def wait(self, session: HandSession) -> Iterator[tuple[str, HandResult]]:
         """What was done by hand, until the person goes on."""
-
-    def poll(self) -> str | None:
-        """See `LoopOperator.poll`."""
-
-    def suspend(self) -> None:
-        """See `LoopOperator.suspend`."""
 
 
 @runtime_checkable

@@ -18,9 +18,10 @@ import numpy as np
 
 from behaviors.events import Event, GuardStopped
 from controller.arrivals import REST
-from controller.by_hand import HandOperator, HandResult, HandSession, Script, scripted, until
+from controller.by_hand import HandResult, HandSession, Script, scripted, until
 from controller.guard import Guard
 from controller.limits import MoverLimits
+from controller.loop import HandOperator
 from controller.signals.protocol import Signal
 from drivers.core.axis import AxisLimits
 from drivers.core.errors import CommandError

@@ -78,8 +78,8 @@ class Witness(Protocol):
         """Keep one event and what followed from it."""
 
 
-class LoopOperator(Protocol):
-    """The person at the bench."""
+class HandOperator(Protocol):
+    """Who may interrupt."""
 
     def poll(self) -> str | None:
         """Returns "pause", "suspend" (pause, and call `suspend` once nothing moves), "resume", "abort" or None; never
@@ -87,6 +87,10 @@ class LoopOperator(Protocol):
 
     def suspend(self) -> None:
         """Suspend the program until it is continued."""
+
+
+class LoopOperator(HandOperator, Protocol):
+    """The person at the bench."""
 
     def state(self, name: str, t_s: float) -> None:
         """Show the state that the trial is in."""

@@ -16,8 +16,9 @@ from controller.registry import row
 
 if TYPE_CHECKING:
     from config.profile import Profile
-    from controller.by_hand import HandOperator, HandResult, HandSession
+    from controller.by_hand import HandResult, HandSession
     from controller.guard import GuardSettings
+    from controller.loop import HandOperator
     from controller.rig import TrialScene
     from drivers.core.errors import DeviceError
 
