@@ -250,11 +250,16 @@ class Behavior:
             f" it waited for {self._awaited()}; {came} came"
         )
 
+    @property
+    def answering(self) -> str:
+        """The device whose answer the present state waits for, or ""."""
+        return self._mover
+
     def _awaited(self) -> str:
         """The events that would have ended the present state in time, and their sources."""
         triggers = [row.trigger for row in self.rows if self.state in row.sources]
         events = dict.fromkeys(each.replace("_", " ") for each in triggers if each not in _NOT_AWAITED)
-        awaited = sorted(self.plan.detectors) + [self._mover] * bool(self._mover)
+        awaited = sorted(self.plan.detectors) + [self.answering] * bool(self.answering)
         return " or ".join(events) + (f" of {', '.join(awaited)}" if awaited else "")
 
     def conclude_stuck(self) -> None:

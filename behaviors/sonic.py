@@ -117,6 +117,13 @@ class SonicBehavior(Behavior):
         """Whether the status is the gripper's."""
         return self.came_from(self.settings.gripper)
 
+    @property
+    def answering(self) -> str:
+        """See `Behavior.answering`: the gripper, where one of its rows is the way on."""
+        rows = (row for row in self.rows if self.state in row.sources)
+        asked = any(SonicBehavior.from_gripper in row.conditions for row in rows)
+        return self.settings.gripper if asked else super().answering
+
     def touched(self) -> bool:
         """Whether a touch has been reported and its end has not."""
         return bool(self._touching)

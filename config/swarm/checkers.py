@@ -64,7 +64,7 @@ def check(story: Any) -> Iterator[Violation]:
         end = "LIVENESS" if type(story.error).__name__ == "EndlessError" else "CRASH"
         yield Violation(end, "raised", *_where(story), f"{type(story.error).__name__}: {story.error}")
         return
-    for checker in (_exit, _rows, _named, _required, _events, _still, _range, _stops, _blind):
+    for checker in (_exit, _rows, _ended, _named, _required, _events, _still, _range, _stops, _blind):
         yield from checker(story)
 
 
@@ -116,6 +116,22 @@ def _rows(story: Any) -> Iterator[Violation]:
             yield Violation(
                 "DATA", "rows", int(row["trial"]), None, "", f"{row['outcome']}, exit code {story.exit_code}"
             )
+
+
+def _ended(story: Any) -> Iterator[Violation]:
+    """A trial that the guard stopped, or in which a device failed or stalled, ends as that: never as anything else."""
+    outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
+    expected = {"GuardStopped": "guard", "Failed": "fault", "Stalled": "fault"}
+    for event in story.events():
+        number = event.get("trial")
+        # what comes after the end, while everything is seen to stand still, ends no trial any more
+        if event.get("event") in expected and event["state"] not in ("DONE", "FAILED"):
+            if outcomes.get(number) not in ("guard", "fault", "aborted"):
+                what = (
+                    f"{event['event']}: {event.get('reason', '')[:80]}; the outcome is {outcomes.get(number)}"
+                )
+                yield Violation("DATA", "ended", number, event["t_s"], event["state"], what)
+            return
 
 
 def _named(story: Any) -> Iterator[Violation]:

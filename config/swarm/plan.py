@@ -44,36 +44,63 @@ _SONIC: Settings = {
     "behavior.handling_speed_m_s": 0.05,
     "behavior.open_speed_m_s": 0.05,
     "behavior.hold_s": 0.2,
+    "behavior.motion_timeout_s": 12.0,
     "loop.rate_hz": 50.0,
 }
 
 SCENES: Mapping[str, Excerpt] = {
     "transient": Excerpt(
         8,
-        {"behavior.settle_s": 1.0, "detectors.contact.threshold_sigma": 8.0, "detectors.ours": "none"},
+        {
+            "behavior.settle_s": 1.0,
+            "behavior.motion_timeout_s": 12.0,
+            "detectors.contact.threshold_sigma": 8.0,
+            "detectors.ours": "none",
+        },
         {**_FINGER, "behavior.hold_s": (0.05, 0.4), "plant.noise_scale": (0.3, 1.5)},
     ),
     "first_contact": Excerpt(
-        4, {}, {"behavior.speed_m_s": (0.0004, 0.001), "behavior.nudge_m": (0.0002, 0.0008)}
+        4,
+        {"behavior.answer_timeout_s": 12.0, "behavior.motion_timeout_s": 12.0},
+        {"behavior.speed_m_s": (0.0004, 0.001), "behavior.nudge_m": (0.0002, 0.0008)},
     ),
     "static": Excerpt(
         4,
-        {"behavior.settle_s": 2.0, "behavior.rest_s": 0.2, "behavior.record_s": 0.5},
+        {
+            "behavior.settle_s": 1.0,
+            "behavior.motion_timeout_s": 12.0,
+            "behavior.rest_s": 0.2,
+            "behavior.record_s": 0.5,
+        },
         {**_FINGER, "behavior.record_s": (0.3, 1.0)},
     ),
     "transient_arm": Excerpt(
         5,
-        {"behavior.settle_s": 1.0, "detectors.contact.threshold_sigma": 8.0, "detectors.ours": "none"},
+        {
+            "behavior.settle_s": 1.0,
+            "behavior.motion_timeout_s": 12.0,
+            "detectors.contact.threshold_sigma": 8.0,
+            "detectors.ours": "none",
+        },
         {**_FINGER, "behavior.hold_s": (0.05, 0.4)},
     ),
     "pretouch": Excerpt(2, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),
     "touch": Excerpt(1, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),
     "centering": Excerpt(1, _SONIC, {"behavior.grip_force_n": (6.0, 14.0)}),
     "grasp": Excerpt(1, {**_SONIC, "behavior.lift_speed_m_s": 0.03}, {"behavior.grip_force_n": (6.0, 12.0)}),
-    "slip": Excerpt(1, {"plant.surface_m": 0.0012}, {"behavior.rest_s": (0.2, 0.9)}),
+    "slip": Excerpt(
+        1,
+        {"plant.surface_m": 0.0012, "behavior.motion_timeout_s": 12.0, "behavior.home_timeout_s": 12.0},
+        {"behavior.rest_s": (0.2, 0.9)},
+    ),
     "weights": Excerpt(
         1,
-        {"behavior.cycles": 1, "behavior.preloads": 0, "behavior.weights_x_n": [1.0, 2.0]},
+        {
+            "behavior.answer_timeout_s": 12.0,
+            "behavior.cycles": 1,
+            "behavior.preloads": 0,
+            "behavior.weights_x_n": [1.0, 2.0],
+        },
         {"behavior.swing_s": (0.2, 1.0), "behavior.record_s": (0.1, 0.5)},
     ),
 }

@@ -151,7 +151,9 @@ class Onlooker:
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """See `Console`."""
+        t_s = self._rig.clock.now()
         self.trials[-1].outcome = outcome
+        self.trials[-1].samples.append((t_s, self._places(t_s)))  # after the loop has waited for every mover
 
     def campaign_ended(self, line: str) -> None:
         """See `Console`: the movers are looked at a moment later, before another trial or the end of the process."""
