@@ -43,6 +43,17 @@ SUCCESSES = (
 CUT = ("silent", "unplug", "lose", "corrupt")
 """Kinds of faults by which samples do not come."""
 
+DECIDING = (
+    "RECORDING",
+    "APPROACH",
+    "APPROACHING",
+    "SWEEPING",
+    "SEEKING_FORWARD",
+    "SEEKING_BACKWARD",
+    "SLIPPING",
+)
+"""States of which a part that did not come is no result. In others a hole may be shorter than what is measured."""
+
 EXITS = (0, 1, 2, 3, 4, 130)
 """Exit codes that the reference of the command line documents."""
 
@@ -156,7 +167,7 @@ def _required(story: Any) -> Iterator[Violation]:
             for state, since_s, until_s in _spans(trial):
                 cut_s = min(until_s, effect["effect_s"] + lasts_s) - max(since_s, effect["effect_s"])
                 # the first look at a device may come long after its samples are due: count from there
-                if cut_s > 0.06 and effect["device"] in story.measured.get(state, ()):
+                if state in DECIDING and cut_s > 0.06 and effect["device"] in story.measured.get(state, ()):
                     yield Violation(
                         "DATA",
                         "required",

@@ -63,7 +63,9 @@ def test_a_success_that_the_guard_or_a_failure_ended_is_found_and_made_small(mon
 
 def test_a_mover_that_goes_on_after_a_failure_is_found(monkeypatch) -> None:
     send = Loop._send
-    monkeypatch.setattr(Loop, "_send", lambda self, each: None if isinstance(each, Stop) else send(self, each))
+    monkeypatch.setattr(
+        Loop, "_send", lambda self, each: None if isinstance(each, Stop) else send(self, each)
+    )
     faults = [{"device": "board", "kind": "silent", "after": "APPROACH", "at_s": 0.1}]
     plan = Plan(1, "transient", {"behavior.settle_s": 1.0}, [{"location": "f", "speed_m_s": 0.0045}], faults)
     assert "SAFETY" in {each.end for each in examined(plan)}
