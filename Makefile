@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test lines others browser mutants check claims docs format bench recordings soak-test fuzz lerobot franka lock diagrams clean
+.PHONY: run test lines others browser mutants check claims docs format bench recordings soak-test fuzz swarm lerobot franka lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
@@ -35,6 +35,9 @@ mutants: .venv/dev.stamp        ## what small changes the unit tests let pass: g
 	@test -f mutants/mutmut-stats.json || rm -rf mutants  # what was interrupted before the first mutant is made anew
 	nice -n 15 $(BIN)/python -P -m mutmut run
 	$(BIN)/python -P -m mutmut results
+
+swarm: .venv/dev.stamp          ## a thousand short campaigns in which things go wrong; which cells were seen goes to benchmarks/results/swarm.md
+	nice -n 15 $(BIN)/python run.py swarm --seeds $(or $(SEEDS),0:1000) --table benchmarks/results/swarm.md
 
 docs: .venv/dev.stamp           ## the documentation as a searchable site in build/site; a link that leads nowhere is an error
 	rm -rf build/pages && mkdir -p build/pages

@@ -54,7 +54,8 @@ class Hunt:
             lines.append(
                 f"| {name} | {device} | {kind} | {len(states) - len(unseen)} of {len(states)} | {', '.join(unseen)} |"
             )
-        return "\n".join([f"{self.summary()}.", "", *lines, ""])
+        head = ["# Cells of the swarm", "", f"`make swarm`, on mock benches: {self.summary()}.", ""]
+        return "\n".join([*head, *lines, ""])
 
     def note(self, story: Story) -> None:
         """Count the cells of a story."""
