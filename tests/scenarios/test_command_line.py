@@ -250,6 +250,14 @@ def test_an_unforeseen_error_is_one_line_and_shows_its_place_with_debug(verb, mo
         cli.main(["list", "--debug"], prog_name="run.py")
 
 
+def test_a_reader_who_leaves_early_is_no_error():
+    reading, writing = os.pipe()
+    os.close(reading)
+    with started("list", stdout=writing, stderr=subprocess.PIPE) as process:
+        os.close(writing)
+        assert process.communicate(timeout=PATIENCE_S)[1] == ""
+
+
 # --- run, report, replay -----------------------------------------------------------------------------
 
 

@@ -18,95 +18,71 @@ from tests.scenarios.conftest import SHORTER, Script
 
 
 class Case(NamedTuple):
-    """A short form of a profile's trial; for each device states in which it has to arrive, and how it does not."""
+    """A short trial of a profile; a line for each device and state in which it has to arrive, and how it does not."""
 
     profile: str
     trial: int
     settings: dict[str, str]
-    faults: dict[str, dict[str, str]]
+    faults: str
 
 
 SLIP = SHORTER["mock/slip"]
 SONIC = {"behavior.clear_m": "0.01", "behavior.handling_speed_m_s": "0.06", "loop.rate_hz": "50"}
+REST = {"behavior.settle_s": "1.0", "behavior.rest_s": "0.1", "behavior.record_s": "2.0"}
+WEIGHTS = {"behavior.cycles": "1", "behavior.preloads": "0", "behavior.weights_x_n": "[1.0, 2.0]"}
+EIGHT = {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0"}
 
 CASES = {
-    "static": Case(
-        "mock/static",
-        1,
-        {"behavior.settle_s": "1.0", "behavior.rest_s": "0.1", "behavior.record_s": "2.0"},
-        {"board": {"RECORDING": "silent, stuck, corrupt, losing a little"}},
-    ),
+    "static": Case("mock/static", 1, REST, "board RECORDING silent, stuck, corrupt, losing"),
     "transient": Case(
         "mock/transient",
         42,
-        {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0"},
-        {
-            "board": {"BASELINE": "silent, stuck", "APPROACH": "corrupt, losing a little"},
-            "stage": {"BASELINE": "silent", "HOLDING": "silent"},
-        },
+        EIGHT,
+        """board BASELINE silent, stuck
+        board APPROACH corrupt, losing
+        stage BASELINE silent
+        stage HOLDING silent""",
     ),
-    "weights": Case(
-        "mock/weights",
-        1,
-        {"behavior.cycles": "1", "behavior.preloads": "0", "behavior.weights_x_n": "[1.0, 2.0]"},
-        {"board": {"RECORDING": "silent, stuck, corrupt, losing a little"}},
-    ),
+    "weights": Case("mock/weights", 1, WEIGHTS, "board RECORDING silent, stuck, corrupt, losing"),
     "pointer": Case(
         "mock/pointer",
         1,
         {**SHORTER["mock/pointer"], "limits.range_streams": "[]"},
-        {
-            "board": {"WAITING": "silent", "RECORDING": "corrupt, losing a little"},
-            "arm": {"TURNING": "stuck", "RECORDING": "losing a little"},
-        },
+        """board WAITING silent
+        board RECORDING corrupt, losing
+        arm TURNING stuck
+        arm RECORDING losing""",
     ),
-    "slip of the fingertip": Case(
-        "mock/slip", 1, SLIP, {"board": {"RESTING": "losing a little"}, "arm": {"PRESSING": "stuck"}}
-    ),
-    "slip of the hand": Case("mock/slip", 7, SLIP, {"hand": {"RESTING": "silent, stuck"}}),
-    "slip of the wrist": Case("mock/slip", 10, SLIP, {"arm": {"SLIPPING": "losing a little"}}),
-    "slip of the matrix": Case("mock/slip", 13, SLIP, {"matrix": {"RESTING": "corrupt"}}),
-    "chirp": Case(
-        "mock/chirp",
-        1,
-        SHORTER["mock/chirp"],
-        {"audio": {"SWEEPING": "silent, stuck, corrupt, losing a little"}},
-    ),
+    "slip of the fingertip": Case("mock/slip", 1, SLIP, "board RESTING losing\narm PRESSING stuck"),
+    "slip of the hand": Case("mock/slip", 7, SLIP, "hand RESTING silent, stuck"),
+    "slip of the wrist": Case("mock/slip", 10, SLIP, "arm SLIPPING losing"),
+    "slip of the matrix": Case("mock/slip", 13, SLIP, "matrix RESTING corrupt"),
+    "chirp": Case("mock/chirp", 1, SHORTER["mock/chirp"], "audio SWEEPING silent, stuck, corrupt, losing"),
     "pretouch": Case(
         "mock/pretouch",
         4,
         SONIC,
-        {
-            "audio": {"BASELINE": "silent, stuck", "APPROACHING": "losing a little"},
-            "arm": {"BASELINE": "stuck"},
-        },
+        """audio BASELINE silent, stuck
+        audio APPROACHING losing
+        arm BASELINE stuck""",
     ),
-    "touch": Case(
-        "mock/touch", 1, SONIC, {"audio": {"APPROACHING": "corrupt"}, "arm": {"HOLDING": "silent"}}
-    ),
+    "touch": Case("mock/touch", 1, SONIC, "audio APPROACHING corrupt\narm HOLDING silent"),
     "objects": Case(
-        "mock/objects",
-        2,
-        {**SONIC, "behavior.cycles": "1"},
-        {"audio": {"RETRACTING": "losing a little"}, "arm": {"BASELINE": "silent"}},
+        "mock/objects", 2, {**SONIC, "behavior.cycles": "1"}, "audio RETRACTING losing\narm BASELINE silent"
     ),
     "centering": Case(
         "mock/centering",
         4,
         SONIC,
-        {
-            "audio": {"BASELINE": "silent", "SEEKING_FORWARD": "losing a little"},
-            "arm": {"SEEKING_BACKWARD": "corrupt"},
-            "gripper": {"RESTING": "silent"},
-        },
+        """audio BASELINE silent
+        audio SEEKING_FORWARD losing
+        arm SEEKING_BACKWARD corrupt
+        gripper RESTING silent""",
     ),
 }
 
-FAULTS = {
-    "silent": {"kind": "silent"},
-    "corrupt": {"kind": "corrupt"},
-    "losing a little": {"kind": "lose", "for_s": 0.06},
-    "stuck": {"kind": "stuck"},
+FAULTS = {kind: {"kind": kind} for kind in ("silent", "corrupt", "stuck")} | {
+    "losing": {"kind": "lose", "for_s": 0.06}
 }
 
 
@@ -157,11 +133,10 @@ def numbers(bench: Bench) -> dict[str, Any]:
 
 
 SCENES = [
-    (name, device, state, kind)
+    (name, *line.split()[:2], kind)
     for name, case in CASES.items()
-    for device, states in case.faults.items()
-    for state, kinds in states.items()
-    for kind in kinds.split(", ")
+    for line in case.faults.splitlines()
+    for kind in line.split(maxsplit=2)[2].split(", ")
 ]
 
 
@@ -176,7 +151,7 @@ def test_what_does_not_arrive_ends_the_trial_as_a_fault_that_names_it(
     bench = run(name, tmp_path, [fault])
     assert bench.outcome.exit_code == EXIT_DEVICE, bench.outcome.line
     assert bench.run.trials[0]["outcome"] == "fault"
-    reason = {"stuck": "sticks at", "losing a little": "no samples from"}.get(kind, "is silent for")
+    reason = {"stuck": "sticks at", "losing": "no samples from"}.get(kind, "is silent for")
     assert reason in bench.outcome.line or "no samples from" in bench.outcome.line
     assert device in bench.outcome.line
     assert numbers(bench) == {}, "no number from what did not arrive"
