@@ -453,6 +453,59 @@ def _unsaid(
         yield "newtons: hang a weight on it and give --per-newton, its reading for 1 N"
 
 
+CURVE_PX, LEAST_MS, DECADES = (420, 190), 0.01, 5
+"""Size of the figure of delays, and its axis of them: from this on, so many powers of ten."""
+
+
+def curves(found: Mapping[str, Any]) -> str:
+    """Delays against false alarms an hour, as SVG: median and its interval, the delay of 90 % dashed; "" without."""
+    width, height = CURVE_PX
+    values = {each["quantity"]: each for each in found["rows"] if each["value"] is not None}
+    drawn = []
+
+    def place(an_hour: float, delay_ms: float) -> str:
+        x = 60 + (width - 90) * (math.log10(AN_HOUR[-1]) - math.log10(an_hour)) / math.log10(AN_HOUR[-1])
+        share = math.log10(max(delay_ms, LEAST_MS) / LEAST_MS) / DECADES
+        return f"{x:.1f},{height - 30 - (height - 45) * min(1.0, share):.1f}"
+
+    kinds = dict.fromkeys(name.split(" at ")[0] for name in values if name.endswith("delay, median"))
+    for number, kind in enumerate(kinds):
+        colour = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")[number % 4]
+        for name, dashes in (("median", ""), ("90 %", ' stroke-dasharray="4 3"')):
+            points = [
+                (an_hour, values[key])
+                for an_hour in AN_HOUR
+                for key in values
+                if key.startswith(f"{kind} at {an_hour:g} false") and key.endswith(f"delay, {name}")
+            ]
+            line = " ".join(place(an_hour, each["value"]) for an_hour, each in points)
+            drawn.append(
+                f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"{dashes}/>'
+            )
+            for an_hour, each in points if name == "median" else ():
+                ends = (each["low"] or LEAST_MS, 1e9 if each["high"] is None else each["high"])
+                bar = " ".join(place(an_hour, end) for end in ends)
+                drawn.append(f'<polyline points="{bar}" stroke="{colour}" stroke-opacity=".5"/>')
+        drawn.append(
+            f'<text x="{width + 5}" y="{30 + 18 * number}" fill="{colour}">{html.escape(kind)}</text>'
+        )
+    for an_hour in AN_HOUR:
+        x = place(an_hour, LEAST_MS).split(",")[0]
+        drawn.append(f'<text x="{x}" y="{height - 12}" text-anchor="middle">{an_hour:g} an hour</text>')
+    for power in range(0, DECADES + 1):
+        ms = LEAST_MS * 10.0**power
+        y = float(place(AN_HOUR[-1], ms).split(",")[1])
+        drawn.append(f'<text x="50" y="{y + 4:.1f}" text-anchor="end">{ms:g} ms</text>')
+        drawn.append(f'<path d="M55 {y:.1f}H{width - 15}" stroke="#ddd"/>')
+    if not kinds:
+        return ""
+    return (
+        "<h2>Delay against false alarms an hour</h2><p>Line: median with its 95 % interval; dashed: nine in ten. Missed"
+        f' events count last; no point where that many are missed.</p><svg width="{width + 130}" height="{height}"'
+        f' font-size="12" role="img" aria-label="delays">{"".join(drawn)}</svg>'
+    )
+
+
 HEADS = ("quantity", "value", "95 % interval", "unit", "n", "how")
 
 
@@ -493,7 +546,8 @@ def page(found: Mapping[str, Any]) -> str:
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>body{{font:14px/1.45'
         " system-ui;max-width:70em;margin:2em auto;padding:0 1em}td,th{text-align:left;padding:.15em .8em .15em 0;"
         f"border-bottom:1px solid #ccc;vertical-align:top}}</style><h1>{title}</h1><p>{html.escape(about)}</p>"
-        f"{table([cells(each) for each in found['rows']])}<h2>What it cannot say, and what to record next</h2>"
+        f"{table([cells(each) for each in found['rows']])}{curves(found)}"
+        "<h2>What it cannot say, and what to record next</h2>"
         f"<ul>{unsaid}</ul></html>\n"
     )
 

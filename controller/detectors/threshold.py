@@ -198,13 +198,14 @@ AT_ONCE = 1 << 20
 
 def running(values: Floats, size: int) -> Floats:
     """Means of `size` values in a row, shape (n - size + 1, channels); the same to the bit however they are cut."""
-    windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=0)
-    means = np.empty(windows.shape[:2])
+    count, places = len(values) - size + 1, np.arange(size)
+    means = np.empty((max(0, count), values.shape[1]))
     rows = max(1, AT_ONCE // (size * values.shape[1]))
-    for begin in range(0, len(windows), rows):
+    for begin in range(0, count, rows):
+        part = np.arange(begin, min(begin + rows, count))
         # one sum for each window, in the same order each time: a cumulative sum would depend on where it began
-        part = slice(begin, begin + rows)
-        means[part] = np.ascontiguousarray(windows[part]).sum(axis=-1) / size
+        windows = values[part[:, None] + places].transpose(0, 2, 1)
+        means[part] = np.ascontiguousarray(windows).sum(axis=-1) / size
     return means
 
 

@@ -65,6 +65,8 @@ def test_two_certificates_are_compared_in_the_same_words():
     assert lines[0] == "cell | other"
     assert any(line.startswith("latency: 4 | 4 ms, x 1") for line in lines)
     assert "<td>latency</td>" in page(certified("<cell>"))
+    # a line for the median and one for nine in ten, and an interval at each of three rates, of one detector
+    assert page(certified("<cell>")).count("<polyline") == 2 + 3
     assert "&lt;cell&gt;" in page(certified("<cell>"))
 
 
