@@ -146,6 +146,7 @@ def certified(
     *,
     column: str | None,
     stream: str,
+    trial: int | None,
     rate_hz: float | None,
     quiet: Sequence[tuple[float, float]],
     touches: Sequence[float],
@@ -175,10 +176,9 @@ def certified(
     given: list[Recorded] = []
     for path in recordings:
         where = path if path.exists() or path.suffix else RunFolder.find(path).path
-        blocks = read_blocks(where, stream, column=column, rate_hz=rate_hz, notes=notes)
-        second = (
-            read_blocks(where, stream, column=reference, rate_hz=rate_hz, notes=notes) if reference else ()
-        )
+        how: Mapping[str, Any] = {"rate_hz": rate_hz, "trial": trial, "notes": notes}
+        blocks = read_blocks(where, stream, column=column, **how)
+        second = read_blocks(where, stream, column=reference, **how) if reference else ()
         said = unit or _bracketed(column or "")
         if said and (unit is not None or not blocks[0].unit):
             blocks = [replace(block, unit=said) for block in blocks]

@@ -440,6 +440,14 @@ def _unsaid(
             "what was above a threshold already before an event: it drifts, or the last event still lasts; name quiet"
             " shortly before the events too, so that it is learned there"
         )
+    first_s = min((end_s for _, end_s in truth.quiet), default=-math.inf)
+    at_s = [t_s for each in touches for t_s in each] + [begin_s for begin_s, _ in truth.slips]
+    late = sum(t_s + 0.1 < first_s for t_s in at_s)
+    if late:
+        yield (
+            f"delays of {late} of {len(at_s)} events: no quiet comes before them, and detectors learned from what is"
+            " none; record quiet first"
+        )
     if len(quiet) < 3:
         yield f"how recordings differ: stretches of quiet: {len(quiet)}; record three, on other days and mountings"
     count = sum(map(len, touches))

@@ -107,6 +107,9 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
 @click.option("--column", metavar="C", help="The sensor's column, as in `replay`.")
 @click.option("--stream", default="sensor", help="Of a run folder: the stream, DEVICE.STREAM.")
 @click.option(
+    "--trial", type=click.IntRange(min=1), metavar="N", help="Of a run folder; its first otherwise."
+)
+@click.option(
     "--rate",
     "rate_hz",
     type=verbs.Finite(min=verbs.RATE_HZ[0], max=verbs.RATE_HZ[1]),

@@ -85,6 +85,14 @@ def test_from_a_loggers_file_to_a_page(verb, tmp_path):
     assert "latency: 4 | 4 ms, x 1" in verb("compare", tmp_path / "cell.json", tmp_path / "cell.json")[1]
 
 
+def test_events_before_any_quiet_are_named():
+    _, force, _ = load_cell()
+    detectors = {"force.threshold": lambda: make_detector("force.threshold", {})}
+    truth = Truth([(50.0, 59.0)], touches=[21.0, 22.7, 59.5])
+    found = certificate([Recorded("cell.log", block_of(force))], truth, detectors, name="cell")
+    assert any("delays of 2 of 3 events: no quiet comes before them" in line for line in found["cannot_say"])
+
+
 def test_a_recording_of_which_nothing_is_known_says_where_it_knocks_to_be_pasted(verb, tmp_path):
     """A sound file alone; then the line that was printed, as it stands."""
     rng = np.random.default_rng(3)

@@ -94,3 +94,20 @@ def test_a_set_needs_a_licence_and_something_recorded(verb, slips, tmp_path):
     code, _, err = verb("record-set", slips.parent / "runs", "--into", tmp_path / "x", "--by", "me")
     assert code == 2
     assert "--licence" in err
+
+
+def test_a_certificate_is_of_the_trial_that_is_named(verb, slips):
+    (run,) = (slips.parent / "runs").iterdir()
+    given = ("characterize", run, "--stream", "board.fingertip", "--column", "2", "--quiet", "2.7:5")
+    noise = []
+    for trial in (1, 2):
+        out = slips.parent / f"tip_{trial}"
+        code, _, err = verb(*given, "--trial", trial, "--touch", "5.082", "--out", out)
+        assert code == 0, err
+        rows = json.loads(out.with_suffix(".json").read_text())["rows"]
+        noise.append(next(row["value"] for row in rows if row["quantity"] == "noise, standard deviation"))
+    assert noise[0] != noise[1]
+    assert noise[0] == pytest.approx(noise[1], rel=0.2)
+    code, _, err = verb(*given, "--trial", 9)
+    assert code == 2
+    assert "no recording of trial 9" in err
