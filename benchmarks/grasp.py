@@ -122,10 +122,10 @@ def grasped(seed: int, thing: Thing, rule: Mapping[str, Any], plant: Mapping[str
     own |= {"pad_roughness": thing.roughness}
     about = PLANT | own
     about |= {name: factor * about[name] for name, factor in plant.items()}
-    return Scene(GraspBenchSettings.model_validate(about), (seed, thing.number), settings).run()
+    return GraspScene(GraspBenchSettings.model_validate(about), (seed, thing.number), settings).run()
 
 
-class Scene:
+class GraspScene:
     """A closed loop around one object."""
 
     def __init__(self, plant: GraspBenchSettings, key: tuple[int, int], settings: GraspSettings) -> None:

@@ -147,7 +147,7 @@ class Watching(Protocol):
         """After each trial's recording has begun."""
 
 
-class Held(HandOperator, Protocol):
+class HeldRun(HandOperator, Protocol):
     """What holds a campaign between two trials: see `controller.watching.between`."""
 
     possible: bool
@@ -162,7 +162,7 @@ class Holds(Protocol):
     """A console at which a campaign can be held between two trials."""
 
     @property
-    def between(self) -> Held:
+    def between(self) -> HeldRun:
         """What holds it."""
 
 
@@ -374,7 +374,7 @@ class Campaign:
         return code, status, line
 
     def _held(
-        self, held: Held, trial: TrialPlan, infos: Mapping[str, DeviceInfo]
+        self, held: HeldRun, trial: TrialPlan, infos: Mapping[str, DeviceInfo]
     ) -> tuple[int, str, str] | None:
         """Before a trial, where it is to be held: what a person does by hand, through the trial's guard; noted in the
         manifest. What ended badly ends the campaign: its exit code, status and line."""

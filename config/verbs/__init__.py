@@ -107,7 +107,7 @@ class Verb(click.Command):
 
 
 def _lacking(missing: ModuleNotFoundError) -> str:
-    return f"{sys.executable} lacks {missing.name}: call .venv/bin/python run.py, which `make run` sets up"
+    return f"{sys.executable} lacks {missing.name}: call .venv/bin/python {PROGRAM}, which `make run` sets up"
 
 
 def explained(error: Exception) -> tuple[int, str]:
