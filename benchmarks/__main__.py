@@ -4,8 +4,8 @@ import sys
 from importlib import import_module
 
 STUDIES = (
-    "physics chain grasp slip slip_thresholds pretouch pretouch_rooms level_stops centering centering_rooms contact "
-    "contact_steps onset curves table_1 campaigns costs"
+    "physics tip chain grasp slip slip_thresholds pretouch pretouch_rooms level_stops centering centering_rooms "
+    "contact contact_steps onset curves table_1 campaigns costs"
 )
 MODULES = {"stop": "stop_latency", "page": "live_page"}
 BENCHMARKS = ("loop", "stop", "page", "left_alone", *STUDIES.split())

@@ -17,7 +17,11 @@ from simulator.physics import jaws_kernel as kernel
 from simulator.physics.stage_axis import sane
 
 STIFFEST_N_M = 1e6
-"""Stiffest object: beyond 4 m / TICK_S^2 the semi-implicit step is unstable; this is a tenth of it."""
+"""Stiffest object: a tenth of what is unstable with the jaws' own mass (`_can_be_computed`)."""
+
+LONGEST_STEP = 1.25
+"""Most that k T^2 / m + 2 d T / m of an object with stiffness k and damping d may be: the semi-implicit step is
+unstable from 4 on, and gives a spring 1 / (1 - k T^2 / 4 m) of its energy back, 1.45 at the most then."""
 
 CLEARANCE_M = 0.001
 """By how much an object must clear the open and the closed jaws, to be let in and to be held (assumption)."""
@@ -49,6 +53,17 @@ class JawsSettings(Settings):
     """What the motor moves, as seen at the opening. Assumption: rotor of 1e-5 kg m2 on a 6 mm pinion, jaws of 50 g."""
     friction_n: float = Field(default=0.5, ge=0.0, le=5.0)
     """Of racks and pinion, as seen at the opening (assumption: a tenth of the least grip, 5 N)."""
+
+    @model_validator(mode="after")
+    def _can_be_computed(self) -> Self:
+        for name, thing in self.objects.items():
+            step = thing.stiffness_n_m * kernel.TICK_S**2 + 2.0 * thing.damping_n_s_m * kernel.TICK_S
+            if self.mass_kg * LONGEST_STEP < step:
+                raise ValueError(
+                    f"{name} is too stiff or too damped for jaws of {self.mass_kg:g} kg, which would be thrown off it;"
+                    f" mass_kg = {step / LONGEST_STEP:.3g} is the least for it"
+                )
+        return self
 
     @model_validator(mode="after")
     def _object_fits(self) -> Self:
