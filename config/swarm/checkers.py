@@ -373,6 +373,8 @@ def healed(broken: Any, resumed: Any, healthy: Any) -> Iterator[Violation]:
             "LIVENESS", "resume", *_where(resumed), f"{type(resumed.error).__name__}: {resumed.error}"
         )
         return
+    if healthy.exit_code not in (0, 1):
+        return  # it breaks off by itself, as its settings are drawn
     touched = {effect["trial"] for effect in broken.effects}
     again = {trial.number for trial in resumed.trials}
     lines, expected = _lines(resumed.raw[0]), _lines(healthy.raw[0])
