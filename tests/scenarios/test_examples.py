@@ -104,7 +104,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "run_campaigns.md"
 
 
 def test_the_script_in_the_docs_runs(tmp_path, monkeypatch, capsys):
-    code, reading = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    code, reading, _ = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     monkeypatch.chdir(tmp_path)
     scope: dict[str, object] = {}
     exec(compile(code, str(PAGE), "exec"), scope)
