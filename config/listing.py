@@ -81,11 +81,14 @@ def listed_profiles(words: Sequence[str] = (), benches: Collection[str] = ()) ->
     width = shutil.get_terminal_size((120, SCREEN)).columns
     if len(found) == len(every):
         lines = _overview(every)
-    elif 2 * len(found) <= SCREEN:
-        lines = [line for each in found for line in (f"{each.name:<28}{each.title}", f"    {each.line}")]
-        return [*lines, f"All of one: {PROGRAM} check PROFILE"][:SCREEN]  # the last one only where it fits
-    else:
+    else:  # what they take, of as many as fill the screen
+        room = SCREEN - 1 - len(found)
         lines = [f"{each.name:<28}{each.title}" for each in found]
+        lines[: max(0, room)] = [
+            line
+            for each in found[: max(0, room)]
+            for line in (f"{each.name:<28}{each.title}", f"    {each.line}")
+        ]
     last = f"More: {PROGRAM} list WORD, list --hardware (--mock, --emulated); all of one: {PROGRAM} check PROFILE"
     return [*(line if len(line) <= width else f"{line[: width - 1]}…" for line in lines), last]
 
@@ -94,11 +97,12 @@ def _overview(every: Sequence[Listed]) -> list[str]:
     """One line for a name, whatever benches have it."""
     lines = [f"{'BENCH/NAME':<28}on m(ock) e(mulated) h(ardware), item of the paper, what it does"]
     for letter, subject in SUBJECTS.items():
-        lines.append(f"{letter}: {subject}" if letter else subject)
         of_it = [each for each in every if each.item[:1] == letter]
         names = dict.fromkeys(
             each.name.partition("/")[2] if each.bench in BENCHES else each.name for each in of_it
         )
+        if len(names) > 1:  # one line needs no heading
+            lines.append(f"{letter}: {subject}" if letter else subject)
         rows = []
         for name in names:
             same = [each for each in of_it if each.name in (name, *(f"{bench}/{name}" for bench in BENCHES))]

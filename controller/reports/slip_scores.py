@@ -32,6 +32,7 @@ PLANT: Mapping[str, tuple[float | str, str]] = {
     "mode_scale": (1.0, "frequency × {:g}"),
     "damping_scale": (1.0, "damping × {:g}"),
     "friction": ("none", "friction {:g}"),
+    "matrix_hz": ("none", "a matrix at {:g} Hz"),
     "nuisances.noise_factor": (1.0, "noise that changes by {:g}"),
     "nuisances.hum": (0.0, "hum of {:g} noise"),
     "nuisances.converter": (0.0, "converter steps of {:g} noise"),
