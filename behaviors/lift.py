@@ -25,6 +25,13 @@ UNLOADS = 0.75
 """A finger that carries less than this share of what it carried lately is unloaded: no slip does that (assumption:
 friction of what slides is less by a tenth at the most)."""
 
+SUDDEN = 1.12
+"""A load that has grown or fallen by this factor lately has jumped: what is held swings, and knocks (assumption: a
+start of the arm at 0.5 m/s^2 and its swing give 1.1)."""
+
+KNOCK_MARGIN = 1.02
+"""Margin over a load that swings: its peak lasts for some 20 ms, and a grip with the whole margin over it crushes."""
+
 LOOSEN, LOOSEN_S = 0.94, 0.03
 """The jaws press less hard by such a share at a time, and so often: at once, they would swing below."""
 
@@ -153,7 +160,7 @@ class Lifting(Gripping):
     _tighten_due_s = math.inf
     _plateau_due_s = math.inf
     _relax_due_s = math.inf
-    _calm_s = _boosted_s = -math.inf
+    _calm_s = _still_s = _boosted_s = -math.inf
     _shake_due_s = math.inf
     _shake_up = False
 
@@ -210,7 +217,8 @@ class Lifting(Gripping):
         """What load and friction ask for; the present grip while one of them is unknown."""
         if not self.settings.load or math.isinf(self._friction):
             return self._force_n
-        return self.settings.margin * max(self._load_n, 0.0) / self._friction
+        margin = self.settings.margin if self.event.t_s >= self._calm_s else KNOCK_MARGIN
+        return margin * max(self._load_n, 0.0) / self._friction
 
     @property
     def _share(self) -> float:
@@ -233,9 +241,19 @@ class Lifting(Gripping):
             return False
         return not knocked and self._uses(self._share, self.settings.credible)
 
+    def _jumps(self) -> bool:
+        """Whether the load has changed suddenly."""
+        lately_n = [n for t_s, n, _ in self._loads if t_s >= self.event.t_s - LATELY_S]
+        return max(lately_n) > SUDDEN * max(min(lately_n), 1e-9)
+
     def expect_knock(self, lasting_s: float = 0.0) -> None:
         """What is held is about to be shaken, not to slip."""
-        self._calm_s = self.event.t_s + lasting_s + self.settings.knock_s
+        self._calm_s = max(self._calm_s, self.event.t_s + lasting_s + self.settings.knock_s)
+
+    def move_it(self, lasting_s: float = 0.0) -> None:
+        """The arm is about to shake what is held."""
+        self.expect_knock(lasting_s)
+        self._still_s = self._calm_s
 
     def note_slip(self) -> None:
         """Something slips."""
@@ -264,8 +282,11 @@ class Lifting(Gripping):
             self._most_n = self._load_n
             self._plateau_due_s = self.event.t_s + (self.settings.plateau_s or math.inf)
         self._loads.append((self.event.t_s, self._load_n, self._load_n / self._force_n))
+        if self.state in _AIR and self._jumps():
+            self.expect_knock()
         if self.settings.rule == "friction" and self._wanted_n > self._force_n:
             beyond = self._uses(self._load_n / self._force_n, self.settings.limit)
+            beyond = beyond and self.event.t_s >= self._still_s
             share = self._boost(self.event.t_s) if beyond else 1.0
             for command in self._pressed(max(share * self._force_n, self._wanted_n), self.event.t_s):
                 self.command(command)
@@ -337,23 +358,23 @@ class Lifting(Gripping):
         self._loads: deque[tuple[float, float, float]] = deque(maxlen=64)  # when, N, over the grip
         self._boosted_s = -math.inf
         self._slipping, self._tighten_due_s, self._relax_due_s = frozenset(), math.inf, math.inf
-        self._calm_s = -math.inf
+        self._calm_s = self._still_s = -math.inf
         self._rise(self.settings.load_m, self.settings.load_speed_m_s)
 
     def enter_LIFTING(self) -> None:
         """Straight up."""
         self._lifted_n = self._load_n
-        self.expect_knock()
+        self.move_it()
         self._rise(self.settings.lift_m, self.settings.lift_speed_m_s)
 
     def enter_SHAKING(self) -> None:
         """Up and down."""
-        self.expect_knock(self.settings.shake_s)
+        self.move_it(self.settings.shake_s)
         self._shake_due_s, self._shake_up = self.event.t_s, False
 
     def enter_HOLDING(self) -> None:
         """Stand still."""
-        self.expect_knock()
+        self.move_it()
         if self.shaking():
             self.command(Stop(self.settings.mover))
 

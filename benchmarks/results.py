@@ -70,8 +70,8 @@ def kept(name: str, compute: Callable[[], T]) -> T:
 
 @cache
 def _code() -> str:
-    """Of studies, detectors, signals and plants, as they are."""
-    rooms = ("benchmarks", "controller/detectors", "controller/signals", "simulator/physics")
+    """Of studies, behaviors, detectors, signals and plants, as they are."""
+    rooms = ("benchmarks", "behaviors", "controller/detectors", "controller/signals", "simulator/physics")
     files = sorted(path for room in rooms for path in ROOT.glob(f"{room}/*.py"))
     return sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
 

@@ -95,7 +95,7 @@ def test_a_slip_tells_the_friction_and_the_grip_follows_the_load_by_it():
 def test_a_load_beyond_what_friction_bears_makes_the_jaws_press_harder_at_once():
     behavior = in_the_air()
     assert behavior.handle(load(17.0, 5.9)) == [harder(1.5 * 15.0)], "98 % of 6 N: it is about to slip"
-    assert behavior.handle(load(17.01, 7.6)) == [harder(1.2 * 7.6 / 0.4)], (
+    assert behavior.handle(load(17.01, 9.6)) == [harder(1.02 * 9.6 / 0.4)], (
         "not again at once, but what the load asks for"
     )
 

@@ -1,0 +1,218 @@
+"""The part of the page on D1: how an object was held, in the words of NIST's measures of hands, and one grasp drawn."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from behaviors.lift import LIFTING
+from controller.recording.reader import Run
+from controller.reports.counts import Row, median, percent, quantity, rate, three, total, values, wilson
+from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
+from controller.reports.section import Figure, Kind, Result, Section
+
+NIST = "NIST SP 1227, Performance Metrics and Test Methods for Robotic Hands"
+
+UP = tuple(dict.fromkeys(state for row in LIFTING for state in row.sources if state != "LOWERING"))
+"""States in which the object is held, in order."""
+
+WANTED = {
+    "grip over least force, median": ("grip_over_least", 0.5, 1.2),
+    "grip over least force, 95 of 100": ("grip_over_least", 0.95, 1.4),
+    "slip in the air until held, median": ("arrested_m", 0.5, 1e-3),
+    "slip in the air until held, 95 of 100": ("arrested_m", 0.95, 2e-3),
+    "side push at first touch, largest": ("push_n", 1.0, 0.1),
+}
+"""What is aimed at: column, quantile, bound. Ours."""
+
+GRIP = re.compile(r"Grip\(.*, ([0-9.e+-]+)\)")
+"""A grip among an event's commands, and its force, N."""
+
+Floats = NDArray[np.float64]
+
+
+def section(runs: Sequence[Run], figures: Figures) -> Section:
+    """Outcomes, NIST's measures, told against true slips, and the timeline of one grasp."""
+    rows = [row for run in runs for row in run.trials]
+    content: dict[str, Any] = {
+        "what": (
+            "An object is found, gripped with the gripper's least force, lifted, shaken, loaded and tapped."
+            f" The measures' names are those of {NIST}."
+        ),
+        "measures": [_measures(rows)],
+        "told": _told(rows),
+        "goals": list(_goals(rows)),
+    }
+    drawn = next(
+        (svg for run in runs for row in run.trials if row.get("slips") and (svg := _draw(figures, run, row))),
+        "",
+    )
+    if drawn:
+        content["timeline"] = Figure(
+            drawn,
+            "One grasp. Top: the commanded grip, what the pad feels of it, and the least force that would hold it: "
+            "the finger's load over true friction. Below: that load. Triangles: slips that were told and acted on.",
+        )
+    held = sum(row.get("outcome") == "held" for row in rows)
+    kind = Kind.PREDICTED if runs[0].simulated else Kind.MEASURED
+    over = median(rows, "grip_over_least")
+    summary = [Result(kind, f"Held: {rate(held, len(rows))}.")]
+    if over is not None:
+        summary.append(
+            Result(kind, f"Grip over least force: {three(over)} in the median.", over <= 1.2, goal=True)
+        )
+    return Section("A grasp with little more than the least force (D1)", content, summary=summary)
+
+
+def _measures(rows: Sequence[Row]) -> Row:
+    """One line in NIST's words."""
+    resistance_n = [
+        float(row["friction_true"]) * float(row["felt_n"])
+        for row in rows
+        if row.get("friction_true") is not None and row.get("felt_n") is not None
+    ]
+    line: dict[str, Any] = {"lifts": len(rows)}
+    line["touch sensitivity, N"] = three(median(rows, "felt_n"))
+    line["slip resistance of a finger then, N"] = three(
+        float(np.median(resistance_n)) if resistance_n else None
+    )
+    line["grasp efficiency: grip over least"] = three(median(rows, "grip_over_least"))
+    line["cycle time, s"] = three(median(rows, "cycle_s"))
+    inside = [
+        row["friction_low"] <= row["friction_true"] <= row["friction_high"]
+        for row in rows
+        if row.get("friction") is not None and row.get("friction_true") is not None
+    ]
+    line["friction within its 90 % interval"] = f"{sum(inside)} of {len(inside)}" if inside else "not known"
+    return line
+
+
+def _told(rows: Sequence[Row]) -> list[Row]:
+    """Slips that the jaws acted on against slips that were."""
+    known = [row for row in rows if row.get("told_true") is not None]
+    if not known:
+        return []
+    return [
+        {"": "acted on", "a slip": total(known, "told_true"), "none": total(known, "told_false")},
+        {"": "not acted on", "a slip": total(known, "untold"), "none": ""},
+    ]
+
+
+def _goals(rows: Sequence[Row]) -> list[Row]:
+    """Each goal, the figure, and whether it is met."""
+    found = []
+    n = len(rows)
+    for name, outcomes in (
+        ("dropped, or never lifted", ("dropped", "not_lifted")),
+        ("crushed", ("crushed",)),
+    ):
+        hits = sum(row.get("outcome") in outcomes for row in rows)
+        low, high = wilson(hits, n)
+        text = f"{hits} of {n}: {three(100 * low)} to {three(100 * high)} %"
+        found.append({"goal": name, "aimed at": "1 %", "found": text, "met": hits <= 0.01 * n})
+    for name, (column, part, bound) in WANTED.items():
+        known = values(rows, column)
+        if column == "arrested_m":
+            known = [value for value in known if value]
+        if known:
+            value = float(np.quantile(known, part))
+            shown = (
+                f"{quantity(column, value)} of {len(known)}" if column != "grip_over_least" else three(value)
+            )
+            aim = quantity(column, bound) if column != "grip_over_least" else three(bound)
+            found.append({"goal": name, "aimed at": aim, "found": shown, "met": value <= bound})
+    false = [row for row in rows if row.get("told_false") is not None]
+    if false:
+        hits = sum(bool(row["told_false"]) for row in false)
+        found.append(
+            {
+                "goal": "lifts with a slip acted on that was none",
+                "aimed at": "2 %",
+                "found": f"{hits} of {len(false)}, {percent(hits / len(false))}",
+                "met": hits <= 0.02 * len(false),
+            }
+        )
+    return found
+
+
+def _draw(figures: Figures, run: Run, row: Row) -> str:
+    """The timeline of one grasp; "" where it was not recorded."""
+    recording = run.readable(int(row["trial"]))
+    if recording is None:
+        return ""
+    own = run.events_of(row["trial"])
+    entered_s = {
+        str(event["next"]): float(event["t_s"]) for event in own if event.get("next") != event.get("state")
+    }
+    if "CLOSING" not in entered_s or "LOWERING" not in entered_s:
+        return ""
+    first_s, last_s = entered_s["CLOSING"], entered_s["LOWERING"]
+    felt = recording.stream("signals.pad").between(first_s, last_s)
+    if len(felt) < 2:
+        return ""
+    friction = row.get("friction_true")
+    with figures.figure(3.6, rows=2, sharex=True, height_ratios=(3, 2)) as drawing:
+        top, below = drawing.axes
+        step = max(1, len(felt) // 2000)
+        times_s, load_n = felt.times_s[::step], _smooth(felt.values[:, 2])[::step]
+        forces = list(_commanded(own, first_s, last_s))
+        top.plot(times_s, _smooth(felt.values[:, 3])[::step], color=FAINT, lw=0.8, label="felt by the pad")
+        top.step(*zip(*forces, strict=True), where="post", color=OURS, label="commanded grip")
+        if friction:
+            top.plot(times_s, load_n / float(friction), color=GOOD, lw=0.9, label="least force")
+        below.plot(times_s, load_n, color=INK, lw=0.8)
+        slips_s = [float(event["t_s"]) for event in own if _acted(event)]
+        below.plot(
+            slips_s, np.interp(slips_s, times_s, load_n), "v", color=FALSE, label="slip told, acted on"
+        )
+        _shade(drawing.axes, entered_s, last_s)
+        top.set_ylabel("N")
+        top.set_ylim(0.0, 1.15 * max(force for _, force in forces))
+        below.set_ylabel("load, N")
+        below.set_xlabel("s")
+        top.legend(loc="upper left", ncols=3)
+        below.legend(loc="upper left")
+        return drawing.save("grasp")
+
+
+def _smooth(values_n: Floats) -> Floats:
+    return np.convolve(values_n, np.full(10, 0.1), "same")
+
+
+def _shade(axes: Sequence[Any], entered_s: Mapping[str, float], last_s: float) -> None:
+    states = [state for state in ("CLOSING", *UP) if state in entered_s]
+    edges_s = [*(entered_s[state] for state in states), last_s]
+    for number, state in enumerate(states):
+        for each in axes:
+            if number % 2:
+                each.axvspan(edges_s[number], edges_s[number + 1], color=PAPER, alpha=0.08, lw=0)
+        middle_s = 0.5 * (edges_s[number] + edges_s[number + 1])
+        axes[0].annotate(
+            state.lower(),
+            (middle_s, 1.0),
+            xycoords=("data", "axes fraction"),
+            ha="center",
+            va="bottom",
+            fontsize=7.5,
+        )
+
+
+def _commanded(
+    events: Sequence[Mapping[str, Any]], first_s: float, last_s: float
+) -> list[tuple[float, float]]:
+    """When the grip's force was commanded, and how much."""
+    found = [
+        (float(event["t_s"]), float(said[1]))
+        for event in events
+        for command in event.get("commands") or ()
+        if (said := GRIP.fullmatch(str(command))) and first_s <= float(event["t_s"]) <= last_s
+    ]
+    return [*found, (last_s, found[-1][1])] if found else [(first_s, 0.0), (last_s, 0.0)]
+
+
+def _acted(event: Mapping[str, Any]) -> bool:
+    return event.get("event") == "SlipStarted" and bool(event.get("commands"))
