@@ -83,9 +83,9 @@ class LiftSettings(GripSettings):
     once `boost` times as hard, then back to that. `step`: `tighten_n` more, again and again while it slips."""
 
     plateau_s: float = Field(default=0.12, ge=0.0, le=10.0)
-    """A load that has not grown for so long while the arm rises slowly has begun to slip, silently, or hangs; while the
-    friction is unknown, and at the limit, it counts as a slip. 0 for never. Assumption: twice what a step of the load
-    takes."""
+    """A load that has not grown for so long while the arm rises slowly is of what slips, all of it, or hangs; while the
+    friction is unknown, and at the limit, it counts as a slip, and no other does then. 0 for never: a slip that is told
+    counts. Assumption: twice what a step of the load takes."""
 
     margin: float = Field(default=1.1, ge=1.0, le=10.0)
     """What the grip is set to, over what load and friction ask for. Chosen in benchmarks/grasp."""
@@ -235,6 +235,8 @@ class Lifting(Gripping):
         """Whether a finger carries so much that it may slip."""
         if not self.settings.load:
             return True
+        if self.state == "LOADING" and self.settings.plateau_s > 0.0:
+            return False  # one patch may slip before all does
         knocked = self.event.t_s < self._calm_s
         lately_n = max((n for t_s, n, _ in self._loads if t_s >= self.event.t_s - LATELY_S), default=0.0)
         if self._load_n < UNLOADS * lately_n or self._share < self.settings.least_friction:

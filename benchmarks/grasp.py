@@ -290,10 +290,10 @@ RULES: Mapping[str, Mapping[str, Any]] = {
 MARGINS, BOOSTS = (1.1, 1.15), (1.4,)
 """What is chosen from."""
 
-CHOSEN = 5, 30, 8, 2
+CHOSEN = 4, 24, 4, 1
 """Objects that choose, that judge ours, that judge each rival, and for each setting of the plant that is varied."""
 
-VARIED = ("pad_noise_scale", "pad_roughness", "object_n_m", "added")
+VARIED = ("pad_noise_scale", "pad_roughness", "added")
 FACTORS = (0.7, 0.9, 1.1, 1.3)
 
 

@@ -14,6 +14,7 @@ from controller.recording.reader import Run
 from controller.reports.counts import Row, median, percent, quantity, rate, three, total, values, wilson
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.section import Figure, Kind, Result, Section
+from controller.scales import NOTHING
 
 NIST = "NIST SP 1227, Performance Metrics and Test Methods for Robotic Hands"
 
@@ -75,13 +76,15 @@ def _measures(rows: Sequence[Row]) -> Row:
         for row in rows
         if row.get("friction_true") is not None and row.get("felt_n") is not None
     ]
+    resistance = float(np.median(resistance_n)) if resistance_n else None
+    shown = {
+        "touch sensitivity, N": median(rows, "felt_n"),
+        "slip resistance of a finger then, N": resistance,
+        "grasp efficiency: grip over least": median(rows, "grip_over_least"),
+        "cycle time, s": median(rows, "cycle_s"),
+    }
     line: dict[str, Any] = {"lifts": len(rows)}
-    line["touch sensitivity, N"] = three(median(rows, "felt_n"))
-    line["slip resistance of a finger then, N"] = three(
-        float(np.median(resistance_n)) if resistance_n else None
-    )
-    line["grasp efficiency: grip over least"] = three(median(rows, "grip_over_least"))
-    line["cycle time, s"] = three(median(rows, "cycle_s"))
+    line |= {name: NOTHING if value is None else three(value) for name, value in shown.items()}
     inside = [
         row["friction_low"] <= row["friction_true"] <= row["friction_high"]
         for row in rows
@@ -104,7 +107,7 @@ def _told(rows: Sequence[Row]) -> list[Row]:
 
 def _goals(rows: Sequence[Row]) -> list[Row]:
     """Each goal, the figure, and whether it is met."""
-    found = []
+    found: list[Row] = []
     n = len(rows)
     for name, outcomes in (
         ("dropped, or never lifted", ("dropped", "not_lifted")),

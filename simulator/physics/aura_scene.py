@@ -25,7 +25,8 @@ TOOL, OBJECT, FORCE = (
     slice(kernel.OBJECT, kernel.OBJECT + 3),
     slice(9, 11),
 )
-WIDTH, RATE, SPEED, LOAD, SHARE = kernel.WIDTH, kernel.RATE, kernel.SPEED, kernel.LOAD, kernel.SHARE
+WIDTH, RATE, SPEED, LOAD = kernel.WIDTH, kernel.RATE, kernel.SPEED, kernel.LOAD
+SHARE, SLID = kernel.SHARE, kernel.SLID
 """Columns of a row: see the kernel."""
 
 

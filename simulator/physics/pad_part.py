@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from simulator.physics.aura_part import AuraPart
-from simulator.physics.aura_scene import FORCE, OBJECT, SHARE, TOOL, Weight
+from simulator.physics.aura_scene import FORCE, LOAD, SHARE, SLID, Weight
 from simulator.physics.aura_settings import AuraObject
 from simulator.physics.bench import Bench, BenchPart, Floats, StreamSpec
 from simulator.physics.fingertip_settings import CONVERTER_V
@@ -129,6 +129,7 @@ class PadPart(BenchPart):
         super().__init__(bench)
         self._gripper = gripper
         self._plant = SlipPlant(settings.pad)
+        self._hold_n_m = settings.weight.held.hold_n_m
         self._computed = 0
         self.begin(settings, {})
 
@@ -155,13 +156,16 @@ class PadPart(BenchPart):
             self._computed += len(numbers)
 
     def _tracks(self, numbers: Any) -> tuple[Floats, Floats]:
-        """Height of the finger over the object, and how far its pad is pressed, at each sample."""
+        """How far the finger is dragged over the object, and how far its pad is pressed, at each sample.
+
+        It is dragged by as much as the pads give under half of what both carry, and by what all of the object slides.
+        """
         times_s = self.bench.origin_s + numbers / self._plant.settings.rate_hz
         rows = self._gripper.track.at(ticks_of(times_s))
         # by the limit surface a torque takes up its part of the friction: the pull has the rest
         force_n = rows[:, FORCE][:, 0] * np.where(rows[:, SHARE] > 0.0, rows[:, SHARE], 1.0)
         press_m = np.where(force_n > 0.0, force_n / self._plant.settings.normal_n_m, APART_M)
-        return rows[:, TOOL][:, 2] - rows[:, OBJECT][:, 2], press_m
+        return rows[:, LOAD] / self._hold_n_m + rows[:, SLID], press_m
 
     def streams(self) -> Sequence[StreamSpec]:
         """What the board has, in the order of its stream ids."""

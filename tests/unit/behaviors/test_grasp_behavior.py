@@ -38,6 +38,7 @@ def grasping(**settings):
         "margin": 1.2,
         "boost": 1.5,
         "hold_s": 5.0,
+        "plateau_s": 0.0,
     }
     behavior = Grasp(GraspSettings(**usual | settings), SearchFactors(), NAMES)
     behavior.begin(0.0)
@@ -90,6 +91,18 @@ def test_a_slip_tells_the_friction_and_the_grip_follows_the_load_by_it():
     behavior.handle(over(13.05))
     assert behavior.handle(load(13.2, 5.0)) == [harder(1.2 * 5.0 / 0.4)]
     assert not behavior.handle(load(13.25, 4.9)), "less load, no harder grip"
+
+
+def test_a_load_that_no_longer_grows_while_the_arm_rises_tells_the_friction_too():
+    behavior, _ = grasping(plateau_s=0.12)
+    tell(behavior, load(12.9, 3.9), load(12.95, 4.0))
+    assert not behavior.handle(slip(12.97)) + list(behavior.handle(Tick(12.97))), (
+        "one patch may slip before all does"
+    )
+    assert not behavior.handle(Tick(13.06))
+    assert behavior.handle(Tick(13.07)) == [harder(12.0)], "4 N of 10 N, at a margin of 1.2"
+    tell(behavior, load(13.1, 4.3))
+    assert not behavior.handle(Tick(13.3)), "it hangs: less than friction bears"
 
 
 def test_a_load_beyond_what_friction_bears_makes_the_jaws_press_harder_at_once():

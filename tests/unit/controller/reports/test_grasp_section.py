@@ -1,0 +1,59 @@
+"""What the page says of grasps: goals with their bounds, told against true slips, NIST's measures."""
+
+from controller.reports.grasp import GRIP, _goals, _measures, _told
+
+
+def row(outcome="held", **about):
+    usual = {
+        "grip_over_least": 1.1,
+        "arrested_m": 0.0,
+        "push_n": 0.05,
+        "told_true": 1,
+        "told_false": 0,
+        "untold": 0,
+    }
+    known = {
+        "felt_n": 6.7,
+        "friction": 0.3,
+        "friction_low": 0.27,
+        "friction_high": 0.33,
+        "friction_true": 0.31,
+    }
+    return {"outcome": outcome, "cycle_s": 30.0, **usual, **known, **about}
+
+
+def found(rows):
+    return {each["goal"]: (each["found"], each["met"]) for each in _goals(rows)}
+
+
+def test_a_goal_has_its_figure_its_interval_and_whether_it_is_met():
+    rows = [row(), row(), row("dropped"), row("crushed", told_false=1, grip_over_least=1.5)]
+    goals = found(rows)
+    assert goals["dropped, or never lifted"] == ("1 of 4: 4.56 to 69.9 %", False)
+    assert goals["lifts with a slip acted on that was none"] == ("1 of 4, 25.0 %", False)
+    assert goals["grip over least force, median"] == ("1.1", True)
+    assert goals["side push at first touch, largest"][1] is True
+
+
+def test_slips_in_the_air_are_judged_where_there_were_any():
+    assert "slip in the air until held, median" not in found([row()])
+    goals = found([row(), row(arrested_m=0.0015), row(arrested_m=0.0005)])
+    assert goals["slip in the air until held, median"][1] is True
+    assert goals["slip in the air until held, 95 of 100"][1] is True
+
+
+def test_what_was_told_stands_against_what_was():
+    acted, not_acted = _told([row(told_true=2, told_false=1, untold=3)])
+    assert (acted["a slip"], acted["none"], not_acted["a slip"]) == (2, 1, 3)
+    assert _told([row(told_true=None)]) == [], "a real bench does not know"
+
+
+def test_the_measures_are_those_of_nist():
+    line = _measures([row(), row(friction_true=0.5)])
+    assert line["touch sensitivity, N"] == "6.7"
+    assert line["friction within its 90 % interval"] == "1 of 2"
+
+
+def test_the_force_of_a_grip_is_read_from_its_record():
+    assert GRIP.findall("Grip(gripper, 0.016, 0.06, 7.7)") == ["7.7"]
+    assert GRIP.fullmatch("Release(gripper, 0.02)") is None
