@@ -87,7 +87,7 @@ class LiftSettings(GripSettings):
     friction is unknown, and at the limit, it counts as a slip, and no other does then. 0 for never: a slip that is told
     counts. Assumption: twice what a step of the load takes."""
 
-    margin: float = Field(default=1.1, ge=1.0, le=10.0)
+    margin: float = Field(default=1.15, ge=1.0, le=10.0)
     """What the grip is set to, over what load and friction ask for. Chosen in benchmarks/grasp."""
 
     boost: float = Field(default=1.4, ge=1.0, le=10.0)
@@ -183,7 +183,8 @@ class Lifting(Gripping):
             commands += self._shaken(event.t_s)
         if self.state == "LOADING" and now_s >= self._plateau_due_s:
             self._plateau_due_s = math.inf
-            if self._uses(self._load_n / self._force_n, self.settings.limit):
+            share = self._load_n / self._force_n
+            if share >= self.settings.least_friction and self._uses(share, self.settings.limit):
                 self._note_friction(event.t_s)
                 commands += self._pressed(self._wanted_n, event.t_s)
         if self._slipping and now_s >= self._tighten_due_s:

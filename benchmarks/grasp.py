@@ -363,16 +363,7 @@ def interval_of(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
 def main(*, quick: bool = False) -> None:
     """Choose, judge, vary."""
     choose, judge, rivals, vary = (max(1, count // 12) for count in CHOSEN) if quick else CHOSEN
-    things = drawn(SEED_CHOOSE, choose)
-    chosen = {
-        f"margin {margin}, boost {boost}": judged(
-            f"choosing margin {margin} boost {boost}", SEED_CHOOSE, things, {"margin": margin, "boost": boost}
-        )
-        for margin in MARGINS
-        for boost in BOOSTS
-    }
-    result: dict[str, Any] = {"choosing": {name: summary(rows) for name, rows in chosen.items()}}
-    result["interval"] = {name: interval_of(rows) for name, rows in chosen.items()}
+    result: dict[str, Any] = {}
     objects = drawn(SEED_JUDGE, judge)
     result["rules"] = {}
     save("grasp", result, quick=quick)
@@ -381,6 +372,17 @@ def main(*, quick: bool = False) -> None:
         part = objects if name == "ours" or not senses else objects[:rivals]
         result["rules"][name] = summary(judged(name, SEED_JUDGE, part, rule))
         save("grasp", result, quick=quick)
+    things = drawn(SEED_CHOOSE, choose)
+    chosen = {
+        f"margin {margin}, boost {boost}": judged(
+            f"choosing margin {margin} boost {boost}", SEED_CHOOSE, things, {"margin": margin, "boost": boost}
+        )
+        for margin in MARGINS
+        for boost in BOOSTS
+    }
+    result["choosing"] = {name: summary(rows) for name, rows in chosen.items()}
+    result["interval"] = {name: interval_of(rows) for name, rows in chosen.items()}
+    save("grasp", result, quick=quick)
     result["varied"] = {
         f"{name} x {factor}": summary(
             judged(f"varied {name} {factor}", SEED_VARY, drawn(SEED_VARY, vary), {}, {name: factor})
