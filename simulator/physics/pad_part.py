@@ -29,8 +29,9 @@ APART_M = -1e-3
 class GraspBenchSettings(AuraBenchSettings):
     """The plant section of a profile: as for the aura, with a weight and what holds it."""
 
-    object_kg: float = Field(default=0.2, gt=0.0, le=10.0)
-    """Mass of the object. Assumption: a small pipe of steel; it stands on a table until it is lifted."""
+    object_kg: float = Field(default=0.2, ge=0.02, le=10.0)
+    """Mass of the object; steps of 0.1 ms follow no lighter one. Assumption: a small pipe of steel; it stands on a
+    table until it is lifted."""
 
     object_width_m: float | None = Field(default=None, gt=0.0, le=0.2)
     """Its width where the jaws close on it; None is that of the object of this name."""
@@ -38,13 +39,13 @@ class GraspBenchSettings(AuraBenchSettings):
     object_n_m: float | None = Field(default=None, gt=0.0, le=STIFFEST_N_M)
     """Force for each metre by which the jaws squeeze it; None likewise."""
 
-    crush_n: float = Field(default=1e9, gt=0.0)
+    crush_n: float = Field(default=1e9, ge=0.0, le=1e9)
     """Force of a finger that crushes it; as it stands here, none does."""
 
-    lever_m: float = Field(default=0.0, ge=-0.05, le=0.05)
+    lever_m: float = Field(default=0.0, ge=-0.005, le=0.005)
     """How far its centre of mass is beside the axis through both fingers: it is gripped off centre."""
 
-    gyration_m: float = Field(default=0.03, ge=0.001, le=0.5)
+    gyration_m: float = Field(default=0.03, ge=0.01, le=0.5)
     """Radius of gyration about the centre of mass. Assumption: something of 10 cm."""
 
     pad_friction: float = Field(default=0.2, ge=1e-3, le=10.0)
@@ -78,7 +79,7 @@ class GraspBenchSettings(AuraBenchSettings):
     tap_s: float = Field(default=6.0, ge=0.0, le=1e6)
     """When."""
 
-    tap_for_s: float = Field(default=0.004, gt=0.0, le=1.0)
+    tap_for_s: float = Field(default=0.004, ge=1e-4, le=1.0)
     """Its length. Assumption: a light knock with something hard."""
 
     @property
