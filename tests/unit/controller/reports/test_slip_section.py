@@ -188,6 +188,15 @@ def test_where_nothing_is_judged_it_opens_with_the_slips_that_ours_detects_besid
     assert (found.ours, found.of, found.paper, found.state) == ("66.7 %", "2 of 3", "33.3 %", "some")
 
 
+def test_it_opens_with_the_papers_table_only_where_slips_decide_that_of_most_sensors(tmp_path):
+    bad = of("paper", missed=1, **UNDETECTED)
+    decided = [trial("wrist", **bad)] * 75
+    shown = slip.section([write(tmp_path / "one", decided)], Figures(tmp_path)).headline
+    assert "as in the paper on 1 of 1 sensors" in shown.verdict
+    shown = slip.section([write(tmp_path / "two", [*decided, trial()])], Figures(tmp_path)).headline
+    assert (shown.of, shown.state) == ("76 of 76", "all")
+
+
 def test_without_a_slip_it_opens_with_false_alarms_a_minute(tmp_path):
     alarm = of("paper", false_alarms=5)
     calm = [trial(slips=0, **alarm, **of("ours", false_alarms=n)) for n in (0, 1)]
