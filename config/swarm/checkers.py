@@ -374,7 +374,9 @@ def healed(broken: Any, resumed: Any, healthy: Any) -> Iterator[Violation]:
         )
         return
     if healthy.exit_code not in (0, 1):
-        return  # it breaks off by itself, as its settings are drawn
+        what = f"nothing goes wrong in it, and it ends with {healthy.exit_code}: {healthy.line}"
+        yield Violation("LIVENESS", "healthy", *_where(healthy), what)
+        return
     touched = {effect["trial"] for effect in broken.effects}
     again = {trial.number for trial in resumed.trials}
     lines, expected = _lines(resumed.raw[0]), _lines(healthy.raw[0])
