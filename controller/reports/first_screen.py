@@ -16,6 +16,7 @@ from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
 from controller.reports.counts import METHODS, Comparison, Row, is_number, percent, three, title, within_all
 from controller.reports.papers import table
+from controller.reports.run_account import acting_of, setting_of
 from controller.reports.section import Headline, Result, rated
 from controller.reports.trial_signals import Moments, is_instant, key_of, moments_of, said_of
 from controller.scales import displayed, figure, scale_of
@@ -62,8 +63,20 @@ def headline_of(
     listed = any(line["experiment"] == experiment for line in table("headlines"))
     beside += "; no paper has this figure" if listed and not found.paper else ""
     state = "none" if not good else "all" if good == n else "some"
+    if found.column == "delay_s":
+        found = found._replace(what=f"{found.what}, {_deciding(runs)}")
     verdict = f"{count}{missed}{beside}{outcome_of(results)}."
     return found._replace(verdict=verdict, state=found.state if found.state and good == n else state)
+
+
+def _deciding(runs: Sequence[Run]) -> str:
+    """By which detector the trials were decided; where a factor or a run chooses it, by several."""
+    acting = {acting_of(run) for run in runs}
+    chosen = any("behavior.detector" in row for run in runs for row in run.trials)
+    kinds = {str(setting_of(run, "detectors", acting_of(run), "kind") or "") for run in runs}
+    if chosen or len(acting) > 1 or len(kinds) > 1:
+        return "by several detectors"
+    return "by the paper's detector" if kinds.pop().endswith(".paper") else f"by the detector {acting.pop()}"
 
 
 def outcome_of(results: Sequence[Result]) -> str:
