@@ -90,7 +90,14 @@ def listed_profiles(words: Sequence[str] = (), benches: Collection[str] = ()) ->
             for line in (f"{each.name:<28}{each.title}", f"    {each.line}")
         ]
     last = f"More: {PROGRAM} list WORD, list --hardware (--mock, --emulated); all of one: {PROGRAM} check PROFILE"
-    return [*(line if len(line) <= width else f"{line[: width - 1]}…" for line in lines), last]
+    whole = "    "  # of what a profile takes nothing is cut off
+    return [
+        *(
+            line if len(line) <= width or line.startswith(whole) else f"{line[: width - 1]}…"
+            for line in lines
+        ),
+        last,
+    ]
 
 
 def _overview(every: Sequence[Listed]) -> list[str]:
