@@ -223,7 +223,9 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
         if not select.select([sys.stdin], [], [], 0.0)[0]:
             return False
         if not sys.stdin.readline():
-            raise click.Abort
+            raise click.UsageError(
+                "each motion waits for Enter, and the input has ended; run it in a terminal, or pipe a line for each"
+            )
         return True
 
     def consent(text: str) -> Callable[[], bool] | None:
@@ -246,7 +248,7 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
             verbs.say(
                 "  ".join(cell for cell in (f"{row[3]:>9}", f"{row[0]:32}", *row[1:3], *row[4:]) if cell)
             )
-    except (DeviceError, click.Abort, KeyboardInterrupt) as error:
+    except (DeviceError, click.UsageError, KeyboardInterrupt) as error:
         ended, failure = str(error) or "interrupted", error
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -58,7 +58,10 @@ def headline_of(
     bad = Counter(str(row["outcome"]) for run in runs for row in run.trials if not run.succeeded(row))
     count = f"{good} of {n} {'trial' if n == 1 else 'trials'} succeeded"
     missed = f" ({', '.join(f'{n} {title(name)}' for name, n in bad.most_common())})" if bad else ""
-    found = given or _listed(experiment, rows, good) or _measured(runs, rows) or _successes(good, rows)
+    foreign = any(not _kind(run).startswith("resonance") for run in runs if _kind(run))
+    found = (
+        given or _listed(experiment, rows, good, foreign) or _measured(runs, rows) or _successes(good, rows)
+    )
     beside = f"; {found.verdict}" if found.verdict else ""
     listed = any(line["experiment"] == experiment for line in table("headlines"))
     beside += "; no paper has this figure" if listed and not found.paper else ""
@@ -73,7 +76,7 @@ def _deciding(runs: Sequence[Run]) -> str:
     """By which detector the trials were decided; where a factor or a run chooses it, by several."""
     acting = {acting_of(run) for run in runs}
     chosen = any("behavior.detector" in row for run in runs for row in run.trials)
-    kinds = {str(setting_of(run, "detectors", acting_of(run), "kind") or "") for run in runs}
+    kinds = set(map(_kind, runs))
     if chosen or len(acting) > 1 or len(kinds) > 1:
         return "by several detectors"
     return "by the paper's detector" if kinds.pop().endswith(".paper") else f"by the detector {acting.pop()}"
@@ -89,7 +92,12 @@ def outcome_of(results: Sequence[Result]) -> str:
     return said
 
 
-def _listed(experiment: str, rows: Sequence[Row], good: int) -> Headline | None:
+def _kind(run: Run) -> str:
+    return str(setting_of(run, "detectors", acting_of(run), "kind") or "")
+
+
+def _listed(experiment: str, rows: Sequence[Row], good: int, foreign: bool = False) -> Headline | None:
+    """What the table has of an experiment; a delay of `foreign` detectors, which read no resonance, has no paper."""
     for line in table("headlines"):
         if line["experiment"] != experiment:
             continue
@@ -99,7 +107,8 @@ def _listed(experiment: str, rows: Sequence[Row], good: int) -> Headline | None:
         if line["over"] == "success":
             return _successes(good, rows)._replace(what=line["what"], verdict=line["what"])
         # the paper's figure is not of others
-        if found := _number(own or others, line if own else {**line, "paper": None}):
+        alone = not own or (foreign and line["column"] == "delay_s")
+        if found := _number(own or others, {**line, "paper": None} if alone else line):
             return found
     return None
 

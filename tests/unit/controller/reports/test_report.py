@@ -500,6 +500,9 @@ def test_the_papers_number_stands_only_beside_what_it_is_of():
     rows = [{"object": "pipe", "axis": "y", "seen_paper": 1, "approaches": 1, "outcome": "approached"}] * 4
     beside = [first_screen._listed("aura", [{**row, "axis": axis} for row in rows], 4).paper for axis in "xy"]
     assert beside == ["92.4 %", ""]
+    touched = [{"delay_s": 0.1, "outcome": "contact"}] * 4
+    delays = [first_screen._listed("transient", touched, 4, foreign).paper for foreign in (False, True)]
+    assert delays == ["0.3 s", ""], "a load cell's delay is not that of a resonance"
 
 
 def test_a_curve_is_cut_where_it_leaves_its_plot():
