@@ -92,6 +92,6 @@ def _draw(runs: Sequence[Run], figures: Figures) -> str:
                 axes.axvline(BEST_HZ, color=FALSE, lw=0.8, ls=(0, (4, 2)), label=f"the paper's {PRINTED}")
                 axes.set(xlabel="frequency (Hz)", ylabel="received (dBFS)")
                 axes.grid(color=FAINT, lw=0.4, alpha=0.6)
-                axes.legend(loc="lower right")
+                axes.legend(loc="upper left")
                 return drawing.save("chirp")
     return ""

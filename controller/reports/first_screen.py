@@ -225,12 +225,15 @@ def again(run: Run) -> str:
 
 
 def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
-    """The typical trial and the worst, each from before its event to where it stood; empty where no detector decided.
+    """The typical trial and the worst, each from before its event to where it stood; empty where no detector decided,
+    and where the number is success itself: there the section's own figure stands.
 
     Typical is the success whose number is the median; beside it stands a failed trial, else one whose event was missed,
     else that of the largest number: the worst where less is better.
     """
     line = next((row for row in table("headlines") if row["experiment"] == experiment), None)
+    if line and line["over"] == "success":
+        return []
     column: str | None = line["column"] if line else None
     measured = column and any(is_number(row.get(column)) for run in runs for row in run.trials)
     method = next((each for each in METHODS if measured and str(column).startswith(f"{each}_")), "")
