@@ -50,10 +50,11 @@ GRIPPER = {"devices.gripper.port", "devices.gripper.closed_width_m"}
 BOARD, AUDIO, TIP = "devices.board.port", "devices.audio.port", "signals.tip.gain_v_n"
 WAVEFORM = "detectors.ours.threshold"
 APPROACH = "behavior.approach_limit_m"
-CENTERING = {
+PATH = {f"behavior.{key}" for key in ("clear_m", "sweep_m", "grip_width_m")}
+CENTERING = PATH | {
     f"detectors.{side}_{what}.threshold" for side in ("left", "right") for what in ("paper", "contact")
 }
-GRASP = {
+GRASP = PATH | {
     "limits.grip_n",
     "detectors.slip_ours.threshold",
     "signals.pad.overload_n",
