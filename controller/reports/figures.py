@@ -47,7 +47,7 @@ WIDTH_IN = 7.16
 """Two columns of a two-column page (IEEE), inches."""
 
 _STYLE: Any = {
-    "font.family": "STIXGeneral",  # ships with matplotlib: the same figure on every machine
+    "font.family": "DejaVu Serif",  # ships with matplotlib; the widest that a page may fall back to: what fits in it fits
     "mathtext.fontset": "stix",
     "font.size": 9.5,
     "axes.titlesize": 9.5,
@@ -201,6 +201,8 @@ def _inline(text: str, prefix: str) -> str:
     for colour, name in _THEMED.items():
         svg = svg.replace(colour, f"var(--{name})")
     svg = re.sub(
-        r"'STIXGeneral'[^;\"']*|STIXGeneral", "STIXGeneral, 'STIX Two Text', Charter, Georgia, serif", svg
+        r"'(?:STIXGeneral|DejaVu Serif)'[^;\"']*|STIXGeneral",
+        "STIXGeneral, 'STIX Two Text', Charter, Georgia, 'DejaVu Serif', serif",
+        svg,
     )
     return re.sub(r'(xlink:href="#|href="#|url\(#)(?!' + prefix + ")", rf"\1{prefix}", svg)

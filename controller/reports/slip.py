@@ -123,7 +123,7 @@ def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
     if n := slips["ours"]:
         theirs = percent(detected["paper"] / slips["paper"]) if slips["paper"] else ""
         hits = detected["ours"]
-        found = rated("slips that our detector detects in time", hits, n, theirs, SAME_SAMPLES)
+        found = rated("slips that our detector detects, none before it began", hits, n, theirs, SAME_SAMPLES)
         return found._replace(state="all" if hits == n else "some" if hits else "none")
     alarms = {method: sum(score.alarms for score in own) for method, own in both.items()}
     minutes = {method: sum(score.quiet_s for score in own) / 60.0 for method, own in both.items()}
