@@ -47,7 +47,7 @@ WIDTH_IN = 7.16
 """Two columns of a two-column page (IEEE), inches."""
 
 _STYLE: Any = {
-    "font.family": "DejaVu Serif",  # ships with matplotlib; the widest that a page may fall back to: what fits in it fits
+    "font.family": "DejaVu Serif",  # matplotlib ships it; the widest that a page may fall back to
     "mathtext.fontset": "stix",
     "font.size": 9.5,
     "axes.titlesize": 9.5,
