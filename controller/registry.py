@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args, get_type_hints
 
 from controller.own_modules import KindError, found, found_beside, is_own
 
@@ -214,8 +214,8 @@ def experiment_of(name: str, folders: Sequence[Path] = ()) -> ExperimentKind:
 def settings_of(made: Any, what: str = "settings") -> type[Settings]:
     """The class of the settings (or factors) from which something is made.
 
-    It is `XSettings` in the module of the class `X`, or the type of that parameter of its constructor; or either of a
-    class from which X derives, the nearest first.
+    It is `XSettings` in the module of the class `X`, the type of that parameter of its constructor, or that of a
+    generic base, as in `OnStream[XSettings]`; or one of these of a class from which X derives, the nearest first.
 
     Raises:
         KindError: there is none.
@@ -223,10 +223,11 @@ def settings_of(made: Any, what: str = "settings") -> type[Settings]:
     from drivers.core.settings import Settings  # `list` names classes, and loads none
 
     for known in getattr(made, "__mro__", (made,)):
-        model = getattr(sys.modules[known.__module__], f"{known.__name__}{what.capitalize()}", None)
-        model = model or _hint(known, what)
-        if isinstance(model, type) and issubclass(model, Settings):
-            return model
+        named = getattr(sys.modules[known.__module__], f"{known.__name__}{what.capitalize()}", None)
+        of_bases = [part for base in vars(known).get("__orig_bases__", ()) for part in get_args(base)]
+        for model in (named, _hint(known, what), *of_bases):
+            if isinstance(model, type) and issubclass(model, Settings):
+                return model
     raise KindError(
         f"no {made.__name__}{what.capitalize()}, a class of Settings, beside the class {made.__name__}, and none is the"
         f" type of its constructor's {what}"

@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BorderLeft, BorderNear, Detected
-from controller.detectors.protocol import NOTHING, Hysteresis, Quantity, channels_of, decisions, rate_of
-from controller.detectors.threshold import running
+from controller.detectors.protocol import Hysteresis, Quantity, decisions
+from controller.detectors.stream import OnStream, RunningMean
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
-
-DOING = "following the contact's angle"
 
 FORCES = (0, 1)
 """Channels of the input: Fx, Fy."""
@@ -45,7 +43,7 @@ class BorderSettings(Settings):
     """Force below which there is no angle, N. Assumption: at 0.5 N the running mean's noise is 0.02 rad."""
 
 
-class BorderDetector:
+class BorderDetector(OnStream[BorderSettings]):
     """Near the border while the contact's angle, atan2 of the forces' running means, is beyond a threshold.
 
     Emits `BorderNear`, with the angle's sign in `angle_rad`, and `BorderLeft` in turn. Where the tip is hardly pressed
@@ -59,42 +57,28 @@ class BorderDetector:
         [-0.8]
     """
 
+    doing = "following the contact's angle"
     quantity = Quantity("angle of the contact from the middle of the tip", "rad")
-
-    def __init__(self, name: str, settings: BorderSettings) -> None:
-        self.name = name
-        self.settings = settings
-        self.inputs = (settings.input,)
-        self.reset()
 
     def reset(self) -> None:
         """Nothing is near."""
-        self.readings = NOTHING
-        self._past = np.empty((0, len(FORCES)))
-        self._next_seq: int | None = None
+        super().reset()
+        self._mean = RunningMean()
         self._near = Hysteresis()
 
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples.
+    def _channels(self) -> Sequence[int]:
+        return FORCES
 
-        Raises:
-            ValueError: samples at irregular times, or fewer than two channels.
-        """
-        settings, rate_hz, times_s = self.settings, rate_of(block, DOING), block.times
-        forces_n = channels_of(block.physical, FORCES, block.stream, DOING)
-        if block.seq != self._next_seq:
-            self._past = self._past[:0]
-        self._next_seq = block.seq + len(block)
-        self.readings = NOTHING
-        finite = np.isfinite(forces_n).all(axis=1)
-        joined, times_s = np.concatenate([self._past, forces_n[finite]]), times_s[finite]
-        size = max(1, round(settings.average_s * rate_hz))
-        self._past = joined[max(0, len(joined) - size + 1) :] if size > 1 else joined[:0]
-        if len(joined) < size:
-            return []
-        x_n, y_n = running(joined, size).T
+    def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
+        self._mean.restart()
+        return ()
+
+    def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
+        settings = self.settings
+        means_n, times_s = self._mean.push(values, times_s, max(1, round(settings.average_s * rate_hz)))
+        x_n, y_n = means_n.T
         pressed = np.hypot(x_n, y_n) >= settings.least_n
-        angles_rad, times_s = np.arctan2(x_n, y_n)[pressed], times_s[len(times_s) - len(x_n) :][pressed]
+        angles_rad, times_s = np.arctan2(x_n, y_n)[pressed], times_s[pressed]
         away_rad, threshold = np.abs(angles_rad), settings.threshold
         self.readings = decisions(times_s, away_rad, threshold)
         release, hold = settings.release_ratio * threshold, round(settings.hold_s * rate_hz)

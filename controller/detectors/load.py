@@ -9,11 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from behaviors.events import BaselineReady, Detected, LoadChanged
-from controller.detectors.protocol import NOTHING, Floats, Quantity, channels_of, decisions, rate_of
+from controller.detectors.protocol import Floats, Quantity, decisions
+from controller.detectors.stream import OnStream, RunningMean
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import Settings, StreamName
-
-DOING = "following a load"
 
 
 class LoadSettings(Settings):
@@ -38,7 +37,7 @@ class LoadSettings(Settings):
     """… and of more than this share of the load that was told last."""
 
 
-class LoadDetector:
+class LoadDetector(OnStream[LoadSettings]):
     """Tells the load, in `LoadChanged`, where it differs from what was told last by more than a step.
 
     A gap begins the mean anew, not the level. Samples that are not finite are passed over.
@@ -50,44 +49,38 @@ class LoadDetector:
         [0.009, 0.021]
     """
 
+    doing = "following a load"
     quantity = Quantity("load", None)
-
-    def __init__(self, name: str, settings: LoadSettings) -> None:
-        self.name = name
-        self.settings = settings
-        self.inputs = (settings.input,)
-        self.reset()
 
     def reset(self) -> None:
         """Forget the level and what was told."""
-        self.readings = NOTHING
+        super().reset()
         self._level: float | None = None
         self._learned: list[float] = []
-        self._last: Floats = np.empty(0)
+        self._mean = RunningMean()
         self._told = 0.0
-        self._next_seq: int | None = None
 
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples."""
-        rate_hz, settings = rate_of(block, DOING), self.settings
-        if block.seq != self._next_seq:
-            self._last = np.empty(0)
-        self._next_seq = block.seq + len(block)
-        values = channels_of(block.physical, (settings.channel,), settings.input, DOING)[:, 0]
-        fit = np.isfinite(values)
-        times_s, values = block.times[fit], values[fit]
+    def _channels(self) -> Sequence[int]:
+        return (self.settings.channel,)
+
+    def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
+        self._mean.restart()
+        return ()
+
+    def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
+        settings, fit = self.settings, np.isfinite(values[:, 0])
+        times_s, values = times_s[fit], values[fit]
         events: list[Detected] = []
         if self._level is None:
             missing = max(1, round(settings.learn_s * rate_hz)) - len(self._learned)
-            self._learned += values[:missing].tolist()
+            self._learned += values[:missing, 0].tolist()
             if len(values) < missing:
-                self.readings = NOTHING
                 return events
             self._level = float(np.mean(self._learned))
             events.append(BaselineReady(float(times_s[missing - 1]), self.name, self._level, settings.step_n))
             times_s, values = times_s[missing:], values[missing:]
-        loads_n = self._means(values, max(1, round(settings.mean_s * rate_hz))) - self._level
-        times_s = times_s[len(times_s) - len(loads_n) :]
+        means, times_s = self._mean.push(values, times_s, max(1, round(settings.mean_s * rate_hz)))
+        loads_n = means[:, 0] - self._level
         self.readings = decisions(times_s, loads_n, math.nan)
         begin = 0
         while begin < len(loads_n):
@@ -100,15 +93,3 @@ class LoadDetector:
             events.append(LoadChanged(float(times_s[place]), self.name, self._told, step_n))
             begin = place + 1
         return events
-
-    def _means(self, values: Floats, length: int) -> Floats:
-        """Mean of each sample and those before it, as far as there are `length` of them; always summed in one order."""
-        known = np.concatenate([self._last, values])
-        self._last = known[max(0, len(known) - length + 1) :]
-        count = len(known) - length + 1
-        if count < 1:
-            return np.empty(0)
-        total = np.zeros(count)
-        for shift in range(length):
-            total += known[shift : shift + count]
-        return np.asarray(total / length, np.float64)

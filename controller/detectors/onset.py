@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, Onset
-from controller.detectors.protocol import NOTHING, Quantity, channels_of, decisions, rate_of
+from controller.detectors.protocol import Quantity, decisions
+from controller.detectors.stream import OnStream
 from drivers.core.compiled import compiled
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
-
-DOING = "detecting an onset"
 
 ORDER = 16
 """Differences of the signal from which the next is predicted."""
@@ -119,7 +118,7 @@ def advance(
     return int(x.size)
 
 
-class OnsetDetector:
+class OnsetDetector(OnStream[OnsetSettings]):
     """The onset of vibration above the quiet: Page's CUSUM of innovations for four times their variance, and when it
     began.
 
@@ -145,21 +144,15 @@ class OnsetDetector:
         (0.7999, 0.8007)
     """
 
+    doing = "detecting an onset"
     quantity = Quantity("evidence of an onset", "nat")
-
-    def __init__(self, name: str, settings: OnsetSettings) -> None:
-        self.name = name
-        self.settings = settings
-        self.inputs = (settings.input,)
-        self.reset()
 
     def reset(self) -> None:
         """Clear quiet and evidence."""
-        self.readings = NOTHING
+        super().reset()
         self._first = np.empty(0)
         self._taps: Floats | None = None
         self._past, self._left, self._state = np.zeros(ORDER + 1), np.empty(0), np.zeros(6)
-        self._next_seq: int | None = None
         self._said = False
 
     def warm_up(self) -> None:
@@ -175,24 +168,20 @@ class OnsetDetector:
             np.zeros(1),
         )
 
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples.
+    def _channels(self) -> Sequence[int]:
+        return (self.settings.channel,)
 
-        Raises:
-            ValueError: samples at irregular times, or a channel that is not there.
-        """
-        rate_hz, settings, times_s = rate_of(block, DOING), self.settings, block.times
-        x = np.ascontiguousarray(channels_of(block.physical, (settings.channel,), block.stream, DOING)[:, 0])
-        lost = 0 if self._next_seq is None else block.seq - self._next_seq
-        if not 0 <= lost <= settings.max_gap_s * rate_hz:
+    def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
+        if not 0 <= lost <= self.settings.max_gap_s * rate_hz:
             self.reset()
-        elif lost:
-            self._first = np.empty(0)
-            if self._taps is not None:
-                self._state[[SUM, SINCE, FRESH]] = 0.0
-                self._left = np.empty(0)
-        self._next_seq = block.seq + len(block)
-        self.readings, place = NOTHING, 0
+        self._first = np.empty(0)
+        if self._taps is not None:
+            self._state[[SUM, SINCE, FRESH]] = 0.0
+            self._left = np.empty(0)
+        return ()
+
+    def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
+        x, settings, place = np.ascontiguousarray(values[:, 0]), self.settings, 0
         events: list[Detected] = []
         while self._taps is None and place < len(x):
             taken = min(len(x), place + _learning(settings, rate_hz) - len(self._first))
@@ -251,9 +240,7 @@ class OnsetDetector:
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """The sum after each sample of a whole recording, shape (n,); NaN for the `learn_s` in which it learns."""
-        x = np.ascontiguousarray(
-            channels_of(values, (self.settings.channel,), self.settings.input, DOING)[:, 0]
-        )
+        x = np.ascontiguousarray(self._chosen(values)[:, 0])
         size, found = _learning(self.settings, rate_hz), np.full(len(x), np.nan)
         taps, level, reason = _quiet(x[:size])
         if not reason and len(x) > size:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactHeld, ContactLost, Detected
-from controller.detectors.protocol import NOTHING, Quantity, decisions
+from controller.detectors.protocol import Quantity, decisions
+from controller.detectors.stream import OnStream
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import BaselineS, Settings, StreamName
 
@@ -116,7 +117,7 @@ class ResonanceSettings(Settings):
     """A longer silence clears the contact; the baseline stays."""
 
 
-class ResonanceDetector:
+class ResonanceDetector(OnStream[ResonanceSettings]):
     """Contact where the oscillation leads the prediction from its last periods.
 
     The waveform is mixed with the free frequency and averaged over one free period, which leaves amplitude and phase.
@@ -129,23 +130,21 @@ class ResonanceDetector:
     Lost samples, or ones that are not finite, restart the memory: no events for some eight periods.
     """
 
+    doing = "reading a waveform (period counts are for resonance.paper)"
+
     def __init__(self, name: str, settings: ResonanceSettings) -> None:
-        self.name = name
-        self.settings = settings
-        self.inputs = (settings.input,)
         sensed = "phase and amplitude" if settings.senses == "all" else settings.senses
         self.quantity = Quantity(f"departure of {sensed} from the prediction", "σ", learned="Hz")
-        self.reset()
+        super().__init__(name, settings)
 
     def reset(self) -> None:
         """Return to the initial state."""
-        self.readings = NOTHING
+        super().reset()
         self._envelope: Envelope | None = None
         self._raw: list[Floats] = []
         self._raw_times: list[Floats] = []
         self._collected = 0
         self._refused = False
-        self._next_seq: int | None = None
         self._last_s = math.nan
         self._contact_s = math.nan
         self._held_reported = False
@@ -159,23 +158,14 @@ class ResonanceDetector:
         if self._envelope is not None:
             self._envelope.restart()
 
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples.
+    def _channels(self) -> Sequence[int]:
+        return (0,)
 
-        Raises:
-            ValueError: samples at irregular times.
-        """
-        if block.rate_hz is None:
-            raise ValueError(
-                f"{block.stream}: samples at irregular times; give it the finger's waveform, or take"
-                " resonance.paper for period counts"
-            )
-        times_s, x = block.times, block.physical[:, 0]
-        self.readings = NOTHING
-        events: list[Detected] = []
-        if self._next_seq is not None and block.seq != self._next_seq:
-            events += self._interrupted(times_s[:1])
-        self._next_seq = block.seq + len(block)
+    def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
+        return self._interrupted(block.times[:1])
+
+    def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
+        x, events = values[:, 0], list[Detected]()
         # runs of finite samples, one after the other
         edges = np.flatnonzero(np.diff(np.isfinite(x).astype(np.int8))) + 1
         for times, part in zip(np.split(times_s, edges), np.split(x, edges), strict=True):
@@ -184,7 +174,7 @@ class ResonanceDetector:
             if not math.isfinite(part[0]):
                 events += self._interrupted(times)
             elif not self._refused:
-                events += self._finite(times, part, block.rate_hz)
+                events += self._finite(times, part, rate_hz)
                 self._last_s = float(times[-1])
         return events
 
@@ -367,11 +357,11 @@ class ResonanceDetector:
         if len(plain):
             new = min(fresh, len(plain))
             features = _residuals(plain[-new:], seen[-new:], self._teach)
-            events = self._decide(self._past[-new:], features, _rates_hz(self._past, HOPS)[-new:])
+            events = self._decide_on(self._past[-new:], features, _rates_hz(self._past, HOPS)[-new:])
         self._past = self._past[-(self._memory + HORIZONS[-1]) :]
         return events
 
-    def _decide(self, past: Floats, features: Floats, rates_hz: Floats) -> list[Detected]:
+    def _decide_on(self, past: Floats, features: Floats, rates_hz: Floats) -> list[Detected]:
         assert self._envelope is not None
         off = features - self._middle
         surprise = np.sqrt((off * (off[:, :, None] * self._inverse).sum(axis=1)).sum(axis=1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from statistics import NormalDist
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +13,12 @@ from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, Impact, SlipEnded, SlipStarted
 from controller.detectors.protocol import (
-    NOTHING,
     Hysteresis,
     Quantity,
     changes,
-    channels_of,
     decisions,
-    rate_of,
 )
+from controller.detectors.stream import OnStream
 from controller.signals.cusum import (
     CREDIT,
     IMPACT,
@@ -41,8 +40,6 @@ from drivers.core.settings import Settings, StreamName
 
 Floats = NDArray[np.float64]
 
-DOING = "detecting slip"
-
 
 class SlipStreamSettings(Settings):
     """Input settings of every slip detector."""
@@ -53,14 +50,17 @@ class SlipStreamSettings(Settings):
     channel: int | None = Field(default=None, ge=0, le=4095)
     """Which of its channels; None uses all of them."""
 
-    def chosen(self, values: Floats) -> Floats:
-        """The channels in use, shape (n, 1) or (n, channels).
 
-        Raises:
-            ValueError: the stream has fewer channels.
-        """
-        channels = None if self.channel is None else (self.channel,)
-        return channels_of(values, channels, self.input, DOING)
+T = TypeVar("T", bound=SlipStreamSettings)
+
+
+class OnForce(OnStream[T]):
+    """A detector on the channels of a force sensor."""
+
+    doing = "detecting slip"
+
+    def _channels(self) -> Sequence[int] | None:
+        return None if self.settings.channel is None else (self.settings.channel,)
 
 
 class SlipPaperSettings(SlipStreamSettings):
@@ -73,7 +73,7 @@ class SlipPaperSettings(SlipStreamSettings):
     """Peak x frequency that means slip, the input's unit squared x Hz (4.3: 10, 5.1: 0.25)."""
 
 
-class SlipPaperDetector:
+class SlipPaperDetector(OnForce[SlipPaperSettings]):
     """Slip while the peak of a block's power spectrum times the peak's frequency exceeds a threshold.
 
     Every N samples: DFT without its DC term, power |Phi(k)|^2 / N, the largest k. Of several channels the one with
@@ -93,32 +93,23 @@ class SlipPaperDetector:
 
     quantity = Quantity("spectral product", "")
 
-    def __init__(self, name: str, settings: SlipPaperSettings) -> None:
-        self.name = name
-        self.settings = settings
-        self.inputs = (settings.input,)
-        self.reset()
-
     def reset(self) -> None:
         """Clear the block begun and the slip."""
-        self.readings = NOTHING
+        super().reset()
         self._blocks: BlockCutter | None = None
-        self._next_seq: int | None = None
         self._slipping = False
 
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples."""
-        rate_hz = rate_of(block, DOING)
+    def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
+        self._blocks = None
+        return ()
+
+    def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
         if self._blocks is None:
             self._blocks = BlockCutter(self._size(rate_hz))
-        if block.seq != self._next_seq:
-            self._blocks.reset()
-        self._next_seq = block.seq + len(block)
-        self.readings = NOTHING
-        ends, complete = self._blocks.push(self.settings.chosen(block.physical))
+        ends, complete = self._blocks.push(values)
         if not len(ends):
             return []
-        times_s, threshold = block.times[ends], self.settings.threshold
+        times_s, threshold = times_s[ends], self.settings.threshold
         products = self._products(complete, rate_hz)
         self.readings = decisions(times_s, products, threshold)
         events: list[Detected] = []
@@ -131,7 +122,7 @@ class SlipPaperDetector:
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """Peak x frequency at the last sample of each block, NaN elsewhere, shape (n,)."""
         found = np.full(len(values), np.nan)
-        ends, complete = BlockCutter(self._size(rate_hz)).push(self.settings.chosen(values))
+        ends, complete = BlockCutter(self._size(rate_hz)).push(self._chosen(values))
         found[ends] = self._products(complete, rate_hz)
         return found
 
@@ -233,7 +224,7 @@ class SlipSettings(SlipStreamSettings):
     changed."""
 
 
-class SlipDetector:
+class SlipDetector(OnForce[SlipSettings]):
     """Slip when knocks come faster than bumps do, or when the whole spectrum rises at once; an impact is none.
 
     Three opinions on one scale, nats; the evidence is the largest of knocks, vibration and vibration that lasts.
@@ -267,17 +258,10 @@ class SlipDetector:
 
     quantity = Quantity("evidence of slip", "nat")
 
-    def __init__(self, name: str, settings: SlipSettings) -> None:
-        self.name = name
-        self.settings = settings
-        self.inputs = (settings.input,)
-        self.reset()
-
     def reset(self) -> None:
         """Clear noise, ringing and evidence."""
-        self.readings = NOTHING
-        self._channels: list[_Channel] = []
-        self._next_seq: int | None = None
+        super().reset()
+        self._each: list[_Channel] = []
         self._slip = Hysteresis()
         self._received = 0
         self._ready_reported = False
@@ -302,23 +286,23 @@ class SlipDetector:
         """Load the compiled code, compiling it on first use; leaves the state unchanged."""
         self.statistic(np.zeros((64, (self.settings.channel or 0) + 1)), 1000.0)
 
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples."""
-        rate_hz, threshold = rate_of(block, DOING), self.settings.threshold
-        events: list[Detected] = []
-        if self._restarts(block, rate_hz):
-            slipping = self._slip.on
-            self.reset()
-            if slipping:
-                events.append(SlipEnded(float(block.times[0]), self.name, 0.0, threshold))
-        scores = self._scores(block, rate_hz)
-        if not self._ready_reported:
-            events += self._baseline(block, rate_hz)
-        times_s = block.times
+    def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
+        if 0 <= lost <= self.settings.max_gap_s * rate_hz:
+            for channel in self._each:
+                channel.skip(lost)
+            return ()
+        slipping = self._slip.on
+        self.reset()
+        return [SlipEnded(float(block.times[0]), self.name, 0.0, self.settings.threshold)] if slipping else ()
+
+    def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
+        threshold = self.settings.threshold
+        scores = self._scores(values, rate_hz)
+        events = [] if self._ready_reported else self._baseline(times_s, rate_hz)
         self.readings = decisions(times_s, scores, threshold)
-        ending = max(0.5 * threshold, threshold - self._channels[0].cusum.cap)
+        ending = max(0.5 * threshold, threshold - self._each[0].cusum.cap)
         hold = round(self.settings.hold_s * rate_hz)
-        impacts = {place: size for channel in self._channels for place, size in channel.impacts}
+        impacts = {place: size for channel in self._each for place, size in channel.impacts}
         for i, size in impacts.items():
             t_s = float(times_s[i])
             events.append(Impact(t_s, self.name, size, math.sqrt(STRIKE), t_s - IMPACT_S))
@@ -327,19 +311,14 @@ class SlipDetector:
             events.append(kind(float(times_s[i]), self.name, float(scores[i]), threshold))
         return sorted(events, key=lambda event: event.t_s)
 
-    def _restarts(self, block: SampleBlock, rate_hz: float) -> bool:
-        """Whether a long gap, or a stream that begins anew, comes before the block."""
-        lost = 0 if self._next_seq is None else block.seq - self._next_seq
-        return not 0 <= lost <= self.settings.max_gap_s * rate_hz
-
-    def _baseline(self, block: SampleBlock, rate_hz: float) -> list[Detected]:
+    def _baseline(self, times_s: Floats, rate_hz: float) -> list[Detected]:
         """Report that the quiet level is learned, or cannot be; once each."""
         arming_s = self.arming_s(rate_hz)
         late = round(PATIENCE * arming_s * rate_hz) - self._received - 1
-        self._received += len(block)
-        armed = [channel for channel in self._channels if channel.armed is not None]
+        self._received += len(times_s)
+        armed = [channel for channel in self._each if channel.armed is not None]
         first = min(armed, key=lambda channel: channel.armed or 0, default=None)
-        ready = (first.armed or 0) if first else len(block)
+        ready = (first.armed or 0) if first else len(times_s)
         stored = self.settings.quiet_rms or math.nan
         failures = [
             (
@@ -349,7 +328,7 @@ class SlipDetector:
                 f"the first {arming_s:g} s vibrate with {level:.3g}, the stored quiet is {stored:.3g}: does it slip"
                 " already, or is quiet_rms that of another sensor?",
             )
-            for channel in self._channels
+            for channel in self._each
             for place, level in channel.refused
         ]
         if late >= 0:
@@ -361,32 +340,27 @@ class SlipDetector:
         place, level, limit, reason = min(failures, default=(ready, 0.0, 0.0, ""))
         if place < ready and not self._refusal_reported:
             self._refusal_reported = True
-            events.append(BaselineRefused(float(block.times[place]), self.name, level, limit, reason))
+            events.append(BaselineRefused(float(times_s[place]), self.name, level, limit, reason))
         if first:
             self._ready_reported = True
             events.append(
-                BaselineReady(float(block.times[ready]), self.name, first.quiet, self.settings.threshold)
+                BaselineReady(float(times_s[ready]), self.name, first.quiet, self.settings.threshold)
             )
         return events
 
-    def _scores(self, block: SampleBlock, rate_hz: float) -> Floats:
+    def _scores(self, values: Floats, rate_hz: float) -> Floats:
         """Evidence after each sample, nats, capped at one knock's worth above the threshold; 0 while it learns."""
-        values = self.settings.chosen(block.physical)
-        if not self._channels:
-            self._channels = [_Channel(self.settings, rate_hz) for _ in range(values.shape[1])]
-        if self._next_seq is not None and block.seq != self._next_seq:
-            for channel in self._channels:
-                channel.skip(block.seq - self._next_seq)
-        self._next_seq = block.seq + len(block)
-        ceiling = self.settings.threshold + self._channels[0].cusum.cap
-        scores = self._largest(self._channels, values, ceiling)
+        if not self._each:
+            self._each = [_Channel(self.settings, rate_hz) for _ in range(values.shape[1])]
+        ceiling = self.settings.threshold + self._each[0].cusum.cap
+        scores = self._largest(self._each, values, ceiling)
         scores[np.isnan(scores)] = 0.0
         return scores
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """Evidence after each sample of a whole recording, nats, shape (n,); NaN for the `2 * learn_s` in which it
         learns."""
-        chosen = self.settings.chosen(values)
+        chosen = self._chosen(values)
         settings = self.settings.model_copy(update={"quiet_rms": None})
         return self._largest([_Channel(settings, rate_hz) for _ in range(chosen.shape[1])], chosen, math.inf)
 

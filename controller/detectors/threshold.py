@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
-from controller.detectors.protocol import NOTHING, Hysteresis, Quantity, channels_of, decisions, rate_of
+from controller.detectors.protocol import Hysteresis, Quantity, decisions
+from controller.detectors.stream import OnStream, RunningMean, running
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import BaselineS, Settings, StreamName
 
 Floats = NDArray[np.float64]
-
-DOING = "waiting for contact"
 
 NOISE_SIGMA = 8.0
 """Default threshold, in standard deviations of the running mean at rest. Assumption: half a second gives the noise to
@@ -60,7 +59,7 @@ class ForceThresholdSettings(Settings):
     on a plate are closer together."""
 
 
-class ForceThresholdDetector:
+class ForceThresholdDetector(OnStream[ForceThresholdSettings]):
     """Contact while the running mean is farther from the baseline than a threshold.
 
     Emits `BaselineReady` once the level at rest is known (`value`: largest distance of a running mean from it), or
@@ -75,51 +74,39 @@ class ForceThresholdDetector:
         [0.099, 0.206]
     """
 
+    doing = "waiting for contact"
     quantity = Quantity("distance of the running mean from the level at rest", None)
-
-    def __init__(self, name: str, settings: ForceThresholdSettings) -> None:
-        self.name = name
-        self.settings = settings
-        self.inputs = (settings.input,)
-        self.reset()
 
     def reset(self) -> None:
         """Clear level and contact."""
-        self.readings = NOTHING
-        self._past: Floats | None = None  # the baseline so far, then the last values of the running mean
+        super().reset()
+        self._first: list[Floats] = []
+        self._mean = RunningMean()
         self._level: Floats | None = None
         self._threshold = math.nan if self.settings.threshold is None else self.settings.threshold
         self._refused = False
-        self._next_seq: int | None = None
         self._contact = Hysteresis()
 
-    def push(self, block: SampleBlock) -> Sequence[Detected]:
-        """Process the next samples.
+    def _channels(self) -> Sequence[int] | None:
+        return self.settings.channels
 
-        Raises:
-            ValueError: samples at irregular times, or channels that are not there.
-        """
-        rate_hz, times_s = rate_of(block, DOING), block.times
-        values = channels_of(block.physical, self.settings.channels, block.stream, DOING)
-        if block.seq != self._next_seq and self._level is not None:
-            self._past = None
-        self._next_seq = block.seq + len(block)
-        self.readings = NOTHING
+    def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
+        self._mean.restart()
+        return ()
+
+    def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
         events: list[Detected] = []
         if self._level is None and not self._refused:
             wanted = max(1, round(self.settings.baseline_s * rate_hz))
-            taken = wanted - (0 if self._past is None else len(self._past))
-            self._past = self._joined(values[:taken])
-            if len(self._past) == wanted:
-                events.append(self._learn(float(times_s[taken - 1]), self._past, rate_hz))
-                self._past = None
+            taken = min(len(values), wanted - sum(map(len, self._first)))
+            self._first.append(values[:taken])
+            if sum(map(len, self._first)) == wanted:
+                events.append(self._learn(float(times_s[taken - 1]), np.concatenate(self._first), rate_hz))
+                self._first = []
             values, times_s = values[taken:], times_s[taken:]
         if self._level is not None and len(values):
             events += self._follow(self._level, values, times_s, rate_hz)
         return events
-
-    def _joined(self, values: Floats) -> Floats:
-        return values if self._past is None else np.concatenate([self._past, values])
 
     def _learn(self, t_s: float, samples: Floats, rate_hz: float) -> Detected:
         level, worst = samples[0], math.nan
@@ -161,7 +148,7 @@ class ForceThresholdDetector:
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """Distance of the running mean from the level of the first `baseline_s`, shape (n,); NaN until it is known."""
-        chosen = channels_of(values, self.settings.channels, self.settings.input, DOING)
+        chosen = self._chosen(values)
         begin, size = max(1, round(self.settings.baseline_s * rate_hz)), self._size(rate_hz)
         found = np.full(len(values), math.nan)
         if len(values) > begin + size:
@@ -171,15 +158,9 @@ class ForceThresholdDetector:
         return found
 
     def _follow(self, level: Floats, values: Floats, times_s: Floats, rate_hz: float) -> list[Detected]:
-        size, settings = self._size(rate_hz), self.settings
-        finite = np.isfinite(values).all(axis=1)
-        values, times_s = values[finite], times_s[finite]
-        joined = self._joined(values)
-        self._past = joined[max(0, len(joined) - size + 1) :] if size > 1 else joined[:0]
-        if len(joined) < size:
-            return []
-        distances = _lengths(running(joined, size) - level)
-        times_s = times_s[len(times_s) - len(distances) :]
+        settings = self.settings
+        means, times_s = self._mean.push(values, times_s, self._size(rate_hz))
+        distances = _lengths(means - level)
         self.readings = decisions(times_s, distances, self._threshold)
         events: list[Detected] = []
         release, hold = settings.release_ratio * self._threshold, round(settings.hold_s * rate_hz)
@@ -190,23 +171,6 @@ class ForceThresholdDetector:
 
     def _size(self, rate_hz: float) -> int:
         return max(1, round(self.settings.average_s * rate_hz))
-
-
-AT_ONCE = 1 << 20
-"""Values of windows that are held at once: a minute of sound has a thousand million."""
-
-
-def running(values: Floats, size: int) -> Floats:
-    """Means of `size` values in a row, shape (n - size + 1, channels); the same to the bit however they are cut."""
-    count, places = len(values) - size + 1, np.arange(size)
-    means = np.empty((max(0, count), values.shape[1]))
-    rows = max(1, AT_ONCE // (size * values.shape[1]))
-    for begin in range(0, count, rows):
-        part = np.arange(begin, min(begin + rows, count))
-        # one sum for each window, in the same order each time: a cumulative sum would depend on where it began
-        windows = values[part[:, None] + places].transpose(0, 2, 1)
-        means[part] = np.ascontiguousarray(windows).sum(axis=-1) / size
-    return means
 
 
 def _noise_beside(means: Floats, size: int) -> float:
