@@ -268,9 +268,9 @@ class Guard:
         if (medians_n <= allowed_n[:-1]).all():
             self._start_contact_n = float(least_n[-1]) if least_n[-1] > limit_n else 0.0
             return ()
-        worst_n = signed_n[medians_n.argmax()]
+        first_n = signed_n[(medians_n > allowed_n[:-1]).argmax()]  # the same however the samples are cut
         return (
-            f"{block.stream} is at {worst_n:.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
+            f"{block.stream} is at {first_n:.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
             f" beyond limits.force_n = {limit_n:g}",
         )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -319,35 +320,35 @@ def _stops(story: Any) -> Iterator[Violation]:
 
 
 def _blind(story: Any) -> Iterator[Violation]:
-    """Nothing moves while a stream that every motion needs does not come."""
+    """No motion goes on while a stream that every motion needs does not come."""
     needed = {
         str(stream).partition(".")[0]
         for key in ("force_stream", "position_stream", "pose_stream")
         if (stream := story.limits.get(key))
         and (key != "force_stream" or story.limits.get("force_n") is not None)
     }
-    stale_s = story.limits["stale_s"]
+    patient_s = story.limits["stale_s"] + BRAKING_S
     for effect in story.effects:
         if effect["device"] not in needed or effect["kind"] not in CUT or "every_s" in effect:
             continue
         ends_s = effect["effect_s"] + effect.get("for_s", math.inf)
         for trial in story.trials:
-            if trial.number != effect["trial"]:
+            if trial.number != effect["trial"] or _of_loop(story, trial):
                 continue
-            begins_s = effect["effect_s"] + stale_s + BRAKING_S
-            moved: list[tuple[float, float]] = [
+            cut = [
                 (t_s, places["axis_m"])
                 for t_s, places in trial.samples
-                if begins_s <= t_s <= ends_s and "axis_m" in places
+                if effect["effect_s"] <= t_s <= ends_s and "axis_m" in places
             ]
-            if _of_loop(story, trial):
-                continue
-            way_m = max((m for _, m in moved), default=0.0) - (moved[0][1] if moved else 0.0)
+            stood_s, way_m, seen_s = effect["effect_s"], 0.0, 0.0
+            for (before_s, from_m), (t_s, axis_m) in pairwise(cut):
+                if axis_m <= from_m + 1e-9:  # a motion may begin, for its first samples are about to come
+                    stood_s = t_s
+                elif before_s >= stood_s + patient_s:
+                    way_m, seen_s = way_m + axis_m - from_m, t_s
             if way_m > (BLIND_M if effect["device"] == story.profile["behavior"].get("mover") else 1e-5):
                 what = f"{effect['device']} is {effect['kind']} and the axis went {way_m * 1e3:.3f} mm further in"
-                yield Violation(
-                    "SAFETY", "blind", trial.number, moved[0][0], state_at(trial, moved[0][0]), what
-                )
+                yield Violation("SAFETY", "blind", trial.number, seen_s, state_at(trial, seen_s), what)
 
 
 def _of_loop(story: Any, trial: Any) -> bool:

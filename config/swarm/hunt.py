@@ -19,8 +19,11 @@ Cell = tuple[str, str, str, str]
 SHRINKING_RUNS = 200
 """Most runs that make a failing plan smaller."""
 
-DEEP = ("twice", "resumed", "idle", "split")
-"""Checks of two stories; each seed has one of them, in turn."""
+DEEP = ("twice", "resumed", "idle", "split", "", "", "", "")
+"""Checks of two stories: every second seed has one, the checks in turn."""
+
+SHOWN_NOTHING = 3
+"""How often a fault must have been on for the whole of a state, and shown nothing, until that cell cannot be."""
 
 
 @dataclass
@@ -29,11 +32,13 @@ class Hunt:
 
     Attributes:
         seen: Cells in which a fault took effect, and how often.
+        met: Cells whose fault was on from the entry of the state for good, and how often.
         findings: By seed.
     """
 
     seeds: int = 0
     seen: Counter[Cell] = field(default_factory=Counter)
+    met: Counter[Cell] = field(default_factory=Counter)
     findings: dict[int, Sequence[Violation]] = field(default_factory=dict)
     outcomes: Counter[str] = field(default_factory=Counter)
 
@@ -41,29 +46,49 @@ class Hunt:
         """One line: how many seeds, cells and findings."""
         ends = Counter(findings[0].end for findings in self.findings.values())
         failed = ", ".join(f"{count} {end}" for end, count in sorted(ends.items())) or "nothing failed"
-        return f"{self.seeds} seeds: {failed}; {len(self.seen)} of {len(possible())} cells seen with effect"
+        seen, never = len(set(self.seen) & set(possible())), len(self.never)
+        of = len(possible()) - never
+        return f"{self.seeds} seeds: {failed}; {seen} of {of} cells seen with effect, {never} cannot be"
+
+    @property
+    def never(self) -> set[Cell]:
+        """Cells that cannot be: the device sends nothing in that state, nothing is asked of it that it could refuse, or
+        the state takes no time."""
+        return {cell for cell, times in self.met.items() if times >= SHOWN_NOTHING and cell not in self.seen}
 
     def page(self) -> str:
         """The table of cells: experiment, device and kind of fault, and in which states it was not seen."""
-        lines = ["| experiment | device | fault | seen in | not seen in |", "| --- | --- | --- | --- | --- |"]
-        groups: dict[tuple[str, str, str], list[str]] = {}
-        for name, state, device, kind in possible():
-            groups.setdefault((name, device, kind), []).append(state)
-        for (name, device, kind), states in groups.items():
-            unseen = [state for state in states if (name, state, device, kind) not in self.seen]
-            lines.append(
-                f"| {name} | {device} | {kind} | {len(states) - len(unseen)} of {len(states)} | {', '.join(unseen)} |"
-            )
+        lines = [
+            "| experiment | device | fault | seen in | cannot be in | not seen in |",
+            "| --- | --- | --- | --- | --- | --- |",
+        ]
+        never, groups = self.never, dict[tuple[str, str, str], list[Cell]]()
+        for cell in possible():
+            groups.setdefault((cell[0], cell[2], cell[3]), []).append(cell)
+        for group, cells in groups.items():
+            parts = ([cell for cell in cells if cell in part] for part in (self.seen, never))
+            seen, cannot = (list(part) for part in parts)
+            unseen = [cell for cell in cells if cell not in seen and cell not in cannot]
+            states = (", ".join(cell[1] for cell in part) for part in (seen, cannot, unseen))
+            lines.append("| " + " | ".join((*group, *states)) + " |")
         head = ["# Cells of the swarm", "", f"`make swarm`, on mock benches: {self.summary()}.", ""]
         return "\n".join([*head, *lines, ""])
 
     def note(self, story: Story) -> None:
         """Count the cells of a story."""
-        trials = {trial.number: trial for trial in story.trials}
+        trials, name = {trial.number: trial for trial in story.trials}, story.plan.experiment
         for effect in story.effects:
             if (trial := trials.get(effect["trial"])) is not None:
                 state = checkers.state_at(trial, effect["effect_s"])
-                self.seen[story.plan.experiment, state, effect["device"], effect["kind"]] += 1
+                self.seen[name, state, effect["device"], effect["kind"]] += 1
+        for fault in story.plan.faults:
+            if not fault.keys() & {"at_s", "for_s"}:
+                for trial in story.trials:
+                    if (
+                        fault["after"] in dict(trial.states)
+                        and fault.get("trial", trial.number) == trial.number
+                    ):
+                        self.met[name, fault["after"], fault["device"], fault["kind"]] += 1
         self.outcomes.update(row["outcome"] for row in story.rows)
 
 
@@ -94,23 +119,17 @@ def _deep(plan: Plan, story: Story, deep: str, folder: Path) -> Iterator[Violati
         going_on = play(healthy, folder, resumed=story)
         yield from checkers.healed(story, going_on, play(healthy, folder))
     elif deep == "idle":
-        never = {"device": plan.faults[0]["device"] if plan.faults else "loop", "kind": "late", "at_s": 1e6}
-        never |= (
-            {"kind": "hang"}
-            if never["device"] == "loop"
-            else {"kind": "pause"}
-            if never["device"] == "keys"
-            else {}
-        )
-        idle = replace(plan, faults=(never,))
-        yield from checkers.same(play(healthy, folder), play(idle, folder), "a fault after the end")
+        device, kind = (plan.faults[0]["device"], "late") if plan.faults else ("loop", "hang")
+        kind = {"loop": "hang", "keys": "pause"}.get(device, kind)
+        idle = replace(plan, faults=[*plan.faults, {"device": device, "kind": kind, "at_s": 1e6}])
+        yield from checkers.same(story, play(idle, folder), "a fault after the end")
     elif deep == "split" and "board" in known(plan.experiment).profile.devices:
-        blocks = [
-            replace(healthy, settings={**plan.settings, "devices.board.block_samples": samples})
-            for samples in (3, 4096)
-        ]
-        one, other = (play(each, folder) for each in blocks)
-        yield from checkers.same(one, other, "other block splits")
+        # each block that is lost is told by itself
+        told = any(fault["kind"] in ("lose", "corrupt") for fault in plan.faults)
+        one = healthy if told else plan
+        other = replace(one, settings={**plan.settings, "devices.board.block_samples": 3})
+        first = play(one, folder) if told else story
+        yield from checkers.same(first, play(other, folder), "other block splits")
 
 
 def shrunk(plan: Plan, deep: str, end: str) -> tuple[Plan, int]:
@@ -163,8 +182,6 @@ def hunted(
 ) -> Iterator[tuple[int, Plan, str, Sequence[Violation]]]:
     """Play seeds; yields those of which something does not hold.
 
-    A seed draws the same whatever was played before it; every second one leans to cells that chance reaches seldom.
-
     Args:
         experiments: That are played alone; none are all.
         minutes: After which no other seed begins.
@@ -173,15 +190,17 @@ def hunted(
     for seed in seeds:
         if minutes is not None and monotonic_s() - since_s > 60.0 * minutes:
             return
-        plan = drawn(seed, possible() if seed % 2 else ())
-        if experiments and plan.experiment not in experiments:
-            continue
-        deep = DEEP[seed // 2 % len(DEEP)]
+        plan, deep = drawn(seed, experiments), deep_of(seed)
         findings = examined(plan, deep, hunt)
         hunt.seeds += 1
         if findings:
             hunt.findings[seed] = findings
             yield seed, plan, deep, findings
+
+
+def deep_of(seed: int) -> str:
+    """Which check of two stories a seed has."""
+    return DEEP[seed // 2 % len(DEEP)]
 
 
 def replayed(path: Path) -> Sequence[Violation]:

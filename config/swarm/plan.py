@@ -20,6 +20,12 @@ EVENTS_MAX = 6
 
 TRIALS_MAX = 3
 
+STRIDE = 1_000_003
+"""From a led seed's cell to the next one's: a prime beyond the number of cells, so that each has its turn."""
+
+BENCH_WIDE = ("loop", "keys")
+"""What goes wrong and is no device: see `simulator.devices.faults.OF_THE_BENCH`."""
+
 SHORTEST_S, LONGEST_S = 0.002, 2.0
 """Of a fault's length, log-uniform."""
 
@@ -220,20 +226,27 @@ def possible() -> tuple[tuple[str, str, str, str], ...]:
     )
 
 
-def drawn(seed: int, unseen: Sequence[tuple[str, str, str, str]] = ()) -> Plan:
-    """What a seed draws, in a fixed order.
+def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
+    """What a seed draws, in a fixed order, whatever was played before it.
+
+    Every second seed is led to a cell of the coverage, each to another one until all had their turn: its fault comes
+    first, in that state, and nothing else goes wrong before.
 
     Args:
-        unseen: Cells of the coverage: one of them is drawn, and its fault is the first one.
+        experiments: That alone are drawn; none are all.
     """
     dice = random.Random(f"swarm {seed}")
-    names, weights = list(SCENES), [scene.weight for scene in SCENES.values()]
-    experiment = dice.choices(names, weights)[0]
-    cells = [cell for cell in unseen if cell[0] == experiment]
-    cell = dice.choice(cells) if cells else None
+    scenes = {name: scene for name, scene in SCENES.items() if not experiments or name in experiments}
+    experiment = dice.choices(list(scenes), [scene.weight for scene in scenes.values()])[0]
+    cell = None
+    if seed % 2:
+        cells = [each for each in possible() if each[0] in scenes]
+        cell = cells[seed // 2 * STRIDE % len(cells)]
+        experiment = cell[0]
     scene, of = SCENES[experiment], known(experiment)
-    count = dice.choice([1, 1, 1, 2, 2, TRIALS_MAX]) if scene.weight > 1 else 1
-    first = dice.choice(of.rows)
+    count = dice.choice([1, 1, 1, 2, 2, TRIALS_MAX]) if scene.weight > 1 and cell is None else 1
+    fit = [row for row in of.rows if cell is None or cell[2] in {*BENCH_WIDE, *of.used[tuple(row.items())]}]
+    first = dice.choice(fit)
     rows = [first, *(dice.choice(of.rows) for _ in range(count - 1))]
     rows = [{**row, **{key: first[key] for key in of.grid}} for row in rows]
     settings = dict(scene.short)
@@ -242,21 +255,30 @@ def drawn(seed: int, unseen: Sequence[tuple[str, str, str, str]] = ()) -> Plan:
             settings[key] = _rounded(math.exp(dice.uniform(math.log(least), math.log(most))))
     if dice.random() < 0.3 and "board" in of.profile.devices:
         settings["devices.board.block_samples"] = dice.choice([16, 64, 501])
-    faults = [] if cell is None else [_fault(dice, of, cell[2], cell[3], cell[1], count)]
-    kinds = sorted({kind for _, kind in of.faults})
+    there = frozenset(BENCH_WIDE).union(*(of.used.get(tuple(row.items()), ()) for row in rows))
+    could = [(device, kind) for device, kind in of.faults if device in there]
+    if cell is not None:
+        _, state, device, kind = cell
+        faults = [_fault(dice, device, kind, state, count)]
+        if dice.random() < 0.7:
+            faults[0] = {"device": device, "kind": kind, "after": state, **_amount(dice, kind)}
+        if dice.random() < 0.5:
+            faults.append(_fault(dice, *dice.choice(could), state, count))
+            faults[1]["after"] = state
+        return Plan(seed, experiment, settings, rows, faults)
+    kinds = sorted({kind for _, kind in could})
     rates = {
         kind: math.exp(dice.uniform(math.log(0.05), math.log(2.0))) for kind in kinds if dice.random() < 0.5
     }
+    faults = []
     for kind, rate in rates.items():
         for _ in range(_poisson(dice, rate * count)):
-            device = dice.choice([device for device, each in of.faults if each == kind])
-            faults.append(_fault(dice, of, device, kind, dice.choice(of.states[:-2] or of.states), count))
-    there = frozenset(("loop", "keys")).union(*(of.used.get(tuple(row.items()), ()) for row in rows))
-    faults = [fault for fault in faults if fault["device"] in there][: 2 if cell else EVENTS_MAX]
-    return Plan(seed, experiment, dict(settings), rows, faults)
+            device = dice.choice([device for device, each in could if each == kind])
+            faults.append(_fault(dice, device, kind, dice.choice(of.states[:-2] or of.states), count))
+    return Plan(seed, experiment, settings, rows, faults[:EVENTS_MAX])
 
 
-def _fault(dice: random.Random, of: Known, device: str, kind: str, state: str, count: int) -> dict[str, Any]:
+def _fault(dice: random.Random, device: str, kind: str, state: str, count: int) -> dict[str, Any]:
     fault: dict[str, Any] = {"device": device, "kind": kind}
     when = dice.random()
     if when < 0.7:
@@ -265,7 +287,7 @@ def _fault(dice: random.Random, of: Known, device: str, kind: str, state: str, c
     elif when < 0.85:
         fault["at_s"] = _rounded(dice.uniform(0.0, 10.0))
     else:
-        fault["after"] = f"write {dice.randint(1, 12)}" if device not in ("loop", "keys") else state
+        fault["after"] = f"write {dice.randint(1, 12)}" if device not in BENCH_WIDE else state
         fault["at_s"] = _rounded(dice.uniform(0.0, 0.05))
     lasts = dice.random()
     length_s = _rounded(math.exp(dice.uniform(math.log(SHORTEST_S), math.log(LONGEST_S))))
@@ -277,20 +299,23 @@ def _fault(dice: random.Random, of: Known, device: str, kind: str, state: str, c
             "every_s": _rounded(length_s * dice.uniform(1.5, 10.0)),
             "times": dice.randint(2, 9),
         }
-    amounts = {
-        "wrong": (-1.0, 0.0, 0.5, 2.0, 100.0),
-        "late": (0.005, 0.03, 0.12, 0.5),
-        "hang": (0.004, 0.05, 0.3, 2.0),
-    }
-    if kind in amounts:
-        fault["amount"] = dice.choice(amounts[kind])
-    elif kind == "drift":
-        fault["amount"] = _rounded(
-            dice.choice([-1.0, 1.0]) * math.exp(dice.uniform(math.log(1e-4), math.log(10.0)))
-        )
+    fault |= _amount(dice, kind)
     if count > 1 and dice.random() < 0.5:
         fault["trial"] = dice.randint(1, count)
     return fault
+
+
+AMOUNTS: Mapping[str, Sequence[float]] = {
+    "wrong": (-1.0, 0.0, 0.5, 2.0, 100.0),
+    "late": (0.005, 0.03, 0.12, 0.5),
+    "hang": (0.004, 0.05, 0.3, 2.0),
+    "drift": (-10.0, -0.1, -1e-3, 1e-4, 0.01, 1.0),
+}
+"""What is drawn of how much."""
+
+
+def _amount(dice: random.Random, kind: str) -> dict[str, float]:
+    return {"amount": dice.choice(AMOUNTS[kind])} if kind in AMOUNTS else {}
 
 
 def _poisson(dice: random.Random, mean: float) -> int:

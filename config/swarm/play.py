@@ -30,6 +30,10 @@ BENCH_S_MAX = 3600.0
 """Likewise in bench time, with a person who takes ten minutes."""
 
 
+HALT_STEP_S, HALT_S = 0.02, 2.5
+"""How often, and for how long, movers are looked at after the last turn; a bench remembers four seconds."""
+
+
 class EndlessError(Exception):
     """A trial does not come to its end."""
 
@@ -151,9 +155,18 @@ class Onlooker:
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """See `Console`."""
-        t_s = self._rig.clock.now()
         self.trials[-1].outcome = outcome
-        self.trials[-1].samples.append((t_s, self._places(t_s)))  # after the loop has waited for every mover
+        self._see_halt()
+
+    def _see_halt(self) -> None:
+        """After the last turn the loop waits for every mover to stand still: where they were meanwhile."""
+        t_s, samples = self._rig.clock.now(), self.trials[-1].samples
+        mover: Any = getattr(self._bench, "mover", None)
+        since_s = samples[-1][0] if samples else 0.0
+        if hasattr(mover, "position"):
+            for each_s in np.arange(since_s + HALT_STEP_S, min(t_s, since_s + HALT_S), HALT_STEP_S).tolist():
+                samples.append((each_s, {"axis_m": mover.position(each_s)}))
+        samples.append((t_s, self._places(t_s)))
 
     def campaign_ended(self, line: str) -> None:
         """See `Console`: the movers are looked at a moment later, before another trial or the end of the process."""

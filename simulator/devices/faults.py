@@ -23,6 +23,9 @@ Kind = Literal[
 SENSED: tuple[Kind, ...] = ("stuck", "wrong", "drift", "late")
 """What any device with streams can show: between its driver and the loop, whatever the driver is."""
 
+READ: tuple[Kind, ...] = ("stuck", "wrong", "drift")
+"""Those of them that change what is read, each sample by its own time: turns may be taken as one meanwhile."""
+
 OF_THE_BENCH: Mapping[str, tuple[Kind, ...]] = {"loop": ("hang",), "keys": ("pause", "abort")}
 """What is no device and can go wrong on a bench in virtual time: the program's own loop, and a person's keys."""
 
@@ -134,15 +137,20 @@ class FaultSchedule:
             if self._tell is not None:
                 self._tell(what)
 
-    def count(self, what: str, t_s: float, n: int = 1) -> None:
-        """So many more commands or samples of a kind."""
+    @property
+    def counts(self) -> bool:
+        """Whether one of them counts from the n-th of something."""
+        return bool(self._counted)
+
+    def count(self, what: str, times_s: Sequence[float] | NDArray[np.float64]) -> None:
+        """More commands or samples of a kind: when each was."""
         if self._counted:
             before = self._counts.get(what, 0)
-            self._counts[what] = before + n
+            self._counts[what] = before + len(times_s)
             for after in self._counted:
                 name, _, number = after.partition(" ")
-                if name == what and before < int(number) <= before + n:
-                    self.mark(after, t_s)
+                if name == what and before < int(number) <= before + len(times_s):
+                    self.mark(after, float(times_s[int(number) - before - 1]))
 
     def on(self, t_s: float, *kinds: Kind) -> Fault | None:
         """The first fault of these kinds that is on at `t_s`."""
@@ -173,9 +181,11 @@ class FaultSchedule:
         quiet_s = math.inf
         for fault in self._faults:
             since_s = self._since_s.get(fault.after)
+            if fault.kind in READ:
+                continue
             if since_s is None:
-                if fault.after in self._counted:
-                    return t_s
+                if fault.after in self._counted and fault.after[0].islower() and fault.after[:6] != "write ":
+                    return t_s  # the n-th sample; a command is sent in a turn of its own
                 continue
             begins_s = since_s + fault.at_s
             if begins_s <= t_s:
@@ -196,20 +206,47 @@ class FaultSchedule:
             for (trial, fault), t_s in self.effects.items()
         ]
 
-    def seen(self, block: SampleBlock, t_s: float) -> SampleBlock:
-        """A block as its sensor reads at `t_s`, the time of its last sample: stuck, wrong, drifting."""
+    def seen(self, block: SampleBlock) -> SampleBlock:
+        """A block as its sensor reads it, each sample at its own time: stuck, wrong, drifting."""
+        if not any(fault.kind in READ for fault in self._faults):
+            return block
         values: Any = block.values
-        last = self._last.get(block.stream)
-        if self.on(t_s, "stuck"):
-            values = np.broadcast_to(values[0] if last is None else last, values.shape)
-        else:
-            self._last[block.stream] = values[-1]
-        if fault := self.on(t_s, "wrong"):
-            values = _like(values, values * fault.much)
-        if fault := self.on(t_s, "drift"):
-            begun_s = self._since_s[fault.after] + fault.at_s
-            values = _like(values, values + fault.much * (t_s - begun_s) / block.scale)
+        times_s = block.times
+        for kind in READ:
+            for fault in (each for each in self._faults if each.kind == kind):
+                ago_s = self._ago_s(fault, times_s)
+                on = ago_s >= 0.0
+                if on.any():
+                    self._noticed(fault, float(times_s[on.argmax()]))
+                if kind == "stuck":
+                    values = self._held(block.stream, values, on)
+                elif on.any() and kind == "wrong":
+                    values = _like(values, np.where(on[:, None], values * fault.much, values))
+                elif on.any():
+                    gone = np.where(on, fault.much * ago_s / block.scale, 0.0)
+                    values = _like(values, values + gone[:, None])
         return block if values is block.values else replace(block, values=values)
+
+    def _held(self, stream: str, values: NDArray[Any], stuck: NDArray[np.bool_]) -> NDArray[Any]:
+        """Values of which the stuck ones repeat the last that was not."""
+        free = np.flatnonzero(~stuck)
+        last = self._last.setdefault(stream, values[0])
+        if len(free):
+            self._last[stream] = values[free[-1]]
+        if len(free) == len(values):
+            return values
+        since = np.maximum.accumulate(np.where(stuck, -1, np.arange(len(values))))
+        return np.where((since < 0)[:, None], last, values[since])
+
+    def _ago_s(self, fault: Fault, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How long ago a fault began that is on, at each of these times; NaN where it is not on."""
+        since_s = self._since_s.get(fault.after)
+        if since_s is None:
+            return np.full(len(times_s), math.nan)
+        first_s = times_s - since_s - fault.at_s
+        times = np.zeros(len(times_s)) if fault.every_s is None else np.floor(first_s / fault.every_s)
+        ago_s = first_s - np.minimum(times, (fault.times or math.inf) - 1) * (fault.every_s or 0.0)
+        return np.where((first_s >= 0.0) & (ago_s < (fault.for_s or math.inf)), ago_s, math.nan)
 
     def failure(self, t_s: float, device: str) -> Failed | None:
         """What a driver reports when the plug is pulled; once."""
@@ -254,8 +291,8 @@ class FaultySamples:
     def apply(self, command: Command) -> Command:
         """See `Device.apply`."""
         t_s = self._clock.now()  # type: ignore[attr-defined]
-        self.shown_faults.count("write", t_s)
-        self.shown_faults.count(type(command).__name__, t_s)
+        for what in ("write", type(command).__name__):
+            self.shown_faults.count(what, [t_s])
         applied: Command = super().apply(command)  # type: ignore[misc]
         return applied
 
@@ -264,8 +301,9 @@ class FaultySamples:
         blocks = []
         for block in super().read():  # type: ignore[misc]
             if len(block):
-                self.shown_faults.count(block.stream.partition(".")[2], block.last_s, len(block))
-                blocks.append(self.shown_faults.seen(block, block.last_s))
+                if self.shown_faults.counts:
+                    self.shown_faults.count(block.stream.partition(".")[2], block.times)
+                blocks.append(self.shown_faults.seen(block))
         return self._later(blocks, SampleBlock)
 
     def poll(self) -> Sequence[Status]:

@@ -90,7 +90,8 @@ class MockUrArm(MockDriver):
         self._answer: type[Reached | Standstill] | None = None
         self._commanded = 0
         self._fence = ""
-        self._seen_s = self.watched_until_s = 0.0
+        self._seen_s = self._heard_s = self.watched_until_s = 0.0
+        self._tripped = False
         super().restart()
 
     def open(self) -> DeviceInfo:
@@ -202,7 +203,18 @@ class MockUrArm(MockDriver):
         return found
 
     def _look(self, now_s: float) -> None:
-        """Stop what has moved without being looked at for `loop_timeout_s`, as the real arm's process does."""
+        """Stop what has moved without being looked at for `loop_timeout_s`, as the real arm's process does; or
+        without a sign of life for a period of its watchdog, as the real controller does."""
+        if self._faults.active(now_s, "silent"):
+            if now_s - self._heard_s > 1.0 / self._settings.watchdog_hz and self.axis.moving(now_s):
+                self._tripped, self._halted = True, "its watchdog stopped the arm"
+                self._brake(now_s, HALT_M_S2)
+        else:
+            self._heard_s = now_s
+            if self._tripped:
+                self._tripped = False
+                reason = f"{self._halted}; look at the arm, then send it Home"
+                self._report(Stalled(now_s, self.name, reason, command_id=self._commanded))
         blind_s, self._seen_s = self._seen_s + self._settings.loop_timeout_s, now_s
         if now_s > max(blind_s, self.watched_until_s) and self.axis.moving(blind_s):
             self._brake(blind_s, self._settings.stop_m_s2)

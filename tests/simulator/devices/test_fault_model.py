@@ -49,8 +49,13 @@ def test_a_fault_is_marked_when_it_first_took_effect_in_each_trial():
 def test_until_when_nothing_can_happen_is_known():
     faults = schedule(at_s=2.0, for_s=0.5, every_s=1.0, times=2)
     assert [faults.quiet_until_s(t_s) for t_s in (0.0, 2.1, 2.6, 3.6)] == [2.0, 2.1, 3.0, np.inf]
-    counted = schedule(after="write 2")
-    assert counted.quiet_until_s(1.0) == 1.0, "no one knows when the second command comes"
+    counted = schedule(after="load 2")
+    assert counted.quiet_until_s(1.0) == 1.0, "no one knows when the second sample comes"
+    for after in ("write 2", "MoveAt 2"):
+        assert schedule(after=after).quiet_until_s(1.0) == np.inf, "a command is sent in a turn of its own"
+    assert schedule(kind="drift").quiet_until_s(1.0) == np.inf, (
+        "what a sensor reads goes by its samples' own times"
+    )
     assert schedule(after="HOLDING").quiet_until_s(1.0) == np.inf, "a state is entered in a turn of its own"
     stalls = schedule(kind="stall", at_s=2.0, for_s=0.1)
     assert stalls.quiet_until_s(2.5) == 2.5, "it was not taken yet"
@@ -97,6 +102,29 @@ def test_what_a_sensor_reads_is_stuck_wrong_and_drifts():
     assert drifts(2.99) == [[21, 21]], "two seconds at 5 units a second, half a unit a count"
     _, beyond = sensor(kind="wrong", amount=1e12)
     assert beyond(0.0) == [[np.iinfo(np.int32).max] * 2], "as far as its converter goes"
+
+
+@pytest.mark.parametrize("kind", ["stuck", "wrong", "drift"])
+@pytest.mark.parametrize("lasts", [{}, {"for_s": 0.05}, {"for_s": 0.02, "every_s": 0.1}])
+def test_what_a_sensor_reads_is_the_same_however_its_samples_are_cut(kind, lasts):
+    def read(cut):
+        faults = schedule(kind=kind, at_s=0.033, amount=1e5, **lasts)
+        values = np.arange(1, 41)[:, None] * 1000
+        blocks = [
+            SampleBlock("board.load", first, first / 100.0, values[first : first + cut], 100.0)
+            for first in range(0, 40, cut)
+        ]
+        seen = np.concatenate([faults.seen(block).values for block in blocks]).ravel().tolist()
+        return seen, [effect["effect_s"] for effect in faults.shown()]
+
+    whole, effects = read(40)
+    assert effects == [0.04], "the first sample after it began"
+    assert whole[:4] == [1000, 2000, 3000, 4000]
+    assert whole[4] != 5000
+    for cut in (1, 3, 7):
+        assert read(cut) == (whole, effects)
+    if lasts:
+        assert whole[9] == 10_000, "it is over"
 
 
 def test_what_is_late_comes_later_in_its_order_and_whole():

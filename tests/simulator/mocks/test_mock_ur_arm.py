@@ -378,6 +378,20 @@ def test_a_silent_arm_sends_and_receives_nothing():
     assert hand.blocks[0].seq > 90, "what was not subscribed is a jump in the sequence"
 
 
+def test_an_arm_whose_line_falls_silent_is_stopped_by_its_watchdog_and_says_so_when_it_is_heard_again():
+    hand = Finger(Fault(device="arm", kind="silent", at_s=0.3, for_s=0.5))
+    hand.arm.apply(MoveAt("arm", 0.01, 0.015))
+    hand.run(0.79)
+    assert hand.arm.axis.position(0.79) == hand.arm.axis.position(0.5)
+    assert hand.arm.axis.position(0.79) <= 0.01 * (0.3 + 1.0 / hand.arm._settings.watchdog_hz + 0.01)
+    assert hand.of(Stalled) == []
+    hand.run(0.1)
+    assert "watchdog" in hand.only(Stalled).reason
+    hand.arm.apply(MoveTo("arm", 0.001, 0.01))
+    hand.run(0.1)
+    assert "send it Home" in hand.only(Refused).reason
+
+
 def test_refused_motion_and_lost_rows_are_reported():
     hand = Finger(
         Fault(device="arm", kind="refuse", at_s=0.0), Fault(device="arm", kind="lose", at_s=0.0, for_s=0.1)

@@ -96,6 +96,11 @@ SEEN: dict[str, Any] = {
         "board.load_cell is at 2.500 N (10 ms median), beyond limits.force_n = 2",
     ),
     "a force that lasts for one window of a long block": ({}, [WINDOW], "3.000 N (10 ms median)"),
+    "a force that grows, by its first window beyond": (
+        {"force_median_s": 0.001},
+        [force([1.0, 1.9, 2.1, 5.0])],
+        "2.100 N",
+    ),
     "a pull": ({}, [force(np.full(20, -2.5))], "at -2.500 N"),
     "a force that is no number": ({}, [force([0.0, math.nan])], "board.load_cell reads nan"),
     "one sample where the median is over less than two": (
