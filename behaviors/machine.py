@@ -129,7 +129,7 @@ class Behavior:
         self.check_plans()
         self._mover = mover
         armed = (plan.detectors for plan in plans.values())
-        self._acting = frozenset().union(*armed) if acting is None else acting
+        self.acts_on = frozenset().union(*armed) if acting is None else acting
         self.state = self.states[0]
         self.outcome = UNDECIDED
         self.reason = ""
@@ -176,7 +176,7 @@ class Behavior:
     def deciding(self) -> Sequence[str]:
         """Detectors whose events end the present state, the foremost first; where it arms none of those that the trial
         acts on, all of these. What a person is shown first."""
-        return sorted(self._acting & self.plan.detectors) or sorted(self._acting)
+        return sorted(self.acts_on & self.plan.detectors) or sorted(self.acts_on)
 
     @property
     def wake_s(self) -> float:
@@ -235,7 +235,7 @@ class Behavior:
 
     def decisive(self) -> bool:
         """Whether the event is of a detector that the trial acts on."""
-        return _source(self.event) in self._acting
+        return _source(self.event) in self.acts_on
 
     def conclude_fault(self) -> None:
         """Before a transition that ends the trial: the guard stopped it, or a device or detector could not go on."""

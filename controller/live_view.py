@@ -120,13 +120,16 @@ class LiveView:
                 size = float(np.linalg.norm(values[-1, list(channels)]))
                 yield name, size * scale, limit * scale, shown
 
-    def thresholds(self) -> Iterator[tuple[str, float, float, str]]:
-        """Name, statistic, threshold and unit of each detector that has both: `contact 26.4 of 28.2 nats`."""
+    def thresholds(self) -> Iterator[tuple[str, float, float, str, bool]]:
+        """Name, statistic, threshold and unit of each detector that has both: `contact 26.4 of 28.2 nats`; and whether
+        the present state acts on it, or it only watches."""
+        behavior = self._behavior
+        acts = None if behavior is None else behavior.acts_on & behavior.plan.detectors
         for name in self.deciding():
             readings, unit = self.recording.latest(f"{DETECTOR}{name}", 1)
             if len(readings) and np.isfinite(readings[-1]).all():
                 (value, threshold), unit = displayed(DETECTOR, readings[-1], unit)
-                yield name, float(value), float(threshold), unit
+                yield name, float(value), float(threshold), unit, acts is None or name in acts
 
     def deciding(self) -> list[str]:
         """The detectors, what decides in the present state first."""

@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 LATEST_S = 0.02
 """Over which the angle at a detection is taken, s: as the detector's running mean."""
 
+ANGLE_DECIMALS = 12
+"""Of an angle in rad: the product of two turns leaves some 1e-16, no arm tells 1e-12."""
+
 HIGHLIGHTS = ("farthest_rad", "slip_at_rad", "turned_back")
 """Columns shown during a run."""
 
@@ -74,4 +77,5 @@ def _true_angles(
     turns = Rotation.from_rotvec(poses.values[:, 3:]) * Rotation.from_rotvec(start).inv()
     begins_rad = float(evidence.factors["begins_rad"])
     roll_rad = math.copysign(settings.roll_rad, begins_rad or evidence.factors.get("turn_rad_s") or 0.0)
-    return poses.times_s, turns.as_rotvec()[:, 1] + begins_rad - roll_rad
+    angles_rad = turns.as_rotvec()[:, 1] + begins_rad - roll_rad
+    return poses.times_s, np.round(angles_rad, ANGLE_DECIMALS)

@@ -10,6 +10,7 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
@@ -136,6 +137,17 @@ def near(mean: Mean, aim: float, within: float) -> bool | None:
     None."""
     off, half = abs(mean.mean - aim), half_width(mean)
     return True if off + half <= within else False if off - half > within else None
+
+
+def median_within(ascending: NDArray[np.float64]) -> tuple[float, float]:
+    """The 95 % interval of a median, from ranks; from 0 to infinity where there are fewer than six values."""
+    from scipy.special import bdtr
+
+    n = len(ascending)
+    below = int(
+        (bdtr(np.arange(n), n, 0.5) <= 0.025).sum()
+    )  # so many of the values on either side may be left out
+    return (float(ascending[below - 1]), float(ascending[n - below])) if below else (0.0, math.inf)
 
 
 def larger(one: Mean, other: Mean) -> bool | None:

@@ -91,7 +91,6 @@ def _draw_panel(axes: Axes, groups: Sequence[Sequence[Row]], name: str) -> None:
     scale = scale_of(name)
     for place, own in enumerate(groups, start=1):
         known = [float(row[name]) * scale.factor for row in own if is_number(row.get(name))]
-        known = [0.0 if abs(value) < 1e-12 else value for value in known]  # what rounding left needs no ticks
         axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0)
         mean = mean_of(known)
         if mean.n > 1:

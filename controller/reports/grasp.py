@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from behaviors.lift import LIFTING
@@ -26,6 +27,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.section import Figure, Kind, Result, Section, judged
+from controller.reports.trial_signals import key_of, said_of
 from controller.scales import NOTHING
 
 NIST = "NIST SP 1227, Performance Metrics and Test Methods for Robotic Hands"
@@ -60,16 +62,11 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "told": _told(rows),
         "goals": list(_goals(rows)),
     }
-    drawn = next(
-        (svg for run in runs for row in run.trials if row.get("slips") and (svg := _draw(figures, run, row))),
-        "",
-    )
-    if drawn:
-        content["timeline"] = Figure(
-            drawn,
-            "One grasp. Top: the commanded grip, what the pad feels of it, and the least force that would hold it: "
-            "the finger's load over true friction. Below: that load. Triangles: slips that were told and acted on.",
-        )
+    told = ((run, row) for run in runs for row in run.trials if row.get("slips"))
+    for svg, caption in ((_draw(figures, *each), _shown(runs, *each)) for each in told):
+        if svg:
+            content["timeline"] = Figure(svg, caption)
+            break
     held = sum(row.get("outcome") == "held" for row in rows)
     kind = Kind.PREDICTED if runs[0].simulated else Kind.MEASURED
     over = values(rows, "grip_over_least")
@@ -85,7 +82,21 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
                 goal=True,
             )
         )
-    return Section("A grasp with little more than the least force (D1)", content, summary=summary)
+    return Section(
+        "A grasp with little more than the least force (D1)",
+        content,
+        summary=summary,
+        shows_trials="timeline" not in content,
+    )
+
+
+def _shown(runs: Sequence[Run], run: Run, row: Row) -> Markup:
+    """What the timeline shows, of which trial."""
+    return Markup(
+        '<b><a href="?trial={key}" data-open="{key}">Trial {trial}</a></b>, the first in which a slip was told: {said}.'
+        " Above: the commanded grip, what the pad feels of it, and the least force that would hold it: the finger's"
+        " load over true friction. Below: that load; triangles are slips that were told and acted on."
+    ).format(key=key_of(runs, run, int(row["trial"])), trial=row["trial"], said=said_of(run, row))
 
 
 def _measures(rows: Sequence[Row]) -> Row:
@@ -197,7 +208,7 @@ def _draw(figures: Figures, run: Run, row: Row) -> str:
         top.set_ylabel("N")
         top.set_ylim(0.0, 1.15 * max(force for _, force in forces))
         below.set_ylabel("load, N")
-        below.set_xlabel("s")
+        below.set_xlabel(f"time in trial {row['trial']} (s)")
         top.legend(loc="upper left", ncols=3)
         below.legend(loc="upper left")
         return drawing.save("grasp")

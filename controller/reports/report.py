@@ -18,8 +18,9 @@ from controller.registry import experiment_of
 from controller.reports import generic
 from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
-from controller.reports.first_screen import Drawn, again, headline_of, hero_of, outcome_of
-from controller.reports.papers import CITATION, settings_in
+from controller.reports.first_screen import again, agreement_of, goals_of, headline_of
+from controller.reports.hero import Drawn, hero_of
+from controller.reports.papers import CITATION, came_to, settings_in
 from controller.reports.run_account import early_end, facts_of, setting_of
 from controller.reports.section import (
     Comparing,
@@ -181,6 +182,7 @@ def _page(
         "ends": [end for run in runs if (end := early_end(run)) is not None],
         "runs": [(run.folder.path.name, run.notes, facts_of(run)) for run in runs],
         "verdict": _verdict(parts),
+        "agreement": agreement_of(result for part in parts for result in part.results),
         "state": "all" if {part.headline.state for part in parts} == {"all"} else "some",
         "again": list(dict.fromkeys(again(run) for run in runs)),
         "summary": experiment_of(next(iter(kinds))[0], own_folders(runs[-1].manifest)).summary
@@ -206,8 +208,10 @@ def _verdict(parts: Sequence[SectionPart]) -> str:
     heads = [part.headline for part in parts]
     alike = len({head.what for head in heads}) == 1 and len(heads) <= MOST_ALIKE
     beside = f"; {heads[0].what}: {', '.join(head.ours for head in heads)}" if alike else ""
-    all_judged = outcome_of([result for part in parts for result in part.results])
-    return f"{good} of {len(rows)} trials succeeded, in {len(parts)} parts{beside}{all_judged}."
+    words = {came_to(str(run.manifest.get("experiment", ""))) for run, _ in rows}
+    done = words.pop() if len(words) == 1 else "succeeded"
+    goals = goals_of(result for part in parts for result in part.results)
+    return f"{good} of {len(rows)} trials {done}, in {len(parts)} parts{beside}{goals}."
 
 
 def _marked(run: Run) -> str:
@@ -259,7 +263,7 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     results += [each._replace(met=None) if lost else each for each in section.summary]
     printed = {**settings_in(section.paper, runs[0]), **section.printed}
     body, ours = rendered(section, runs[0], not lost)
-    drawn = hero_of(experiment, runs)
+    drawn = hero_of(experiment, runs) if section.shows_trials else []
     pictures = [Markup(each) for each in FIGURE.findall(body)]
     body = Markup(FIGURE.sub("", body))  # figures stand before what is said about them
     headline = headline_of(experiment, runs, results, section.headline)

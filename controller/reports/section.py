@@ -83,6 +83,7 @@ class Headline(NamedTuple):
         source: Whose that is, and where it stands.
         interval: The 95 % interval of ours; "" for none.
         verdict: How the two compare, in half a sentence; later the whole sentence.
+        agreement: How many predictions come out as the paper's: neither good nor bad; "" for none.
         rows: Filter of the table of trials that leaves those it is made of; "" for all.
         column: Of trials.csv that it is made of.
         state: Whether `all` trials succeeded, `some`, or `none`.
@@ -98,6 +99,7 @@ class Headline(NamedTuple):
     rows: str = ""
     column: str = ""
     state: str = ""
+    agreement: str = ""
 
 
 def rated(
@@ -137,6 +139,7 @@ class Section:
         printed: Settings that the paper prints, by their path in the profile, beside those of papers/settings.csv.
         terminal: Its table in a terminal, some 14 lines.
         headline: What it opens with, where papers/headlines.csv does not say it.
+        shows_trials: Whether the first figure is of trials; else the section's own first figure stands there.
     """
 
     title: str
@@ -147,6 +150,7 @@ class Section:
     printed: Mapping[str, Printed] = field(default_factory=dict)
     terminal: Sequence[Row] = ()
     headline: Headline | None = None
+    shows_trials: bool = True
 
 
 class Table(NamedTuple):

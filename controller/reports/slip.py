@@ -118,13 +118,22 @@ def _headline(scores: Sequence[SensorScore]) -> Headline | None:
 def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
     """Slips that ours detects in time, beside the paper's detector on the same; without slips, both's false alarms."""
     both = {method: [score for score in scores if score.method == method] for method in METHODS}
-    detected = {method: sum(len(score.delays_s) for score in own) for method, own in both.items()}
     slips = {method: sum(score.slips - score.cut_short for score in own) for method, own in both.items()}
     if n := slips["ours"]:
+        detected = {method: sum(len(score.delays_s) for score in own) for method, own in both.items()}
         theirs = percent(detected["paper"] / slips["paper"]) if slips["paper"] else ""
         hits = detected["ours"]
-        found = rated("slips that our detector detects, none before it began", hits, n, theirs, SAME_SAMPLES)
-        return found._replace(state="all" if hits == n else "some" if hits else "none")
+        found = rated(
+            f"slips that our detector detects, within {VERDICTS['missed_after_s']:g} s of their beginning",
+            hits,
+            n,
+            theirs,
+            SAME_SAMPLES,
+        )
+        beside = f", the paper's {detected['paper']} of {slips['paper']}" * bool(theirs)
+        state = "all" if hits == n else "some" if hits else "none"
+        verdict = f"of the slips in them our detector detects {hits} of {n}{beside}"
+        return found._replace(of=f"{hits} of {n} slips", verdict=verdict, state=state)
     alarms = {method: sum(score.alarms for score in own) for method, own in both.items()}
     minutes = {method: sum(score.quiet_s for score in own) / 60.0 for method, own in both.items()}
     if not minutes["ours"]:
@@ -132,11 +141,16 @@ def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
     a_minute = {method: f"{three(alarms[method] / t)} a minute" for method, t in minutes.items() if t}
     low, high = (three(end / minutes["ours"]) for end in poisson_interval(alarms["ours"]))
     what, ours, theirs = "false alarms of our detector", a_minute["ours"], a_minute.get("paper", "")
-    verdict = f"{what}: {ours}" + (f", the paper's {theirs}" if theirs else "")
-    counted = f"{alarms['ours']} in {three(60.0 * minutes['ours'])} s"
-    state = "some" if alarms["ours"] else "all"
-    interval = f"{low} to {high} a minute"
-    return Headline(what, ours, counted, theirs, SAME_SAMPLES, interval, verdict, state=state)
+    return Headline(
+        what,
+        ours,
+        f"{alarms['ours']} in {three(60.0 * minutes['ours'])} s",
+        theirs,
+        SAME_SAMPLES,
+        f"{low} to {high} a minute",
+        f"{what}: {ours}" + f", the paper's {theirs}" * bool(theirs),
+        state="some" if alarms["ours"] else "all",
+    )
 
 
 SAME_SAMPLES = "the paper's detector (same samples)"
@@ -315,7 +329,7 @@ def _compared_with_the_paper(score: SensorScore, simulated: bool) -> Result:
     text += (
         f"misses {score.missed} of {score.scored}, {f'median {median_s}' if median_s else 'none detected'}: "
     )
-    text += f"{score.verdict if score.decided else 'good, regular or bad'}; the paper says {paper['verdict']}"
+    text += f"{score.verdict if score.decided else 'no grade'}; the paper says {paper['verdict']}"
     text += f"; beside that, {early}" * bool(score.early)
     if not score.decided:
         return judged(kind, text, None, score.scored)
@@ -421,7 +435,7 @@ def draw_run(figures: Figures, run: Run, row: Row, sensor: str) -> str:
             _draw_forces(axes[0], axes[1], forces, zero_s)
         else:  # the channel that slip is looked for in; of many the one that is loaded most
             column = int(np.argmax(series.values.mean(axis=0))) if channel is None else channel
-            axes[0].plot(series.times_s - zero_s, factor * series.values[:, column], color=OURS, lw=0.6)
+            axes[0].plot(series.times_s - zero_s, factor * series.values[:, column], color=INK, lw=0.6)
             axes[0].set_ylabel(f"signal ({unit})")
         products = factor**2 * blocks.product
         for panel, values, label in (

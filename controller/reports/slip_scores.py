@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from controller.recording.reader import Run
-from controller.reports.counts import METHODS, Row, total, values, wilson
+from controller.reports.counts import METHODS, Row, median_within, total, values, wilson
 from controller.reports.papers import table
 from controller.reports.run_account import setting_of
 from controller.scales import NOTHING
@@ -226,17 +226,6 @@ def verdict_of(delays_s: ArrayLike) -> str:
     missed = wilson(int(np.isinf(delays).sum()), len(delays))
     best, worst = (verdict(*ends) for ends in zip(missed, median_within(delays), strict=True))
     return best if best == worst else NOT_DECIDED
-
-
-def median_within(ascending: NDArray[np.float64]) -> tuple[float, float]:
-    """The 95 % interval of a median, from ranks; from 0 to infinity where there are fewer than six values."""
-    from scipy.special import bdtr
-
-    n = len(ascending)
-    below = int(
-        (bdtr(np.arange(n), n, 0.5) <= 0.025).sum()
-    )  # so many of the values on either side may be left out
-    return (float(ascending[below - 1]), float(ascending[n - below])) if below else (0.0, math.inf)
 
 
 def verdict(missed: float, median_s: float) -> str:

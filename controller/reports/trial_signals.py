@@ -14,6 +14,7 @@ from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
 from controller.reports.counts import is_number, title
+from controller.reports.papers import RECORDED, came_to
 from controller.reports.run_account import acting_of, setting_of, statistic_of
 from controller.scales import Scale, displayed, scale_of, spaced
 
@@ -180,7 +181,8 @@ class TrialColumn(NamedTuple):
 
 
 class TrialRow(NamedTuple):
-    """A trial: its key, whether it succeeded (`good`, `bad`, or `out` of every number, and then why), and of each cell
+    """A trial: its key, whether it succeeded (`good`, `bad`, "" where it was only to be recorded, or `out` of every
+    number, and then why), and of each cell
     what is shown and a number's exact value."""
 
     key: str
@@ -219,7 +221,15 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
                     cells.append(("" if value is None else scales[name].cell(shown), exact))
             cells[1:1] = [(_DATE.sub("", run.folder.path.name), "")] if len(runs) > 1 else []
             why = _excluded(run, row)
-            state = "out" if why else "good" if run.succeeded(row) else "bad"
+            state = (
+                "out"
+                if why
+                else "bad"
+                if not run.succeeded(row)
+                else ""
+                if came_to(str(run.manifest.get("experiment", ""))) == RECORDED
+                else "good"
+            )
             rows.append(TrialRow(key_of(runs, run, int(row["trial"] or 0)), state, why, cells))
     columns = []
     for name in names:
@@ -331,8 +341,12 @@ def _trial(
 
 def said_of(run: Run, row: Mapping[str, Any]) -> str:
     """Factors and outcome of a trial: `location f, speed 2.54 mm/s: contact`."""
-    factors = ", ".join(scale_of(name).said(row[name]) for name in run.factors if row.get(name) is not None)
-    return ": ".join(part for part in (factors, title(str(row.get("outcome", "not ended")))) if part)
+    return ": ".join(filter(None, (factors_of(run, row), title(str(row.get("outcome", "not ended"))))))
+
+
+def factors_of(run: Run, row: Mapping[str, Any]) -> str:
+    """Factors of a trial alone."""
+    return ", ".join(scale_of(name).said(row[name]) for name in run.factors if row.get(name) is not None)
 
 
 def _statistic(

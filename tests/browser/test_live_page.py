@@ -85,10 +85,13 @@ def test_it_shows_the_state_the_signals_the_margins_the_trials_and_the_events(wa
     page = watching.look()
     assert page.locator("#now").inner_text().startswith("Trial 3, location f, speed 3.785 mm/s: ")
     assert page.locator("#state").inner_text() == "APPROACH"
-    assert page.locator("#verdict").inner_text() == "1 of 42: all good"
+    assert page.locator("#verdict").inner_text() == "1 of 42: none failed"
     assert page.locator("#counts").inner_text() == "1 contact"
     assert "left" in page.locator("#now").inner_text()
     assert "contact 2" in page.locator("#thresholds").inner_text()
+    assert page.locator("#thresholds .bar.idle").count() == 1, (
+        "full or not, it is no alarm: HOMING acts on none"
+    )
     assert page.locator("#diagram .here").text_content() == "APPROACH"
     for stream in ("detector.contact", "board.period", "board.load_cell", "stage.position"):
         page.wait_for_selector(f'[data-stream="{stream}"] path.signal')
@@ -156,6 +159,7 @@ def test_after_the_end_it_stays_says_who_ended_it_and_leads_to_the_report_and_on
     page.get_by_text("stopped by the test").wait_for()
     page.get_by_text(f"run.py resume {ending.run.folder}").wait_for()
     assert page.locator("#state").inner_text() == "STOPPED"
+    assert page.locator("#diagram .here, #diagram .next").count() == 0, "no state is entered any more"
     page.wait_for_selector("#stop:disabled")
     page.reload()
     with page.expect_popup() as report:

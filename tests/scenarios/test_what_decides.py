@@ -8,7 +8,7 @@ import pytest
 
 from config import assemble
 from config.profile import load_profile
-from controller.reports.first_screen import hero_of
+from controller.reports.hero import hero_of
 from controller.reports.report import build_report
 from controller.reports.trial_signals import payload
 from tests.unit.controller.reports.synthetic_runs import text_of

@@ -8,6 +8,7 @@ fitted (docs/explanation/finger_physics.md, docs/explanation/slip.md). How close
 
 import csv
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -70,3 +71,22 @@ def settings_in(paper: str, run: Run) -> Mapping[str, Printed]:
             own = [name for name, settings in detectors.items() if settings.get("kind") == row["kind"]]
             found |= {f"detectors.{name}.{row['setting']}": printed for name in own}
     return found
+
+
+RECORDED = "recorded"
+"""What a trial did whose outcome says nothing of the detectors."""
+
+
+@cache
+def headlines(experiment: str) -> list[dict[str, Any]]:
+    """What a report of an experiment opens with: lines of headlines.csv, the first that has a number first.
+
+    Columns: `where` and `column` of trials.csv it is of, `over` which it is made of these, the `detector` that the
+    paper's figure is of, and what its `trials` did that came out as they should ("": succeeded).
+    """
+    return [line for line in table("headlines") if line["experiment"] == experiment]
+
+
+def came_to(experiment: str) -> str:
+    """What a trial that came out as it should did, in a word."""
+    return next((str(line["trials"]) for line in headlines(experiment) if line["trials"]), "succeeded")

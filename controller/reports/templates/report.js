@@ -120,7 +120,7 @@
     for (const axis of plot.xaxes) axis.axis_label = number === trial.panels.length - 1 ? `ms after ${trial.zero[0]}` : null;
     for (const [left, right, colour] of bands) plot.add_layout(new Bokeh.BoxAnnotation({left, right, fill_color: colour, fill_alpha: 1, line_alpha: 0, level: "image"}));
     const of = (method) => (method === "paper" ? ink["paper-s"] : ink.ours);
-    const lines = [of(whose), ink.rival, ink["paper-s"]];
+    const lines = [threshold ? of(whose) : ink.ink, ink.rival, ink["paper-s"]];
     const seen = curves.map((curve, place) => {
       const data = threshold ? steps(unpacked(curve, ms)) : unpacked(curve, ms);
       const source = new Bokeh.ColumnDataSource({data});
@@ -176,8 +176,9 @@
       };
       const when = ([t, name]) => `${name} ${ms(t).toFixed(0)} ms`;
       entered.forEach(([left, right, name], place) => { if (right >= start && left <= end) entry("band", `${name} from ${left.toFixed(0)} ms`, colours[place % 2]); });
-      if (trial.panels.some(({whose}) => whose !== "paper")) entry("statistic", "ours, signals");
-      if (trial.panels.some(({whose}) => whose === "paper")) entry("paper-s", "the paper’s method");
+      if (trial.panels.some(({threshold}) => !threshold)) entry("signal", "signal");
+      if (trial.panels.some(({threshold, whose}) => threshold && whose !== "paper")) entry("statistic", "what our detector computes");
+      if (trial.panels.some(({whose}) => whose === "paper")) entry("paper-s", "what the paper’s computes");
       for (const [, name, value, unit] of trial.thresholds) entry("threshold", `threshold of ${name}: ${value.toPrecision(5)} ${unit}`.trim());
       for (const [name, t] of trial.truths) entry("zero", when([t, name]));
       if (trial.decided) entry("decided", when([trial.decided, "decision"]));

@@ -1,5 +1,6 @@
 (() => {
   const SPAN_S = 60;  // what the charts show, s
+  const OLD_S = 1;  // a stream without a sample for so long has no reader in this state, or the guard would have stopped
   const QUIET_MS = 2000;  // after this long without a message the run counts as lost
   const at = (id) => document.getElementById(id);
   const [stop, pause, alarm] = [at("stop"), at("pause"), at("alert")];
@@ -38,11 +39,11 @@
   const cells = (row, values, kind = "td") => { row.append(...values.map((value) => { const cell = document.createElement(kind); cell.textContent = value; return cell; })); return row; };
   const line = (values, kind) => cells(document.createElement("tr"), values, kind);
   const part = (text, kind) => { const made = document.createElement("span"); made.className = kind; made.textContent = text; return made; };
-  const bars = (place, all, least = () => 0) => at(place).replaceChildren(...(all ?? []).map(([name, value, limit, unit]) => {
+  const bars = (place, all, least = () => 0) => at(place).replaceChildren(...(all ?? []).map(([name, value, limit, unit, acts = true]) => {
     const low = Math.min(least(name), value), digits = Math.min(6, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(limit) || 1))));
     const bar = document.createElement("div"), share = limit > low ? Math.min(1, (value - low) / (limit - low)) : 0;
-    bar.className = share > 0.8 ? "bar near" : "bar";
-    bar.append(`${name} ${value.toFixed(digits)} of ${limit.toFixed(digits)} ${unit}`, document.createElement("i"));
+    bar.className = !acts ? "bar idle" : share > 0.8 ? "bar near" : "bar";
+    bar.append(`${name} ${value.toFixed(digits)} of ${limit.toFixed(digits)} ${unit}${acts ? "" : " (nothing acts on it now)"}`, document.createElement("i"));
     bar.lastChild.style.setProperty("--share", `${100 * share}%`);
     return bar;
   }));
@@ -69,7 +70,7 @@
     const counts = now.counts ?? [], done = counts.reduce((sum, [, number]) => sum + number, 0);
     const said = counts.map(([name, number, good]) => part(`${number} ${words(name)}`, good ? "good" : "missed"));
     const bad = counts.reduce((sum, [, number, good]) => sum + (good ? 0 : number), 0);
-    large("verdict", `${done} of ${now.run?.trials ?? "–"}`, ...(done ? [": ", bad ? part(`${bad} failed`, "missed") : part("all good", "good")] : [" trials"]));
+    large("verdict", `${done} of ${now.run?.trials ?? "–"}`, ...(done ? [": ", bad ? part(`${bad} failed`, "missed") : part("none failed", "good")] : [" trials"]));
     at("counts").replaceChildren(...said.flatMap((each, place) => place ? [", ", each] : [each]));
   };
   const large = (id, ...content) => {  // on one line whatever its length: narrower letters, as high as the others
@@ -91,7 +92,7 @@
     document.title = `${at("state").textContent}: ${now.run.title}`;
     if (now.ended) banner(now.by ? `The run was ${now.by}: ${now.ended}` : `The run has ended: ${now.ended}`, now.by ? "broken" : "done");
     else if (held()) banner("HELD between two trials: nothing moves, but for what is asked for here, under the guard. Resume begins the next trial.", "paused");
-    else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves, all is watched.${now.resumes_in ? ` Resume goes on in ${now.resumes_in}.` : ""}`, "paused");
+    else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves; the guard watches ${(now.margins ?? []).map(([name]) => name).join(", ") || "on"}.${now.resumes_in ? ` Resume goes on in ${now.resumes_in}.` : ""}`, "paused");
     else banner("", "running");
     byHand();
     pause.textContent = now.paused ? "Resume" : "Pause";
@@ -101,12 +102,12 @@
     at("question").hidden = !question;
     at("question").firstElementChild.textContent = question?.text ?? "";
     for (const state of at("diagram").querySelectorAll("[data-state]")) {
-      state.classList.toggle("here", state.dataset.state === now.state);
-      state.classList.toggle("next", Boolean(now.paused) && !held() && state.dataset.state === now.resumes_in);
+      state.classList.toggle("here", !now.ended && state.dataset.state === now.state);
+      state.classList.toggle("next", Boolean(now.paused) && !now.ended && !held() && state.dataset.state === now.resumes_in);
     }
     bars("thresholds", now.thresholds, (name) => (signals[`detector.${name}`]?.y ?? []).reduce((low, value) => value < low ? value : low, Infinity));
     bars("margins", now.margins);
-    at("streams").replaceChildren(...(now.streams ?? []).map(([name, age_s, lost]) => line([name, `${Math.max(0, age_s).toFixed(2)} s`, lost])));
+    at("streams").replaceChildren(...(now.streams ?? []).map(([name, age_s, lost]) => Object.assign(line([name, age_s < OLD_S ? `${Math.max(0, age_s).toFixed(2)} s` : `not read for ${clock(age_s)}`, lost]), {className: age_s < OLD_S ? "" : "old"})));
     for (const [trial, outcome, row, success] of message.rows ?? []) {
       const names = ["trial", "outcome", ...Object.keys(row)].slice(0, 9);
       at("heads").replaceChildren(line(names, "th"));
@@ -131,6 +132,7 @@
     if (!now.ended) Object.assign(now, {ended: killed ? "without a last word" : after.reason || after.status});
     large("state", killed ? "GONE" : good ? "DONE" : now.by || after.status === "aborted" ? "STOPPED" : after.status === "done" ? "ENDED" : "FAULT");
     document.body.dataset.state = "ended";
+    for (const state of at("diagram").querySelectorAll("[data-state]")) state.classList.remove("here", "next");
     banner(killed ? "The program of this run is gone without an end: look at the bench." : at("banner").firstElementChild.textContent || `The run has ended: ${now.ended}`, good ? "done" : "broken");
     stop.disabled = pause.disabled = true;
     at("next").replaceChildren();
@@ -201,7 +203,7 @@
       way += pen === "L" && stream.startsWith("detector.") ? `H${x(t)}V${y(seen.y[place])}` : `${pen}${x(t)} ${y(seen.y[place])}`;
       pen = "L";
     });
-    parts.push(svg("path", {class: "signal", d: way}));
+    parts.push(svg("path", {class: stream.startsWith("detector.") ? "signal statistic" : "signal", d: way}));
     if (Number.isFinite(seen.threshold)) parts.push(svg("path", {class: "threshold", d: `M${LEFT} ${y(seen.threshold)}H${right}`}));
     drawing.replaceChildren(...parts);
   };

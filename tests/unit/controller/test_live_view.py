@@ -47,7 +47,8 @@ def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margin
 def test_what_decides_is_shown_whatever_the_profiles_order():
     recording = TrialRecording(1)
     detectors = {"contact": SimpleNamespace(inputs=("board.period",)), "ours": Waveform()}
-    behavior = SimpleNamespace(deciding=["ours"])
+    plan = SimpleNamespace(detectors=frozenset({"contact", "ours"}))
+    behavior = SimpleNamespace(deciding=["ours"], acts_on=frozenset({"ours", "touch"}), plan=plan)
     view = LiveView(recording, detectors, GuardSettings(travel_m=0.012), behavior)
     recording.add(block("board.period", [0.5, 1.0], "s"))
     recording.add(block("board.accelerometer", [1.0, 1.5], "m/s2"))
@@ -58,6 +59,7 @@ def test_what_decides_is_shown_whatever_the_profiles_order():
     (signal,) = view.lines()
     assert signal.startswith("board.accelerometer  ")
     assert signal.endswith("1.5 m/s²  ours 2.1 of 5.3 σ")
+    assert {name: acts for name, *_, acts in view.thresholds()} == {"ours": True, "contact": False}
     assert view.panels()[0] == "detector.ours"
     assert (view.label("detector.ours", "σ"), view.title("detector.ours")) == ("ours, σ", "ours: departure")
     assert view.title("detector.contact") == "contact: statistic"

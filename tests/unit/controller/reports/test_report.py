@@ -17,14 +17,17 @@ from controller.recording import reader
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.registry import ExperimentKind
-from controller.reports import first_screen, report, static
+from controller.reports import first_screen, hero, report, static
 from controller.reports.approaches import TABLE_1
 from controller.reports.figures import Figures
-from controller.reports.first_screen import headline_of, hero_of
+from controller.reports.first_screen import headline_of
+from controller.reports.hero import hero_of
+from controller.reports.papers import headlines
 from controller.reports.report import build_report, build_report_with_summary
 from controller.reports.section import Kind, Printed, Result, library
 from controller.reports.settings import settings_table
 from controller.reports.transient import section
+from controller.reports.trial_signals import trial_table
 from tests.unit.controller.reports.synthetic_runs import (
     ONSET_S,
     Given,
@@ -493,20 +496,23 @@ def test_predictions_and_goals_are_counted_apart(campaign):
     results = [Result(kind, "", met) for kind, met in ((Kind.PREDICTED, True), (Kind.PREDICTED, False))]
     results += [Result(Kind.MEASURED, "", False, goal=True), Result(None, "")]
     found = headline_of("transient", [campaign[0]], results, None)
-    assert found.verdict.endswith("; 1 of 2 predictions as the paper; 0 of 1 goals met.")
+    assert found.verdict.endswith("; 0 of 1 goals met.")
+    assert found.agreement == "1 of 2 predictions as in the paper, 1 not"
 
 
 def test_the_papers_number_stands_only_beside_what_it_is_of():
     rows = [{"object": "pipe", "axis": "y", "seen_paper": 1, "approaches": 1, "outcome": "approached"}] * 4
-    beside = [first_screen._listed("aura", [{**row, "axis": axis} for row in rows], 4).paper for axis in "xy"]
+    listed, aura = first_screen._listed, headlines("aura")
+    beside = [listed(aura, [{**row, "axis": axis} for row in rows]).paper for axis in "xy"]
     assert beside == ["92.4 %", ""]
     touched = [{"delay_s": 0.1, "outcome": "contact"}] * 4
-    delays = [first_screen._listed("transient", touched, 4, foreign).paper for foreign in (False, True)]
+    kinds = ({"resonance.paper", "resonance"}, {"force.threshold"})
+    delays = [listed(headlines("transient"), touched, each).paper for each in kinds]
     assert delays == ["0.3 s", ""], "a load cell's delay is not that of a resonance"
 
 
 def test_a_curve_is_cut_where_it_leaves_its_plot():
-    t, v = first_screen._within(np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 0.0]), -1.0, 2.0)
+    t, v = hero._within(np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 0.0]), -1.0, 2.0)
     assert t.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
     assert np.array_equal(v, [0.0, 2.0, np.nan, 2.0, 0.0], equal_nan=True)
 
@@ -616,3 +622,17 @@ def test_an_onset_that_was_noise_is_said_to_lengthen_the_time(tmp_path, undrawn)
     late = [{**run.trials[0], "truth_contact_s": ONSET_S + 0.01}, *run.trials[1:]]
     text = text_of(build_report([replace(run, trials=late)]))
     assert "In 1 of 2 contacts the load cell's noise reached 0.005 N before the probe touched" in text
+
+
+def test_a_trial_that_is_only_to_be_recorded_is_not_said_to_succeed(tmp_path):
+    run = write_static(tmp_path, {"none": 28.0, "light": 30.0, "full": 50.0})
+    assert headline_of("static", [run], [], None).verdict.startswith("3 of 3 trials recorded; ")
+    assert {row.state for row in trial_table([run])[1]} == {""}, "its outcome is no success of a detector"
+
+
+def test_a_grasp_opens_with_grip_over_least_force(tmp_path):
+    run = write_transient(tmp_path, [Given()] * 6)
+    rows = [{**row, "outcome": "held", "grip_over_least": 1.1 + 0.1 * n} for n, row in enumerate(run.trials)]
+    found = headline_of("grasp", [replace(run, trials=rows)], [], None)
+    assert (found.ours, found.of) == ("1.35", "median of 6; less is better")
+    assert found.interval == "1.1 to 1.6", "of six the least and the largest: 96.9 %"

@@ -99,7 +99,7 @@ def test_a_detector_that_was_never_given_its_time_is_not_judged(tmp_path, undraw
     run = write(tmp_path, cut)
     assert scores_of(run)["fingertip", TABLE_1, "paper"].cut_short == 3
     text = text_of(build_report([run]))
-    assert "none detected: good, regular or bad; the paper says good: not decided with n = 0." in text
+    assert "none detected: no grade; the paper says good: not decided with n = 0." in text
     assert "not decided (n = 0 of 3)" in text
 
 
@@ -185,7 +185,8 @@ def test_where_nothing_is_judged_it_opens_with_the_slips_that_ours_detects_besid
     lost = {**of("ours", missed=1, **UNDETECTED), **of("paper", early=1, **UNDETECTED)}
     trials = [trial(), trial(**of("paper", missed=1, **UNDETECTED)), trial("wrist", **lost)]
     found = slip.section([write(tmp_path, trials, **BUMPS)], Figures(tmp_path)).headline
-    assert (found.ours, found.of, found.paper, found.state) == ("66.7 %", "2 of 3", "33.3 %", "some")
+    assert (found.ours, found.of, found.paper, found.state) == ("66.7 %", "2 of 3 slips", "33.3 %", "some")
+    assert found.verdict.endswith("our detector detects 2 of 3, the paper's 1 of 3")
 
 
 def test_it_opens_with_the_papers_table_only_where_slips_decide_that_of_most_sensors(tmp_path):
@@ -194,7 +195,7 @@ def test_it_opens_with_the_papers_table_only_where_slips_decide_that_of_most_sen
     shown = slip.section([write(tmp_path / "one", decided)], Figures(tmp_path)).headline
     assert "as in the paper on 1 of 1 sensors" in shown.verdict
     shown = slip.section([write(tmp_path / "two", [*decided, trial()])], Figures(tmp_path)).headline
-    assert (shown.of, shown.state) == ("76 of 76", "all")
+    assert (shown.of, shown.state) == ("76 of 76 slips", "all")
 
 
 def test_without_a_slip_it_opens_with_false_alarms_a_minute(tmp_path):
