@@ -201,7 +201,7 @@ def problems(page: str, text: str, listed: list[tuple[str, list[str]]], sources:
 def tables(sources: Sources) -> str:
     """The papers' items as docs/results.md shows them."""
     with PAPERS.open(encoding="utf-8", newline="") as file:
-        items = list(csv.DictReader(file))
+        items = list(csv.DictReader(file, strict=True))
     lines = []
     for paper, title in AUTHORS.items():
         lines += [
@@ -212,12 +212,12 @@ def tables(sources: Sources) -> str:
             "| --- " * 7 + "|",
         ]
         for item in (item for item in items if item["paper"] == paper):
-            theirs, ours = (
+            theirs, ours, why = (
                 SOURCE.sub(lambda found: f"{sources.values(found[1])[0]:{found[2]}}", item[side])
-                for side in ("theirs", "ours")
+                for side in ("theirs", "ours", "why")
             )
             place = item["where"] and (f"`{item['where']}`" if "/" in item["where"] else _link(item["where"]))
-            cells = (item["mark"], item["place"], item["item"], theirs, ours, place, item["why"])
+            cells = (item["mark"], item["place"], item["item"], theirs, ours, place, why)
             lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
     said = []
     for kind, names in (
