@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
@@ -210,6 +212,15 @@ class Behavior:
             self._came[trigger.replace("_", " ") + (f" of {source}" if source else "")] = None
             self._fire(trigger)
         return self._taken()
+
+    def rehearse(self, state: str) -> Sequence[Command]:
+        """What a state commands when it is entered, as far as that needs nothing that the trial has yet to see; this
+        behavior stays where it is."""
+        twin = copy(self)
+        twin.state, twin._event, twin._commands = state, Tick(0.0), []
+        with suppress(Exception):  # of a place or an event that is not known yet
+            twin._entered()
+        return twin._taken()
 
     def command(self, command: Command) -> None:
         """Queue a command; for callbacks.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from controller.campaign import CampaignPlan, TrialPlan
     from controller.detectors.protocol import Detector
     from controller.guard import GuardSettings
-    from controller.rig import Rig
+    from controller.rig import Rig, TrialScene
     from controller.signals.protocol import Signal
     from drivers.core.clock import Clock
     from drivers.core.protocols import Device
@@ -107,7 +107,7 @@ def _wire_devices(
 
 
 def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtime: bool) -> Rig:
-    from controller.rig import Rig, TrialScene
+    from controller.rig import Rig
     from drivers.core.errors import PROGRAM, RefusedError
     from simulator.wiring.bench_clock import BenchClock, ClockPage
     from simulator.wiring.emulator_process import EmulatorControl
@@ -202,12 +202,30 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
     }
 
 
+def scene_check(profile: Profile, devices: Collection[str]) -> Callable[[TrialScene], object]:
+    """What a simulated bench says of a trial's scene before it begins: it raises `RefusedError`; a real one nothing.
+
+    Raises:
+        DeviceError: devices of an emulated bench do not go together.
+    """
+    if profile.plant is None:
+        return lambda scene: None
+    if profile.bench == "emulated":
+        from simulator.wiring.emulator import wired
+
+        plant, _ = wired(emulator_scene(_with_devices(profile, devices)))
+    else:
+        plant = profile.plant.made(profile.plant.settings)
+    check = getattr(plant, "check", lambda factors, settings: None)  # a plant of the user's own may have none
+    return lambda scene: check(scene.factors, scene.plant)
+
+
 def _dotted(made: Any) -> str:
     return f"{made.__module__}:{made.__name__}"
 
 
 def _mock_rig(profile: Profile) -> Rig:
-    from controller.rig import Rig, TrialScene
+    from controller.rig import Rig
     from drivers.core.clock import VirtualClock
     from simulator.devices.faults import OF_THE_BENCH, FaultyClock, Keys, faulty
     from simulator.look_ahead import LookAhead

@@ -6,7 +6,7 @@ import json
 import select
 import signal
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +17,8 @@ from config import verbs
 
 if TYPE_CHECKING:
     from config.profile import Profile
+    from config.source import ProfileError
+    from config.trials import Trial
     from controller.campaign import TrialPlan
     from controller.rig import Rig
 
@@ -78,7 +80,7 @@ def check(
         return verbs.for_each_part(check, parts, [*verbs.sets(overrides), *flags])
     from config.assemble import build_rig, plan_campaign
     from config.costs import counted
-    from config.source import ProfileError, to_toml
+    from config.source import to_toml
     from config.trials import chosen, distinct
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
@@ -100,22 +102,34 @@ def check(
         )
         if stream.partition(".")[0] in campaign.devices
     ]
-    if not connect and loaded.bench != "mock":
-        if named:
-            names = ", ".join(sorted({name for _, name in named}))
-            click.echo(f"# not verified without --connect, as the device tells its streams then: {names}")
-        return verbs.DONE
-    with closing(build_rig(loaded, devices=campaign.devices, excused=excused)) as rig:
-        code, said = _tried(loaded, rig, campaign.trials, named, connect, ask)
-    missing: Sequence[str] = ()
-    try:
-        plan_campaign(loaded, planned, 0)
-    except ProfileError as error:  # of the values that a run would miss
-        code, missing = verbs.USAGE, error.problems
-        verbs.complain(verbs.explained(error)[1])
+    code, said = verbs.DONE, ""
+    if connect or loaded.bench == "mock":
+        with closing(build_rig(loaded, devices=campaign.devices, excused=excused)) as rig:
+            code, said = _tried(loaded, rig, campaign.trials, named, connect, ask)
+    elif named:
+        names = ", ".join(sorted({name for _, name in named}))
+        click.echo(f"# not verified without --connect, as the device tells its streams then: {names}")
+    refused = _refused(loaded, planned, campaign.devices)
+    if refused:
+        code = verbs.USAGE
+        verbs.complain(verbs.explained(refused)[1])
     if connect:
-        click.echo(said + f", {len(missing)} values to be set before a run" * bool(missing))
+        click.echo(said + (f", {len(refused.problems)} more to be set before a run" if refused else ""))
     return code
+
+
+def _refused(loaded: Profile, planned: Sequence[Trial], devices: Collection[str]) -> ProfileError | None:
+    """Values that a run would miss; where it has all, what plant, guard and movers would refuse of it."""
+    from config.assemble import plan_campaign, scene_check
+    from config.rehearsal import refusals
+    from config.source import ProfileError
+
+    try:
+        trials = plan_campaign(loaded, planned, 0).trials
+        problems = list(refusals(loaded, trials, scene_check(loaded, devices)))
+    except ProfileError as error:
+        return error
+    return ProfileError(problems) if problems else None
 
 
 def _tried(

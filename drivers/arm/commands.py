@@ -69,12 +69,14 @@ def _checked_pose(device: str, settings: ArmSettings, command: MovePose) -> Move
         raise CommandError(device, doing, "it turns by more than pi", "choose the shorter way round")
     if math.hypot(*offset[:3]) > settings.leash_m:
         reason = f"its leash is {settings.leash_m:g} m"
-        raise CommandError(device, doing, reason, "choose a place inside it, or give it more leash_m")
+        advice = f"choose a place inside it, or give [devices.{device}] more leash_m"
+        raise CommandError(device, doing, reason, advice)
     x, y, z = Axis(settings).displaced(offset)[:3]
     position_m = Axis(settings).position_m((x, y, z, 0.0, 0.0, 0.0))
     if not settings.travel_min_m - ROUNDING_M <= position_m <= settings.travel_max_m + ROUNDING_M:
         reason = f"its travel is {settings.travel_min_m:g} to {settings.travel_max_m:g} m"
-        raise CommandError(device, doing, reason, "choose a place inside it")
+        advice = f"choose a place inside it, or other travel_min_m and travel_max_m in [devices.{device}]"
+        raise CommandError(device, doing, reason, advice)
     # Whether it only turns shows when it begins: then the limit of the translation holds where there is one.
     fastest = (
         max(settings.max_speed_m_s, settings.max_turn_rad_s) if any(offset[3:]) else settings.max_speed_m_s

@@ -44,7 +44,10 @@ class AxisLimits(Settings):
             raise CommandError(device, doing, f"{speed_m_s:g} m/s is no speed", "choose one above zero")
         if not self.travel_min_m <= target_m <= self.travel_max_m:
             reason = f"its travel is {self.travel_min_m:g} to {self.travel_max_m:g} m"
-            raise CommandError(device, doing, reason, "choose a target inside it")
+            advice = (
+                f"choose a target inside it, or other travel_min_m and travel_max_m in [devices.{device}]"
+            )
+            raise CommandError(device, doing, reason, advice)
         if not command.blind_travel_m > 0.0:
             reason = f"a blind travel of {command.blind_travel_m:g} m lets it go nowhere"
             raise CommandError(device, doing, reason, "choose one above zero")

@@ -48,15 +48,18 @@ class StageLimits(AxisLimits):
 
     @model_validator(mode="after")
     def _on_the_rail(self) -> Self:
-        ends_m = [self.origin_m + self.forward * end for end in (self.travel_min_m, self.travel_max_m)]
-        if min(ends_m) < -ROUNDING * self.microstep_m:
+        keys = ("travel_min_m", "travel_max_m")
+        ends_m = {key: self.origin_m + self.forward * getattr(self, key) for key in keys}
+        first, last = sorted(keys, key=lambda key: ends_m[key])
+        if ends_m[first] < -ROUNDING * self.microstep_m:
             raise ValueError(
-                f"the travel reaches {-min(ends_m):g} m beyond the home end; check origin_m and forward"
+                f"{first} = {getattr(self, first):g} is {-ends_m[first]:g} m beyond the home end; change it, or check"
+                " origin_m and forward"
             )
-        if max(ends_m) > self.travel_m + ROUNDING * self.microstep_m:
+        if ends_m[last] > self.travel_m + ROUNDING * self.microstep_m:
             raise ValueError(
-                f"the travel ends {max(ends_m):g} m from the home end, but travel_m is {self.travel_m:g}; check"
-                " origin_m, forward and the data sheet"
+                f"{last} = {getattr(self, last):g} is {ends_m[last]:g} m from the home end, but travel_m is"
+                f" {self.travel_m:g}; change it, or check origin_m, forward and the data sheet"
             )
         return self
 

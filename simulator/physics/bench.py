@@ -49,12 +49,15 @@ class BenchPart:
     def restart(self) -> None:
         """Time begins anew."""
 
-    def begin(self, settings: Any, factors: Mapping[str, Any]) -> None:
-        """Be as a trial begins, at the bench's present time.
+    def check(self, settings: Any, factors: Mapping[str, Any]) -> None:
+        """See that a trial can be; nothing is computed.
 
         Raises:
-            RefusedError: this trial cannot be.
+            RefusedError: it cannot.
         """
+
+    def begin(self, settings: Any, factors: Mapping[str, Any]) -> None:
+        """Be as a trial begins that can be, at the bench's present time."""
 
     def advance(self, t_s: float) -> None:
         """Let the part's own time pass until `t_s`, which is later than the bench's."""
@@ -166,14 +169,21 @@ class Bench:
         Raises:
             RefusedError: a part cannot be so.
         """
-        known = type(self._settings).model_fields
-        chosen = {name: value for name, value in factors.items() if name in known and value is not None}
-        settings = type(self._settings).model_validate({**plant, **chosen})
+        settings = self.check(factors, plant)
         self.t_s = self.origin_s = t_s
         self.key = (seed, trial)
         self.observed = self._others()
         for part in self._parts:
             part.begin(settings, factors)
+
+    def check(self, factors: Mapping[str, Any], plant: Mapping[str, Any]) -> Any:
+        """The settings of a trial that can be; arguments and errors as of `begin`."""
+        known = type(self._settings).model_fields
+        chosen = {name: value for name, value in factors.items() if name in known and value is not None}
+        settings = type(self._settings).model_validate({**plant, **chosen})
+        for part in self._parts:
+            part.check(settings, factors)
+        return settings
 
     def on_plan(self, t_s: float) -> None:
         """The tool's motion changes at `t_s`, or changed there already where time has passed it."""

@@ -56,19 +56,18 @@ class FingertipPart(BenchPart):
         plant.advance(1e-3 * ramp, 1e-4 * ramp, 0.1 * ramp)
         gaussian_at((0, 0), STREAM_IDLE, np.arange(1))
 
-    def begin(self, settings: SlipBenchSettings, factors: Mapping[str, Any]) -> None:
-        """Nothing has slid yet, the tool is where it is; the factor `sensor` names what the tip carries.
-
-        Raises:
-            RefusedError: no such sensor.
-        """
+    def check(self, settings: SlipBenchSettings, factors: Mapping[str, Any]) -> None:
+        """The factor `sensor` names what the tip carries."""
         sensor = factors.get("sensor", "fingertip")
         if sensor not in PLANTS:
             raise RefusedError(
                 "tip", f"carrying {sensor}", "no such sensor", f"choose one of {', '.join(PLANTS)}"
             )
+
+    def begin(self, settings: SlipBenchSettings, factors: Mapping[str, Any]) -> None:
+        """Nothing has slid yet, the tool is where it is."""
         self._settings = settings
-        self._begin(sensor)
+        self._begin(factors.get("sensor", "fingertip"))
 
     def _begin(self, sensor: Sensor) -> None:
         wanted = self._settings.of(sensor)

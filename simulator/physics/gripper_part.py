@@ -106,12 +106,8 @@ class GripperPart(BenchPart):
         """The jaws are open and without power."""
         self.jaws.renew()
 
-    def begin(self, settings: AuraBenchSettings, factors: Mapping[str, Any]) -> None:
-        """The object is in its place, tool and jaws are where they are.
-
-        Raises:
-            RefusedError: there is no such object, or the brackets are to change.
-        """
+    def check(self, settings: AuraBenchSettings, factors: Mapping[str, Any]) -> None:
+        """Its object is one that is known, and the brackets stay."""
         if settings.closed_width_m != self._settings.closed_width_m:
             raise RefusedError(
                 "gripper",
@@ -119,6 +115,10 @@ class GripperPart(BenchPart):
                 f"its brackets are for {self._settings.closed_width_m * 1e3:g} mm",
                 "the same closed_width_m holds for all trials of a run",
             )
+        _thing(settings.object)
+
+    def begin(self, settings: AuraBenchSettings, factors: Mapping[str, Any]) -> None:
+        """The object is in its place, tool and jaws are where they are."""
         self.advance(self.bench.t_s)
         self._begin(settings)
 

@@ -163,14 +163,8 @@ class Emulator:
         self._realtime: bool = scene.get("realtime", False)
         self._pace = Pace(free=self._realtime)
         clock = BenchClock(self._pace.page)
-        plant = scene["plant"]
-        sys.path += plant.get("folders", ())
-        made = _found(plant["made"])
-        self._bench = made(_found(plant["settings_class"]).model_validate(plant["settings"]))
-        self._ends: dict[str, FarEnd] = {
-            name: _far_end(_found(device["made"])(_settings(device), self._bench))
-            for name, device in scene["devices"].items()
-        }
+        self._bench, devices = wired(scene)
+        self._ends: dict[str, FarEnd] = {name: _far_end(device) for name, device in devices.items()}
         self._bench.warm_up()
         make_signed()
         faults = [Fault.model_validate(fault) for fault in scene.get("faults", ())]
@@ -246,6 +240,19 @@ class Emulator:
         effects = [each for faults in self._faults.values() for each in faults.shown()]
         account = {**self._bench.account(), **({"faults": effects} if effects else {})}
         return {"account": account, "scene": dict(self._bench.scene(t_s))}
+
+
+def wired(scene: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
+    """The plant of a scene, and its emulated devices by name, which nobody can reach yet.
+
+    Raises:
+        DeviceError: the devices do not go together.
+    """
+    plant = scene["plant"]
+    sys.path += plant.get("folders", ())
+    bench = _found(plant["made"])(_found(plant["settings_class"]).model_validate(plant["settings"]))
+    there = scene["devices"].items()
+    return bench, {name: _found(device["made"])(_settings(device), bench) for name, device in there}
 
 
 def _settings(device: Mapping[str, Any]) -> Any:

@@ -13,7 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from config.assemble import plan_campaign, scene_check
+from config.profile import load_profile
+from config.rehearsal import refusals
 from config.source import profile_names, read_source
+from config.trials import distinct
 from run import cli
 from tests.refusals import check_refusal
 from tests.unit.config.conftest import lab_values
@@ -145,6 +149,46 @@ def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(ve
     code, _, err = verb("check", name, "--set", setting)
     assert code == 2
     check_refusal(err, named)
+
+
+@pytest.mark.parametrize(
+    ("name", "sets", "named"),
+    [
+        ("mock/transient", ["limits.travel_m=0.009"], ["APPROACH", "0.01 m", "limits.", "travel_m"]),
+        ("mock/transient", ["limits.speed_m_s=0.009"], ["RETRACTING", "0.01 m/s", "limits.speed_m_s"]),
+        ("mock/transient", ["devices.stage.travel_max_m=0.005"], ["stage", "0.005 m", "travel_max_m"]),
+        ("mock/centering", ["limits.reach_m=0.01"], ["CLEARING", "0.07 m", "limits.reach_m"]),
+        ("mock/centering", ["devices.arm.leash_m=0.05"], ["arm", "0.05 m", "leash_m"]),
+        ("mock/centering", ["limits.grip_n=6.0"], ["CLOSING", "10 N", "limits.grip_n"]),
+        ("mock/objects", ["trials.list=[{object='nix'}]", "trials.grid={}"], ["taking nix", "pipe"]),
+    ],
+)
+def test_check_names_what_a_run_would_be_refused_when_it_has_begun(verb, tmp_path, name, sets, named):
+    chosen = [word for each in sets for word in ("--set", each)]
+    code, _, err = verb("check", name, *chosen)
+    assert code == 2
+    line = next(line for line in err.splitlines() if named[0] in line)
+    check_refusal(line, name, "trial", *named)
+    code, _, err = verb("run", name, *chosen, "--only", 1, "--out", tmp_path, "--no-report")
+    assert code in (3, 4), "a check that refuses what runs is as wrong"
+    assert named[-1] in err.splitlines()[-1]
+
+
+def test_check_wires_an_emulated_bench_and_refuses_what_its_run_would(verb):
+    profile = ("tests/data/serial_lines.toml", "--set", "devices.uno.port=emulated")
+    stage = ("--set", "devices.stage.port=emulated")
+    assert verb("check", *profile, *stage)[0] == 0
+    code, _, err = verb("check", *profile, *stage, "--set", "devices.uno.streams.force.shows=[]")
+    assert code == 3
+    check_refusal(err, "shows nothing", "streams.force.shows", "load_cell")
+
+
+def test_nothing_is_refused_of_a_shipped_profile():
+    for name in profile_names():
+        if name.partition("/")[0] in ("mock", "emulated") and "experiment" in read_source(name).data:
+            profile = load_profile(name)
+            plan = plan_campaign(profile, distinct(profile.trials(0)), 0)
+            assert list(refusals(profile, plan.trials, scene_check(profile, plan.devices))) == []
 
 
 def test_check_tells_which_streams_are_known_only_to_the_open_device(verb):

@@ -181,10 +181,10 @@ def test_the_travel_of_a_stage_mounted_backwards_ends_at_the_devices_lower_limit
     ("wrong", "message"),
     [
         ({"travel_min_m": 0.02, "travel_max_m": 0.01}, "is not below"),
-        ({"forward": -1}, "beyond the home end"),
-        ({"travel_min_m": -0.001}, "beyond the home end"),
+        ({"forward": -1}, "travel_max_m = 0.0254 is 0.0254 m beyond the home end"),
+        ({"travel_min_m": -0.001}, "travel_min_m = -0.001 is 0.001 m beyond the home end"),
         ({"travel_max_m": 0.03}, "travel_m is 0.0254"),
-        ({"travel_m": 0.02}, "0.0254 m from the home end"),
+        ({"travel_m": 0.02}, "travel_max_m = 0.0254 is 0.0254 m from the home end"),
         ({"forward": 0}, "forward"),
         ({"max_speed_m_s": float("nan")}, "max_speed_m_s"),
         ({"baud": "fast"}, "baud"),

@@ -1,0 +1,69 @@
+"""What a run of a profile would be refused, before anything is opened: each trial's scene, each state's commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING
+
+from controller.guard import GuardRefusal
+from controller.numbers import normalised
+from drivers.arm.commands import valid
+from drivers.arm.settings import ArmSettings
+from drivers.core.axis import AxisLimits
+from drivers.core.errors import CommandError, DeviceError
+from drivers.core.messages import Command, MoveAt, MoveTo
+
+if TYPE_CHECKING:
+    from behaviors.machine import Behavior
+    from config.profile import Profile
+    from controller.campaign import TrialPlan
+    from controller.rig import TrialScene
+
+
+def refusals(
+    profile: Profile, trials: Iterable[TrialPlan], scene_check: Callable[[TrialScene], object]
+) -> Iterator[str]:
+    """A line for each thing that plant, guard or a mover's own bounds would refuse, with the first trial that meets it.
+
+    Args:
+        scene_check: Raises what a simulated bench refuses of a trial's scene.
+    """
+    met: dict[str, list[int]] = {}
+    for trial in trials:
+        try:
+            scene_check(trial.scene)
+        except DeviceError as error:
+            met.setdefault(str(error), []).append(trial.trial)
+        for state, command in rehearsed(trial.behavior):
+            try:
+                trial.guard.admit(command)
+                _bounded(profile, command)
+            except (GuardRefusal, CommandError) as error:
+                met.setdefault(f"{state}: {error}", []).append(trial.trial)
+    for reason, (first, *others) in met.items():
+        more = f" and {len(others)} more" if others else ""
+        yield f"{profile.name}: trial {first}{more}: a run would be refused: {reason}"
+
+
+def rehearsed(behavior: Behavior) -> Iterator[tuple[str, Command]]:
+    """What each state commands when it is entered, as far as that is settled before the trial has seen anything."""
+    for state in behavior.states:
+        yield from ((state, command) for command in behavior.rehearse(state) if _is_settled(command))
+
+
+def _is_settled(command: Command) -> bool:
+    """Whether no number of it is one that a trial has yet to see: not finite, or no speed or duration so far."""
+    try:
+        command = normalised(command)
+    except GuardRefusal:
+        return False
+    return all(getattr(command, key, 1.0) for key in ("speed_m_s", "velocity_m_s", "duration_s"))
+
+
+def _bounded(profile: Profile, command: Command) -> None:
+    """See that the mover's own bounds let it through; `CommandError` where they do not."""
+    entry = profile.devices.get(command.device)
+    if entry and isinstance(entry.settings, ArmSettings):
+        valid(command.device, entry.settings, (f"{command.device}.force",), command)
+    elif entry and isinstance(entry.settings, AxisLimits) and isinstance(command, MoveAt | MoveTo):
+        entry.settings.checked(command.device, command)
