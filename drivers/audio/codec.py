@@ -1,4 +1,4 @@
-"""A recorder on the network: bytes ⇄ values, no I/O. Layouts: docs/reference/audio.md.
+"""A recorder on the network: bytes ⇄ values, no I/O. Layouts: docs/reference/sensors.md.
 
 The host writes lines of JSON; the recorder writes frames, each a header of 16 bytes and a payload:
 

@@ -37,7 +37,7 @@ TURN_S: Final = 0.005
 TURN_MAX_S: Final = 0.05
 """A turn that comes later counts as this: a host that was away must not blame the source (assumption)."""
 
-MENDING: Final = "see docs/reference/audio.md"
+MENDING: Final = "see docs/reference/sensors.md"
 
 
 class Audio(WireDriver[SoundSource]):

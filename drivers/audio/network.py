@@ -67,7 +67,7 @@ class _Asked(NamedTuple):
 
 
 class NetworkRecorder:
-    """A client of a recorder; protocol: docs/reference/audio.md.
+    """A client of a recorder; protocol: docs/reference/sensors.md.
 
     Args:
         address: `HOST:PORT`.

@@ -43,7 +43,7 @@ class EmulatedAudioSettings(Settings):
 
 
 class EmulatedAudio:
-    """Follows docs/reference/audio.md: bytes in, bytes out, and time from outside.
+    """Follows docs/reference/sensors.md: bytes in, bytes out, and time from outside.
 
     Its converter runs by itself; sound is computed while the host subscribes. One host at a time: `hang_up` ends its
     connection, which silences the drive. While `lossy`, packets are dropped as by a converter's overrun: the counter

@@ -92,7 +92,7 @@ def test_an_emulator_that_is_held_up_holds_time(wall: Wall, emulator: Pace) -> N
     assert t_s == pytest.approx(AHEAD_S)
 
 
-def test_a_loop_that_hangs_is_waited_for_no_longer_than_a_second(wall: Wall, emulator: Pace) -> None:
+def test_a_loop_that_hangs_is_waited_for_no_longer_than_its_patience(wall: Wall, emulator: Pace) -> None:
     clock = joined(emulator)
     clock.wait_until(0.1)
     wall.rest(PATIENCE_S)
@@ -131,16 +131,16 @@ def test_time_waits_for_the_one_that_is_farthest_behind_and_for_none_that_has_le
     clock = joined(emulator)
     clock.hold(0.2)
     in_a_thread(lambda: clock.hold(0.1))
-    wall.rest(0.5)
+    wall.rest(PATIENCE_S / 2)
     assert clock.monotonic_s() == pytest.approx(0.1)
     in_a_thread(lambda: clock.hold(0.3))  # another thread has another place
-    wall.rest(0.5)
+    wall.rest(PATIENCE_S / 2)
     clock.hold(0.4)
     wall.rest(0.2)
     assert clock.monotonic_s() == pytest.approx(0.3), "the first of the threads is waited for no longer"
     clock.leave()
     in_a_thread(clock.leave)  # a thread without a place leaves none
-    wall.rest(2.0)
+    wall.rest(2 * PATIENCE_S)
     assert clock.monotonic_s() > 1.0
 
 

@@ -201,7 +201,7 @@ def test_a_source_that_goes_away_during_the_look_is_a_port_that_is_gone():
         return receive()
 
     source.receive = goes
-    bench.refuses(PortError, "the cable is out", "docs/reference/audio.md")
+    bench.refuses(PortError, "the cable is out", "docs/reference/sensors.md")
     assert bench.clock.now() == pytest.approx(TURN_S)
 
 
