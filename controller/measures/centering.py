@@ -60,22 +60,26 @@ def _measured(evidence: TrialEvidence, settings: SearchSettings) -> dict[str, An
         return row
     # after a pause the search restarts: the result of the one before is discarded
     entered_s = {state: t_s for state, t_s in evidence.entered_s.items() if t_s >= begun_s}
-    ended_s = entered_s.get("CENTERING")
+    # of a search on both sides of a half turn the last places count, and the time of both
+    first_s, turned_s = evidence.notes.get("turned_s", (begun_s, math.inf))
+    ended_s = None if begun_s < turned_s < math.inf else entered_s.get("CENTERING")
     over_s = ended_s if ended_s is not None else entered_s.get("LEAVING", math.inf)
     if evidence.truth is not None:
-        row["touched"] = sum(made and begun_s <= t_s < over_s for t_s, made in evidence.truth)
+        row["touched"] = sum(made and first_s <= t_s < over_s for t_s, made in evidence.truth)
     method = evidence.factors.get("method", "ours")
-    seeking = (("left", "SEEKING_FORWARD", "TURNING"), ("right", "SEEKING_BACKWARD", "STOPPING"))
+    forward, backward = ("left", "right") if turned_s > begun_s else ("right", "left")
+    seeking = ((forward, "SEEKING_FORWARD", "TURNING"), (backward, "SEEKING_BACKWARD", "STOPPING"))
     for finger, state, following in seeking:
         if state in entered_s:
             evidence.require_samples(f"{finger}_{method}", entered_s[state], entered_s.get(following, over_s))
         row[f"{finger}_m"] = _seen_at(evidence, settings, finger, entered_s.get(state))
-    for finger, state in (("left", "TURNING"), ("right", "STOPPING")):
+    for finger, state in ((forward, "TURNING"), (backward, "STOPPING")):
         row[f"seen_to_stop_{finger}_s"] = _stopped_after(evidence, settings, entered_s.get(state))
     if ended_s is None:
         return row
-    row["search_s"] = ended_s - begun_s
-    arrived = evidence.first(Reached, ended_s, device=settings.mover)
+    row["search_s"] = ended_s - first_s
+    # the turn back, if any, was reached as this state was entered
+    arrived = evidence.first(Reached, math.nextafter(ended_s, math.inf), device=settings.mover)
     if arrived is not None:
         row["middle_m"] = arrived.position_m
         row["error_m"] = arrived.position_m - float(evidence.factors.get("object_x_m", 0.0))

@@ -26,7 +26,7 @@ TOOL, OBJECT, FORCE = (
     slice(9, 11),
 )
 WIDTH, RATE, SPEED, LOAD = kernel.WIDTH, kernel.RATE, kernel.SPEED, kernel.LOAD
-SHARE, SLID = kernel.SHARE, kernel.SLID
+SHARE, SLID, YAW = kernel.SHARE, kernel.SLID, kernel.YAW
 """Columns of a row: see the kernel."""
 
 
@@ -151,7 +151,7 @@ class AuraScene:
         """Follow tool and jaws.
 
         Args:
-            tools_m: Displacement of the tool in the next milliseconds, shape (n, 3).
+            tools_m: Displacement of the tool in the next milliseconds, and its turn, rad, shape (n, 6).
             jaws: Their drive runs along.
             polls: Numbers of the milliseconds after which it is polled, shape (m,).
 
@@ -161,7 +161,12 @@ class AuraScene:
         made = np.empty((2 * len(tools_m), 3), dtype=np.int64)
         state = (jaws.x, jaws.flags, self._flags, self._lift, self._rows)
         seen = np.empty((len(polls), SEEN))
-        n = kernel.follow(self._thing, *state, self.tick, np.ascontiguousarray(tools_m), made, polls, seen)
+        places_m = np.ascontiguousarray(tools_m[:, :3])
+        n = kernel.follow(self._thing, *state, self.tick, places_m, made, polls, seen)
+        kept = tools_m[-KEEP:, 5]
+        self._rows[(self.tick + 1 + len(tools_m) - len(kept) + np.arange(len(kept))) % KEEP, YAW] = kept
+        swapped = np.cos(tools_m[made[:n, 0] - self.tick - 1, 5]) < 0.0
+        made[:n, 1] ^= swapped
         self.tick += len(tools_m)
         for tick, finger, touching in made[:n].tolist():
             event = (tick / ENVELOPE_HZ, bool(touching))
@@ -234,20 +239,26 @@ class AuraScene:
         """Where fingers and object are towards each other, n instants.
 
         Args:
-            tool_m: Displacement of the tool, shape (n, 3).
+            tool_m: Displacement of the tool, shape (n, 3 or more).
             rows: Of the millisecond of each instant, shape (n, columns).
             width_m: Opening of the jaws, shape (n,).
         """
         if self.layout.thing is None:
             away_m = np.broadcast_to(0.0, (len(tool_m), 3))
         else:
-            away_m = self._away(rows[:, OBJECT], tool_m)
+            away_m = self._away(rows[:, OBJECT], tool_m[:, :3])
+        forces_n, yaw_rad = rows[:, FORCE], rows[:, YAW]
+        if yaw_rad.any():  # the object's place as the wrist has it; its cross-section is taken for round
+            cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+            x_m, y_m = away_m[:, 0].copy(), away_m[:, 1].copy()
+            away_m[:, 0], away_m[:, 1] = cos * x_m + sin * y_m, cos * y_m - sin * x_m
+            forces_n = np.where(cos[:, None] < 0.0, forces_n[:, ::-1], forces_n)
         return AuraMotion(
             self._gaps(away_m[:, 0], width_m),
             -away_m[:, 1],
             self.layout.place_m[2] - away_m[:, 2],
             np.ascontiguousarray(width_m),
-            rows[:, FORCE],
+            forces_n,
             rows[:, SPEED],
             np.ascontiguousarray(tool_m[:, 0]),
         )

@@ -32,24 +32,21 @@ JAWS_TICKS = round(1.0 / (TICK_S * ROW_HZ))
 TOUCH_M = 1e-9
 """Nearer than this is touching: where a finger has pushed an object, the gap is zero but for rounding."""
 
-TOOL, OBJECT, WIDTH, RATE, SPEED, FORCE, LOAD, SHARE, LEAST, SLID, TURNED = (
+TOOL, OBJECT, WIDTH, RATE, SPEED, FORCE, LOAD, SHARE, LEAST, SLID, TURNED, YAW = (
     0,
     3,
     6,
     7,
     8,
     9,
-    11,
-    12,
-    13,
-    14,
-    15,
+    *range(11, 17),
 )
-COLUMNS = 16
+COLUMNS = 17
 """What a row holds: displacement of the tool and place of the object (three each, m), opening (m) and its rate (m/s),
 speed of arm and jaws (m/s), force on the right and on the left finger (N); of an object with a weight what they carry
 of it (N), the share of their friction that carries it, the least force that would hold it (N), how far it has slid in
-them (m) and turned (rad)."""
+them (m) and turned (rad); by how much the wrist has turned about the fingers' length (rad). Right and left are as if it
+had not."""
 
 RIGHT, LEFT, HELD, LOADED = range(4)
 """Flags: which finger touches, whether both hold the object, whether the jaws would close on it."""
@@ -180,7 +177,7 @@ def follow(
                 flags[finger] = touching[finger]
                 contacts[written, 0], contacts[written, 1], contacts[written, 2] = tick, finger, flags[finger]
                 written += 1
-        row[LOAD:] = 0.0
+        row[LOAD:YAW] = 0.0
         if thing.held.mass_kg > 0.0:
             pressed = row[FORCE] if flags[HELD] else 0.0
             carried(thing.held, lift, tool_m[2], pressed, 1.0 / ROW_HZ, STEPS)

@@ -150,7 +150,7 @@ class GripperPart(BenchPart):
         ticks = np.arange(self.track.tick + 1, last_tick(t_s, ENVELOPE_HZ) + 1)
         polls_s = self.jaws.polls_until(t_s)
         if len(ticks) or len(polls_s):
-            tools_m = self.bench.places(ticks / ENVELOPE_HZ)[:, :3]
+            tools_m = self.bench.places(ticks / ENVELOPE_HZ)
             self.jaws.states.append(self.track.follow(tools_m, self.jaws.jaws, ticks_of(polls_s)))
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:

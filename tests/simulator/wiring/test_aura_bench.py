@@ -23,9 +23,12 @@ SURFACE_M = 0.055
 class Tool:
     """Straight ways in time: displacement along base axes at some instants, shape (n, 3)."""
 
-    def __init__(self, times_s: list[float], places_m: list[tuple[float, float, float]]) -> None:
+    def __init__(
+        self, times_s: list[float], places_m: list[tuple[float, float, float]], yaws_rad: Any = None
+    ) -> None:
         self._times_s = times_s
         self._places_m = np.array(places_m)
+        self._yaws_rad = np.zeros(len(times_s)) if yaws_rad is None else np.array(yaws_rad)
 
     def place(self, t_s: float, position_m: float) -> None:
         """The way stays as it is."""
@@ -35,6 +38,7 @@ class Tool:
         found = np.zeros((len(times_s), 6))
         for axis in range(3):
             found[:, axis] = np.interp(times_s, self._times_s, self._places_m[:, axis])
+        found[:, 5] = np.interp(times_s, self._times_s, self._yaws_rad)
         return found
 
 
@@ -287,3 +291,26 @@ def test_brackets_cannot_change_within_a_run() -> None:
     bench = begun(Tool([0.0], [(0.0, 0.0, 0.0)]))
     with pytest.raises(RefusedError, match="closed_width_m holds for all trials"):
         bench.begin(0.0, 7, 1, {}, AuraBenchSettings(closed_width_m=0.02).model_dump(mode="json"))
+
+
+def test_half_a_turn_of_the_wrist_puts_each_finger_where_the_other_was() -> None:
+    """Forward the left finger comes to the pipe, with the wrist turned the right one. A pipe 10 mm along the axis is in
+    the middle between fingers that have turned by a quarter."""
+    far = [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.025, 0.0, 0.0)]
+    straight, turned = (
+        begun(Tool([0.0, 1.0, 4.0], far, [0.0, yaw, yaw]), closed_width_m=0.015, object_x_m=0.0, lean_rad=0.0)
+        for yaw in (0.0, np.pi)
+    )
+    for bench in (straight, turned):
+        bench.advance(2.0)
+    at = np.array([1.999])
+    assert turned.distances(at)[0] == pytest.approx(straight.distances(at)[0, ::-1], abs=1e-12)
+    for bench in (straight, turned):
+        bench.advance(4.0)
+    right, left = straight.finger_contacts
+    assert len(left) == 1
+    assert not right
+    assert turned.finger_contacts == (left, right)
+    half_way = begun(Tool([0.0, 1.0], [(0.0, 0.0, 0.0)] * 2, [0.0, np.pi]), object_x_m=0.01, lean_rad=0.0)
+    half_way.advance(1.0)
+    assert half_way.distances(np.array([0.5]))[0] == pytest.approx((0.063 - PIPE_M) / 2.0, abs=1e-9)

@@ -2,8 +2,21 @@ import pytest
 
 from behaviors.centering import Centering, CenteringSettings
 from behaviors.events import Resumed, Tick
-from behaviors.search import SearchFactors
-from drivers.core.messages import Excite, Grip, Gripped, Home, MoveAt, MovePose, MoveTo, Release, Stop, Tone
+from behaviors.search import HALF_TURN_RAD, SearchFactors
+from drivers.core.messages import (
+    Excite,
+    Grip,
+    Gripped,
+    Home,
+    MoveAt,
+    MovePose,
+    MoveTo,
+    Release,
+    Stop,
+    Tone,
+    Twist,
+)
+from drivers.core.settings import Settings
 from tests.unit.behaviors.driving import arm, held, jaws, lead, lost, seen, still, tell, touch
 
 DETECTORS = frozenset({"left_ours", "right_ours", "left_contact", "right_contact"})
@@ -235,3 +248,83 @@ def test_a_grip_that_a_pause_broke_off_reports_it():
     assert behavior.handle(Resumed(12.0)) == [Release("gripper", 0.02)]
     tell(behavior, jaws(13.0), arm(14.0))
     assert (behavior.outcome, behavior.reason) == ("not_gripped", "a pause broke the grip off")
+
+
+FIRST = {state: PATH[state] for state in list(PATH)[: list(PATH).index("RESTING")]}
+"""Up to CENTERING: the middle of the first search is at 2 mm."""
+
+SECOND = [
+    ("HALF_TURN", arm(9.0, 0.002)),
+    ("BASELINE", arm(12.0, 0.002)),
+    ("SEEKING_FORWARD", Tick(14.0)),
+    ("TURNING", seen(15.0, "right_ours", 0.006)),
+    ("SEEKING_BACKWARD", still(15.1, 0.0062)),
+    ("STOPPING", seen(17.0, "left_ours", 0.0)),
+    ("HALF_TURN", still(17.1, -0.0002)),
+    ("CENTERING", arm(20.0, -0.0002)),
+]
+"""From there by half a turn: each finger sees the object where the other went before."""
+
+
+def turning(*events):
+    """Through the first search, and these events; the commands of each."""
+    settings = CenteringSettings(half_turn=True, turn_rad_s=1.0)
+    behavior, _ = lead(Centering(settings, SearchFactors(), DETECTORS), FIRST, "CENTERING")
+    return behavior, [list(behavior.handle(event)) for event in events]
+
+
+def turn(rad_s):
+    return [Twist("arm", (0.0, 0.0, 0.0, 0.0, 0.0, rad_s), HALF_TURN_RAD)]
+
+
+def test_after_half_a_turn_the_other_finger_leads_and_the_mean_of_both_middles_counts():
+    behavior, _ = turning()
+    commands = []
+    for state, event in SECOND:
+        commands.append(list(behavior.handle(event)))
+        assert behavior.state == state
+    assert commands[0] == turn(1.0)
+    assert commands[6] == turn(-1.0)
+    assert commands[7] == [MoveTo("arm", pytest.approx(0.0025), 0.01)]  # of 2 and 3 mm
+    tell(behavior, arm(21.0, 0.0025))
+    assert behavior.state == "RESTING"
+    assert behavior.notes == {"turned_s": [6.0, 9.0]}  # the first search began, the wrist turned
+
+
+def test_the_finger_that_led_before_half_a_turn_is_ignored_after_it():
+    behavior, _ = turning(*(event for _, event in SECOND[:3]))
+    assert behavior.handle(seen(14.5, "left_ours", 0.004)) == []
+    assert behavior.state == "SEEKING_FORWARD"
+
+
+def test_a_search_that_fails_with_the_wrist_turned_turns_back_before_it_leaves():
+    behavior, commands = turning(*(event for _, event in SECOND[:3]), arm(17.0, 0.017))
+    assert (behavior.state, commands[-1]) == ("LEAVING", turn(-1.0))
+    assert "right finger saw nothing" in behavior.reason
+    up = MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)
+    assert behavior.handle(arm(20.0, 0.017)) == [up]
+    assert behavior.state == "LEAVING"
+    behavior.handle(arm(22.0))
+    assert (behavior.done, behavior.outcome) == (True, "not_found")
+
+
+def test_a_pause_with_the_wrist_turned_begins_anew_with_the_left_finger_first():
+    behavior, commands = turning(*(event for _, event in SECOND[:3]), Resumed(14.5))
+    assert (behavior.state, commands[-1][-1]) == ("ENTERING", MovePose("arm", (0.0,) * 6, 0.05))
+    tell(behavior, arm(80.0), Tick(82.0), seen(82.5, "left_ours", 0.005))
+    assert behavior.state == "TURNING"
+    assert "turned_s" not in behavior.notes
+
+
+def test_a_mover_that_turns_more_slowly_than_asked_is_no_match():
+    class Arm(Settings):
+        max_turn_rad_s: float = 0.5
+
+    def found(**settings):
+        return [*CenteringSettings(**settings).mismatches(("behavior",), {("devices", "arm"): Arm()})]
+
+    [mismatch] = found(half_turn=True)
+    assert mismatch.key == "turn_rad_s"
+    assert "max_turn_rad_s = 0.5" in mismatch.mistake
+    assert not found()
+    assert not found(half_turn=True, turn_rad_s=0.5)

@@ -5,6 +5,7 @@ the loop does: armed in the states that name them, begun anew when they were not
 pause.
 """
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -26,10 +27,12 @@ from drivers.core.messages import (
     Release,
     Standstill,
     Stop,
+    Twist,
 )
 
 END = (0.0565, 0.0, 0.0)
 FOUND_BY = {"RUNNING_UP": "right_ours", "SEEKING_FORWARD": "left_ours", "SEEKING_BACKWARD": "right_ours"}
+OTHER = {"left_ours": "right_ours", "right_ours": "left_ours"}
 
 TOUCHES = ("APPROACHING", "CONFIRMING")
 
@@ -42,7 +45,7 @@ def aura():
 
 def centering():
     names = frozenset({"left_ours", "right_ours", "left_contact", "right_contact"})
-    return Centering(CenteringSettings(run_up=True), SearchFactors(), names)
+    return Centering(CenteringSettings(run_up=True, half_turn=True), SearchFactors(), names)
 
 
 class Bench:
@@ -61,6 +64,7 @@ class Bench:
         self.jaws = "unknown"
         self.armed, self.touched, self.held = frozenset(), set(), set()
         self.waiting = None
+        self.turned_rad = 0.0
         self.visited = []
         self._obey(behavior.begin(0.0))
 
@@ -108,12 +112,17 @@ class Bench:
             case Grip():
                 self.waiting = Gripped(0.0, "gripper", True, 0.02, 10.0)
             case MovePose():
+                self.turned_rad = 0.0
                 self.target_m, self.waiting = command.offset[:3], Reached(0.0, "arm", command.offset[0])
             case MoveTo():
                 self.target_m = (command.position_m, 0.0, 0.0)
                 self.waiting = Reached(0.0, "arm", command.position_m)
             case MoveAt():
                 self.target_m, self.waiting = (command.limit_m, 0.0, 0.0), None
+            case Twist():
+                self.turned_rad += command.twist[5] * command.duration_s
+                assert abs(self.turned_rad) < math.pi, "the wrist would wind up its cables"
+                self.waiting = Reached(0.0, "arm", self.place_m[0])
             case Stop(device="arm"):
                 self._stand()
                 self.waiting = Standstill(0.0, "arm", self.place_m[0])
@@ -139,7 +148,8 @@ class Bench:
             return
         if name in FOUND_BY:
             self.t_s += 0.4
-            self.happen(PreTouch(self.t_s, FOUND_BY[name], 1.0, 0.5, 0.005))
+            finger = FOUND_BY[name] if abs(self.turned_rad) < 1.5 else OTHER[FOUND_BY[name]]
+            self.happen(PreTouch(self.t_s, finger, 1.0, 0.5, 0.005))
         elif waiting is None:
             self.t_s = max(self.t_s, self.behavior.wake_s)
             self.happen(Tick(self.t_s))
