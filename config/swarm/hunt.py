@@ -19,8 +19,11 @@ Cell = tuple[str, str, str, str]
 SHRINKING_RUNS = 200
 """Most runs that make a failing plan smaller."""
 
-DEEP = ("twice", "resumed", "idle", "split", "", "", "", "")
+DEEP = ("twice", "resumed", "idle", "split", "killed", "", "", "", "", "")
 """Checks of two stories: every second seed has one, the checks in turn."""
+
+KILLED_BEFORE = 60
+"""Turn before which a program is killed: a short trial has some forty of its own."""
 
 SHOWN_NOTHING = 3
 """How often a fault must have been on for the whole of a state, and shown nothing, until that cell cannot be."""
@@ -100,7 +103,7 @@ def examined(plan: Plan, deep: str = "", hunt: Hunt | None = None) -> Sequence[V
         hunt: Gets what was seen.
     """
     with memory() as folder:
-        story = play(plan, folder)
+        story = play(plan, folder, kill_at=1 + plan.seed % KILLED_BEFORE if deep == "killed" else None)
         if hunt is not None:
             hunt.note(story)
         findings = list(checkers.check(story))
@@ -113,10 +116,12 @@ def _deep(plan: Plan, story: Story, deep: str, folder: Path) -> Iterator[Violati
     """Another story beside the first, equal in what must be equal."""
     healthy = replace(plan, faults=())
     if deep == "twice":
-        yield from checkers.readable(story)
         yield from checkers.same(story, play(plan, folder), "the same plan twice")
     elif deep == "resumed" and story.exit_code not in (0, 1):
-        going_on = play(healthy, folder, resumed=story)
+        going_on = play(healthy, folder, resumed=story.folder)
+        yield from checkers.healed(story, going_on, play(healthy, folder))
+    elif deep == "killed" and story.killed is not None:
+        going_on = play(healthy, folder, resumed=story.killed)
         yield from checkers.healed(story, going_on, play(healthy, folder))
     elif deep == "idle":
         device, kind = (plan.faults[0]["device"], "late") if plan.faults else ("loop", "hang")
@@ -214,10 +219,9 @@ def replayed(path: Path) -> Sequence[Violation]:
         story = played(plan, profile, folder)
         seen += checkers.check(story)
         if story.error is None:
-            seen += checkers.readable(story)
             seen += checkers.same(story, played(plan, profile, folder), "the same plan twice")
             if story.exit_code not in (0, 1):
                 healthy = replace(profile, faults=())
-                going_on = played(plan, healthy, folder, resumed=story)
+                going_on = played(plan, healthy, folder, resumed=story.folder)
                 seen += checkers.healed(story, going_on, played(plan, healthy, folder))
     return seen

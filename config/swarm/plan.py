@@ -44,7 +44,12 @@ class Excerpt(NamedTuple):
     drawn: Mapping[str, tuple[float, float]]
 
 
-_FINGER = {"behavior.settle_s": (1.0, 3.0), "loop.rate_hz": (100.0, 400.0), "limits.stale_s": (0.06, 0.2)}
+_FINGER = {
+    "behavior.settle_s": (1.0, 3.0),
+    "loop.rate_hz": (60.0, 400.0),
+    "limits.stale_s": (0.06, 0.2),
+    "limits.force_n": (0.03, 2.0),
+}
 _SONIC: Settings = {
     "behavior.clear_m": 0.01,
     "behavior.handling_speed_m_s": 0.05,
@@ -63,7 +68,12 @@ SCENES: Mapping[str, Excerpt] = {
             "detectors.contact.threshold_sigma": 8.0,
             "detectors.ours": "none",
         },
-        {**_FINGER, "behavior.hold_s": (0.05, 0.4), "plant.noise_scale": (0.3, 1.5)},
+        {
+            **_FINGER,
+            "behavior.hold_s": (0.05, 0.4),
+            "plant.noise_scale": (0.3, 1.5),
+            "detectors.contact.threshold_sigma": (4.0, 100.0),
+        },
     ),
     "first_contact": Excerpt(
         4,
@@ -92,8 +102,8 @@ SCENES: Mapping[str, Excerpt] = {
     ),
     "pretouch": Excerpt(2, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),
     "touch": Excerpt(1, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),
-    "centering": Excerpt(1, _SONIC, {"behavior.grip_force_n": (6.0, 14.0)}),
-    "grasp": Excerpt(1, {**_SONIC, "behavior.lift_speed_m_s": 0.03}, {"behavior.grip_force_n": (6.0, 12.0)}),
+    "centering": Excerpt(1, _SONIC, {"behavior.grip_force_n": (7.0, 14.0)}),
+    "grasp": Excerpt(1, {**_SONIC, "behavior.lift_speed_m_s": 0.03}, {"behavior.grip_force_n": (7.0, 12.0)}),
     "slip": Excerpt(
         1,
         {"plant.surface_m": 0.0012, "behavior.motion_timeout_s": 12.0, "behavior.home_timeout_s": 12.0},

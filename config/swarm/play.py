@@ -6,6 +6,7 @@ import csv
 import json
 import shutil
 import tempfile
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -68,6 +69,8 @@ class Story:
         rows: Of trials.csv.
         measured: Devices of the streams that each state measures.
         raw: Its bytes, and those of events.jsonl.
+        killed: A copy of the folder, as a program that is killed leaves it.
+        left: Threads and file descriptors that were not there before.
     """
 
     plan: Plan
@@ -82,6 +85,8 @@ class Story:
     rows: Sequence[Mapping[str, str]] = ()
     measured: dict[str, set[str]] = field(default_factory=dict)
     raw: tuple[bytes, bytes] = (b"", b"")
+    killed: Path | None = None
+    left: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def effects(self) -> Sequence[Mapping[str, Any]]:
@@ -96,11 +101,17 @@ class Story:
 
 
 class Onlooker:
-    """A console without a person, that keeps what the bench knows."""
+    """A console without a person, that keeps what the bench knows.
 
-    def __init__(self) -> None:
+    Args:
+        kill_at: Number of the turn, of all trials, at which the folder is copied as a kill would leave it.
+    """
+
+    def __init__(self, kill_at: int | None = None) -> None:
         self.trials: list[TrueTrial] = []
         self.lines: list[str] = []
+        self.killed: Path | None = None
+        self._kill_at, self._seen = kill_at, 0
         self._turns = 0
 
     def attach(self, rig: Rig) -> Rig:
@@ -123,6 +134,10 @@ class Onlooker:
     def _see(self) -> None:
         t_s = self._rig.clock.now()
         self._turns += 1
+        self._seen += 1
+        if self._seen == self._kill_at:
+            self.killed = self._folder.with_name("killed")
+            shutil.copytree(self._folder, self.killed)
         if self._turns > TURNS_MAX or t_s > BENCH_S_MAX:
             raise EndlessError(f"turn {self._turns}, at {t_s:.1f} s")
         if self.trials:
@@ -133,6 +148,10 @@ class Onlooker:
         places = dict(self._rig.place())
         if hasattr(mover, "position"):
             places["axis_m"] = mover.position(t_s)
+        if hasattr(self._bench, "force_n"):
+            places["force_n"] = self._bench.force_n
+        if hasattr(self._bench, "jaws"):
+            places["grip_n"] = self._bench.jaws.jaws.contact_n
         return places
 
     def poll(self) -> str | None:
@@ -148,6 +167,7 @@ class Onlooker:
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """See `Console`."""
+        self._folder = folder
 
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
         """See `Console`."""
@@ -187,6 +207,11 @@ class Onlooker:
         self.trials[-1].end_s, self.trials[-1].moving = t_s, after
 
 
+def held() -> dict[str, int]:
+    """What this process holds."""
+    return {"threads": threading.active_count(), "descriptors": len(list(Path("/proc/self/fd").iterdir()))}
+
+
 @contextmanager
 def memory() -> Iterator[Path]:
     """A folder on a disk in memory, gone afterwards."""
@@ -212,27 +237,31 @@ def _noted(trials: Iterable[TrialPlan], measured: dict[str, set[str]]) -> Iterat
         yield trial
 
 
-def play(plan: Plan, folder: Path, resumed: Story | None = None) -> Story:
+def play(plan: Plan, folder: Path, resumed: Path | None = None, kill_at: int | None = None) -> Story:
     """Play a plan, or go on with a run that broke off, on a bench in which nothing goes wrong any more.
 
     Args:
         folder: In which the run's folder is made.
+        resumed: Folder of the run that broke off.
+        kill_at: See `Onlooker`.
     """
     path = folder / f"{plan.experiment}.toml"
     path.write_text(plan.toml())
-    return played(plan, load_profile(path), folder, resumed)
+    return played(plan, load_profile(path), folder, resumed, kill_at)
 
 
-def played(plan: Plan, profile: Profile, folder: Path, resumed: Story | None = None) -> Story:
+def played(
+    plan: Plan, profile: Profile, folder: Path, resumed: Path | None = None, kill_at: int | None = None
+) -> Story:
     """Play a profile."""
     from controller.recording.joining import broken_off
     from controller.recording.run_folder import RunFolder
 
     limits = profile.limits.model_dump(mode="json")
     story = Story(plan, folder, limits, profile.resolved, [])
-    witness = Onlooker()
+    witness, there = Onlooker(kill_at), held()
     try:
-        before = broken_off(RunFolder(resumed.folder)) if resumed else None
+        before = broken_off(RunFolder(resumed)) if resumed else None
         campaign: CampaignPlan = plan_campaign(
             profile, profile.trials(0), 0, done=before.done if before else ()
         )
@@ -248,7 +277,8 @@ def played(plan: Plan, profile: Profile, folder: Path, resumed: Story | None = N
         story.error = error
         return story
     finally:
-        story.trials = witness.trials
+        story.trials, story.killed = witness.trials, witness.killed
+    story.left = {name: count - there[name] for name, count in held().items() if count > there[name]}
     story.manifest = json.loads((story.folder / "manifest.json").read_bytes())
     trials_path, events_path = story.folder / "trials.csv", story.folder / "events.jsonl"
     if trials_path.exists():

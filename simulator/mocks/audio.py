@@ -128,8 +128,11 @@ class MockAudio(MockDriver):
         if self._next is None:
             return ()
         if self._gone(now_s):
-            self._next = last_tick(now_s, self._rate_hz) + 1
+            following = last_tick(now_s, self._rate_hz) + 1
+            self._unheard_of(self._info.name, following - self._next)
+            self._next = following
             return ()
+        self._heard(now_s)
         if self._garbled(now_s):
             return self._lose(now_s)
         blocks: list[SampleBlock] = []

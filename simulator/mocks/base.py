@@ -139,6 +139,7 @@ class MockDriver(Driver):
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
         self._statuses = []
+        self._unheard: dict[str, int] = {}
         self._faults.restart()
 
     def close(self) -> None:
@@ -158,6 +159,18 @@ class MockDriver(Driver):
     def _gone(self, now_s: float) -> bool:
         """Whether nothing passes its link."""
         return self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
+
+    def _unheard_of(self, stream: str, samples: int) -> None:
+        """Samples that did not pass its link: their numbers are missing in what is heard next. One that was unplugged
+        has failed, and is not counted any more."""
+        if not self._faults.active(self._clock.now(), "unplug"):
+            self._unheard[stream] = self._unheard.get(stream, 0) + samples
+
+    def _heard(self, now_s: float) -> None:
+        """Something passes its link again: tell what is missing, as the real driver does by the numbers."""
+        for stream, samples in self._unheard.items():
+            self._lost(now_s, stream, samples)
+        self._unheard.clear()
 
     def _garbled(self, now_s: float) -> bool:
         """Whether nothing that it sends arrives whole."""
@@ -197,7 +210,10 @@ class MockSensor(MockDriver):
         self._advance(now_s)
         blocks = [block for stream in self._next for block in self._due(stream, now_s)]
         if self._gone(now_s):
+            for block in blocks:
+                self._unheard_of(block.stream, len(block))
             return ()
+        self._heard(now_s)
         if self._garbled(now_s):
             for block in blocks:
                 self._lost(now_s, block.stream, len(block))

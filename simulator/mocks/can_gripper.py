@@ -196,8 +196,13 @@ class MockCanGripper(MockDriver):
         """Let time pass, and take the states that were due by now, each as of its time."""
         self._bench.jaws.advance(now_s)
         number, states = self._bench.jaws.take()
-        if not len(states) or self._gone(now_s):
+        if not len(states):
             return
+        if self._gone(now_s):
+            for stream in self._subscribed:
+                self._unheard_of(stream, len(states))
+            return
+        self._heard(now_s)
         for count, state in _runs(states):
             numbers = range(number, number + count)
             for each in numbers:

@@ -249,7 +249,10 @@ class MockUrArm(MockDriver):
         self._next_tick = last + 1
         self._seq += len(ticks)
         if self._gone(now_s):
+            for stream in self._subscribed:
+                self._unheard_of(stream, len(ticks))
             return ()
+        self._heard(now_s)
         if self._garbled(now_s):
             for stream in sorted(self._subscribed):
                 self._lost(now_s, stream, len(ticks))

@@ -63,13 +63,13 @@ class TestMockAudio(AudioContract):
     made = staticmethod(audio)
 
 
-ALL = {"unplug": Failed, "lose": Lost, "corrupt": Lost, "full_scale": Saturated}
+ALL = {"unplug": Failed, "silent": Lost, "lose": Lost, "corrupt": Lost, "full_scale": Saturated}
 
 
 @pytest.mark.parametrize(
     ("made", "stream", "kind"),
     [(made, stream, kind) for made, stream in ((hand, F1), (audio, FINGERS), (envelope, FINGERS)) for kind in ALL]
-    + [(matrices, TEXELS, kind) for kind in ("unplug", "lose")],
+    + [(matrices, TEXELS, kind) for kind in ("unplug", "silent", "lose")],
 )  # fmt: skip
 def test_faults_are_reported(made: Any, stream: str, kind: str) -> None:
     bench = made({"kind": kind, "at_s": 0.1, "for_s": 0.1})
