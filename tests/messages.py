@@ -4,8 +4,10 @@ python -m tests.messages        writes the page's tables anew
 """
 
 import ast
+import math
 import re
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -16,6 +18,7 @@ SYMPTOMS = {
     "A device does not answer": ["SilentError"],
     "A device's messages make no sense": ["ProtocolError", "CodecError"],
     "A device, its driver or the guard refuses": [
+        "DeviceError",
         "RefusedError",
         "CommandError",
         "wrong",
@@ -31,12 +34,28 @@ SYMPTOMS = {
         "Refused",
         "Failed",
     ],
+    "A detector refuses its rest": ["BaselineRefused"],
+    "What `check --connect` finds": ["Finding"],
+    "A command line is refused": ["UsageError", "BadParameter"],
     "A profile, a class or a setting is refused": ["ProfileError", "KindError", "ValueError", "TypeError"],
     "A recording or a file of your own is refused": ["ReplayError", "MissingDataError", "UnfitStreamError"],
     "A run folder cannot be written or read": ["RunFolderError", "RecordingError"],
     "Several processes, a cluster": ["JobsError"],
 }
 """Heading of the page -> what is raised, or called, with such a message."""
+UNSEEN = {
+    "_UntriedError",  # told as a finding
+    "AssertionError",  # of the contract that `check` tries
+    "AttributeError",  # of names that `touchbench` does not have
+    "CanOperationError",  # as python-can raises them; told as a link's fault
+    "EndlessError",  # of a campaign of the swarm, which is a violation
+    "ImportError",
+    "KeyError",
+    "OSError",
+    "RuntimeError",
+    "TimeoutError",
+}
+"""What is raised and caught again, or is a defect: no message of its own."""
 STOPS = {("controller", "guard.py"), ("controller", "arrivals.py"), ("controller", "loop.py")}
 """Modules whose formatted texts say why the guard or the loop stops a trial."""
 SILENT = {"codec.py", "compiling.py", "tool.py"}
@@ -44,28 +63,89 @@ SILENT = {"codec.py", "compiling.py", "tool.py"}
 ROOMS = ("run.py", "touchbench", "config", "controller", "behaviors", "drivers")
 
 
-def _template(node: ast.expr, names: dict[str, ast.expr]) -> str:
-    """The text of an expression; what varies is …"""
+MOST = 12
+"""How many texts one message may have; what would have more is told with … in place of its parts."""
+
+
+def _templates(node: ast.expr, names: dict[str, list[ast.expr]]) -> list[str]:
+    """The texts that an expression may be; what varies is …"""
+    found = ["…"]
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return node.value
-    if isinstance(node, ast.JoinedStr):
-        return "".join(
-            _template(part, names) if isinstance(part, ast.Constant) else "…" for part in node.values
-        )
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        return _template(node.left, names) + _template(node.right, names)
-    if isinstance(node, ast.Name) and node.id in names:
-        return _template(names.pop(node.id), names)
-    return "…"
+        found = [node.value]
+    elif isinstance(node, ast.JoinedStr):
+        found = _joined([_templates(part, names) for part in node.values])
+    elif isinstance(node, ast.FormattedValue):
+        found = _templates(node.value, names)
+    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        found = _joined([_templates(node.left, names), _templates(node.right, names)])
+    elif isinstance(node, ast.IfExp):
+        found = _templates(node.body, names) + _templates(node.orelse, names)
+    elif isinstance(node, ast.Name) and node.id in names:
+        others = {name: values for name, values in names.items() if name != node.id}
+        found = [text for value in names[node.id] for text in _templates(value, others)]
+    return list(dict.fromkeys(found))
 
 
-def _assigned(function: ast.AST) -> dict[str, ast.expr]:
-    """Names that a function sets once, to a text."""
-    found: dict[str, list[ast.expr]] = {}
-    for node in ast.walk(function):
-        if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
-            found.setdefault(node.targets[0].id, []).append(node.value)
-    return {name: values[0] for name, values in found.items() if len(values) == 1}
+def _joined(parts: list[list[str]]) -> list[str]:
+    """The texts that parts make one after the other."""
+    if math.prod(map(len, parts)) > MOST:
+        parts = [part if len(part) == 1 else ["…"] for part in parts]
+    return ["".join(each) for each in product(*parts)]
+
+
+Place = tuple[int, ...]
+"""The blocks of a function that a statement stands in, from the outermost on."""
+
+
+def _placed(body: list[ast.stmt], place: Place = ()) -> Iterator[tuple[ast.stmt, Place]]:
+    """Each statement of a block, and of the blocks in it, with its place."""
+    for statement in body:
+        yield statement, (*place, id(body))
+        for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+            for each in getattr(statement, field, ()):
+                inner = each.body if isinstance(each, ast.ExceptHandler | ast.match_case) else None
+                yield from _placed(inner, (*place, id(body))) if inner else ()
+            inner = getattr(statement, field, ())
+            if inner and isinstance(inner[0], ast.stmt):
+                yield from _placed(inner, (*place, id(body)))
+
+
+def _assigned(function: ast.FunctionDef) -> dict[str, list[tuple[Place, ast.expr]]]:
+    """What a function sets each of its names to, and where."""
+    found: dict[str, list[tuple[Place, ast.expr]]] = {}
+    for node, place in _placed(function.body):
+        if not isinstance(node, ast.Assign) or len(node.targets) != 1:
+            continue
+        target, value = node.targets[0], node.value
+        pairs = [(target, value)]
+        if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+            pairs = list(zip(target.elts, value.elts, strict=False))
+        for name, given in pairs:
+            if isinstance(name, ast.Name):
+                found.setdefault(name.id, []).append((place, given))
+    return found
+
+
+def _worlds(
+    assigned: dict[str, list[tuple[Place, ast.expr]]], place: Place
+) -> Iterator[dict[str, list[ast.expr]]]:
+    """What the names stand for at a place, for each branch that may have led there."""
+    near: dict[str, list[tuple[Place, ast.expr]]] = {}
+    for name, values in assigned.items():
+        known = [at for at, _ in values if place[: len(at)] == at]
+        block = max(known, key=len, default=())
+        near[name] = [(at, value) for at, value in values if at[: len(block)] == block]
+    for branch in dict.fromkeys([at for values in near.values() for at, _ in values] or [place]):
+        world = {}
+        for name, values in near.items():
+            there = [
+                (at, value) for at, value in values if branch[: len(at)] == at or at[: len(branch)] == branch
+            ]
+            deepest = max((len(at) for at, _ in there if branch[: len(at)] == at), default=0)
+            world[name] = [value for at, value in there if len(at) >= deepest] or [
+                value for _, value in values
+            ]
+        yield world
 
 
 def messages() -> dict[str, set[tuple[str, str]]]:
@@ -77,19 +157,43 @@ def messages() -> dict[str, set[tuple[str, str]]]:
             for function in ast.walk(ast.parse(path.read_text())):
                 if not isinstance(function, ast.FunctionDef):
                     continue
-                names = _assigned(function)
+                assigned = _assigned(function)
                 reports = path.parts[-3] == "drivers" and path.name not in SILENT
-                for node in ast.walk(function):
-                    for kind, said in _texts(node, names, reports, path.parts[-2:] in STOPS):
-                        text = re.sub(r"\s+", " ", said).strip().replace("|", "\\|")
-                        if kind in kinds and re.search(r"[a-z]{3}", text) and " " in text.strip("… "):
-                            reason, _, remedy = text.partition("; ")
-                            found[kinds[kind]].add((reason, remedy))
+                for statement, place in _placed(function.body):
+                    for names in _worlds(assigned, place):
+                        for kind, said in _said(statement, names, reports, path.parts[-2:] in STOPS):
+                            text = re.sub(r"…(?:…)+", "…", re.sub(r"\s+", " ", said).strip())
+                            if kind in kinds and re.search(r"[a-z]{3}", text) and " " in text.strip("… "):
+                                reason, _, remedy = text.replace("|", "\\|").partition("; ")
+                                found[kinds[kind]].add((reason, remedy))
     return found
 
 
+def raised() -> set[str]:
+    """The classes of which the program raises errors with a text."""
+    found = set()
+    for room in ROOMS:
+        for path in [ROOT / room] if room.endswith(".py") else (ROOT / room).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+                    found.add(ast.unparse(node.exc.func).rpartition(".")[2])
+    return {name for name in found if name.endswith(("Error", "Refusal", "Parameter"))}
+
+
+def _said(
+    statement: ast.stmt, names: dict[str, list[ast.expr]], reports: bool, stops: bool
+) -> Iterator[tuple[str, str]]:
+    """As `_texts`, of a statement without the blocks in it."""
+    waiting: list[ast.AST] = [statement]
+    while waiting:
+        node = waiting.pop()
+        yield from _texts(node, names, reports, stops)
+        inner = (ast.stmt, ast.ExceptHandler, ast.match_case)
+        waiting += [each for each in ast.iter_child_nodes(node) if not isinstance(each, inner)]
+
+
 def _texts(
-    node: ast.AST, names: dict[str, ast.expr], reports: bool, stops: bool
+    node: ast.AST, names: dict[str, list[ast.expr]], reports: bool, stops: bool
 ) -> Iterator[tuple[str, str]]:
     """What raises or reports, and its text.
 
@@ -101,18 +205,23 @@ def _texts(
     """
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
         kind = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
-        args = [_template(each, dict(names)) for each in node.args]
+        given = [_templates(each, names) for each in node.args]
         if kind == "LinkError":
-            yield ast.unparse(node.args[0]), "; ".join(args[1:])
-        elif kind.endswith(("Error", "wrong", "Refusal")):
-            yield kind, f"{args[2]}; {args[3]}" if len(args) == 4 else args[0] if len(args) == 1 else ""
-        elif args:
-            yield "Stalled" if stops and kind == "append" else kind, max(args, key=len)
+            yield from ((ast.unparse(node.args[0]), "; ".join(each)) for each in product(*given[1:]))
+        elif kind.endswith(("Error", "wrong", "Refusal", "Parameter")):
+            said = given[2:] if len(given) == 4 else given if len(given) == 1 else [[""]]
+            yield from ((kind, "; ".join(each)) for each in product(*said))
+        elif kind == "Finding":
+            yield from ((kind, text) for text in given[1] if given[0] != ["ok"])
+        elif given:
+            kind = "Stalled" if stops and kind == "append" else kind
+            yield from ((kind, text) for text in max(given, key=lambda texts: len(max(texts, key=len))))
     elif reports and isinstance(node, ast.Return) and isinstance(node.value, ast.Constant | ast.JoinedStr):
-        yield "Stalled", _template(node.value, {})
+        yield from (("Stalled", text) for text in _templates(node.value, {}))
     elif stops and isinstance(node, ast.Tuple | ast.List | ast.Return):
         parts = [node.value] if isinstance(node, ast.Return) else node.elts
-        yield from (("Stalled", _template(part, {})) for part in parts if isinstance(part, ast.JoinedStr))
+        texts = [text for part in parts if isinstance(part, ast.JoinedStr) for text in _templates(part, {})]
+        yield from (("Stalled", text) for text in texts)
 
 
 def tables() -> str:

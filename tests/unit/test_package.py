@@ -174,6 +174,18 @@ def test_every_message_is_an_entry_and_every_entry_a_message() -> None:
     assert len(entries) > 300
 
 
+def test_no_kind_of_error_is_left_out_of_the_page() -> None:
+    listed = {kind for kinds in messages.SYMPTOMS.values() for kind in kinds} | {"LinkError"}
+    assert messages.raised() - listed == messages.UNSEEN
+
+
+def test_a_message_that_is_put_together_in_branches_is_found_in_each() -> None:
+    refused = messages.messages()["A device, its driver or the guard refuses"]
+    leash = {remedy for reason, remedy in refused if reason == "its leash is … m"}
+    assert leash == {"choose a place inside it, or give [devices.…] more leash_m"}
+    assert ("it has no such command", "a gripper can Home, Grip, Release, Stop and Listen") in refused
+
+
 def test_a_message_is_found_with_its_remedy_and_what_varies() -> None:
     arm = messages.messages()["A device does not answer"]
     assert ("the controller's time has stood still for … s", "is the cable in, and the controller up?") in arm
