@@ -28,6 +28,9 @@ from controller.reports.settings import varied_of
 TABLE_1 = table("backus_table_1")
 """Table I, in the paper's order."""
 
+AT_F = [row for row in TABLE_1 if row["location"] == "f"]
+"""Its rows by speed, in the middle of the pad (Fig. 9)."""
+
 TRIALS = 3
 """Of each row of Table I. Not printed: three times each printed extent is an even multiple of a thousandth of an inch
 (by chance one row in 17 is); twice, four and five times in six rows at most."""
@@ -54,6 +57,10 @@ class Approach:
         """A number of its row; None where it was not observed."""
         value = self.row.get(column)
         return value if isinstance(value, int | float) else None
+
+    def span(self, start: str, end: str) -> float | None:
+        """Between two instants; None where one was not observed."""
+        return None if self[start] is None or self[end] is None else self[end] - self[start]
 
     @property
     def location(self) -> str:
@@ -230,9 +237,8 @@ def trends(rows: Sequence[TableRow]) -> dict[str, tuple[Correlation, Correlation
     """Does force grow with speed at location f, and with nearness to the joint on pad and back? Ours over rows and over
     single approaches, and the paper's own rows."""
     found = {}
-    at_f = [paper for paper in TABLE_1 if paper["location"] == "f"]
     for name, papers, along in (
-        ("speed, at location f", at_f, "speed_m_s"),
+        ("speed, at location f", AT_F, "speed_m_s"),
         ("nearness to the joint, pad", figure_rows("pad"), "micrometer_m"),
         ("nearness to the joint, back", figure_rows("back"), "micrometer_m"),
     ):

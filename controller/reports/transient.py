@@ -14,6 +14,7 @@ from controller.measures.transient import ONSET_N
 from controller.measures.trial import not_before
 from controller.recording.reader import Run
 from controller.reports.approaches import (
+    AT_F,
     BOUNDS,
     NOISE,
     SAMPLE_HZ,
@@ -179,38 +180,31 @@ def _score(name: str, score: DetectorScore) -> Row:
     }
 
 
+STOPS: Sequence[tuple[str, str, int, Callable[[Approach], Any]]] = (
+    ("detection to stop command", "to_command_s", 2, lambda each: each.span("detect_s", "command_s")),
+    ("command to standstill", "to_standstill_s", 1, lambda each: each.span("command_s", "standstill_s")),
+    ("travel, detection to standstill", "stop_travel_m", 3, lambda each: each["stop_travel_m"]),
+    (
+        "peak force of true contacts",
+        "force_peak_n",
+        3,
+        lambda each: each["force_peak_n"] if each.detected else None,
+    ),
+)
+"""Of a stop: what, the column whose unit it has, decimals, and that of an approach."""
+
+
 def _stops(approaches: Sequence[Approach]) -> Iterator[Row]:
-    """Median, 95th percentile by rank and largest of each span of the stop."""
-    sent = [_span(each, "detect_s", "command_s") for each in approaches]
-    still = [_span(each, "command_s", "standstill_s") for each in approaches]
-    for name, column, digits, found in (
-        ("detection to stop command", "to_command_s", 2, sent),
-        ("command to standstill", "to_standstill_s", 1, still),
-        (
-            "travel, detection to standstill",
-            "stop_travel_m",
-            3,
-            [each["stop_travel_m"] for each in approaches],
-        ),
-        (
-            "peak force of true contacts",
-            "force_peak_n",
-            3,
-            [each["force_peak_n"] for each in approaches if each.detected],
-        ),
-    ):
-        known = sorted(value for value in found if value is not None)
-        if known and any(value is not None for value in sent):
+    """Median, 95th percentile by rank and largest of what is of a stop; none where no stop was sent."""
+    sent = any(each.span("detect_s", "command_s") is not None for each in approaches)
+    for name, column, digits, of in STOPS if sent else ():
+        known = sorted(value for each in approaches if (value := of(each)) is not None)
+        if known:
             high = known[min(len(known) - 1, int(0.95 * len(known)))]
-            _, unit, factor = scale_of(column)
-            three = {"median": statistics.median(known), "95th percentile": high, "largest": known[-1]}
-            yield {"": f"{name}, {unit}"} | {
-                head: number(value, digits, factor) for head, value in three.items()
-            }
-
-
-def _span(each: Approach, start: str, end: str) -> float | None:
-    return None if each[start] is None or each[end] is None else each[end] - each[start]
+            shown = {"median": statistics.median(known), "95th percentile": high, "largest": known[-1]}
+            scale = scale_of(column)
+            cells = {head: number(value, digits, scale.factor) for head, value in shown.items()}
+            yield {"": f"{name}, {scale.unit}"} | cells
 
 
 # --- sentences ---------------------------------------------------------------------------------------
@@ -335,17 +329,24 @@ def _learned(run: Run, acting: str) -> str:
 
 # --- figures -----------------------------------------------------------------------------------------
 
+PLACE = "place on the {}, distal (0) to proximal (1)"
 
-def _figures(figures: Figures, rows: Sequence[TableRow]) -> dict[str, Any]:
-    """Figures 7, 8 and 9, each only where these runs have a point for it."""
-    found: dict[str, Any] = {"figure_7": "", "figure_8": "", "figure_9": ""}
-    papers = [row.paper for row in rows if row.paper and row.contacts]
-    for name, side in (("figure_7", "pad"), ("figure_8", "back")):
-        if any(paper["side"] == side and paper["study"] == "location" for paper in papers):
-            found[name] = draw_locations(figures, rows, side)
-    if any(paper["location"] == "f" for paper in papers):
-        found["figure_9"] = draw_speeds(figures, rows)
-    return found
+FIGURES: Sequence[Any] = (
+    ("figure_7", "fig_7_pad", figure_rows("pad"), "micrometer_m", PLACE.format("pad"), (-0.08, 1.1)),
+    ("figure_8", "fig_8_back", figure_rows("back"), "micrometer_m", PLACE.format("back"), (-0.08, 1.1)),
+    ("figure_9", "fig_9_speed", AT_F, "speed_m_s", scale_of("speed_m_s").heading, (0.0, 13.5)),
+)
+"""The paper's Fig. 7 to 9: force and extent against where the finger is touched, and against speed. Key, file, rows of
+Table I, and of the axis column, label and limits."""
+
+
+def _figures(figures: Figures, rows: Sequence[TableRow]) -> dict[str, str]:
+    """Each only where these runs have a point for it."""
+    had = [row.paper for row in rows if row.contacts]
+    return {
+        key: _draw_pair(figures, rows, name, *axis) if any(paper in had for paper in axis[0]) else ""
+        for key, name, *axis in FIGURES
+    }
 
 
 MADE = ("delay_s", "false", "n")
@@ -357,83 +358,58 @@ def _study(figures: Figures, cells: Sequence[Row]) -> dict[str, Any]:
     names = list(dict.fromkeys(name for cell in cells for name in cell if name not in MADE))
     rows = []
     for cell in cells:
-        line: dict[str, Any] = {}
-        for name in names:
-            line |= under(name, cell.get(name))
+        line = {head: text for name in names for head, text in under(name, cell.get(name)).items()}
         line |= under("delay_s", cell["delay_s"], "delay, mean (σ)")
         rows.append(line | {"false contacts": share(cell["false"], cell["n"])})
+    rests = [{name: cell[name] for name in cell if name not in (NOISE, SAMPLE_HZ, *MADE)} for cell in cells]
     drawn = [
-        (cell, {name: value for name, value in cell.items() if name not in (NOISE, SAMPLE_HZ, *MADE)})
-        for cell in cells
-        if NOISE in cell and SAMPLE_HZ in cell
+        (cell, rest) for cell, rest in zip(cells, rests, strict=True) if NOISE in cell and SAMPLE_HZ in cell
     ]
     like = [cell for cell, rest in drawn if rest == drawn[0][1]]
-    rest = ", ".join(f"{name} {shown(value)}" for name, value in drawn[0][1].items()) if drawn else ""
-    return {
-        "study": rows,
-        "figure_study": draw_study(figures, like) if len(like) > 1 else "",
-        "study_rest": rest,
-    }
-
-
-def draw_locations(figures: Figures, rows: Sequence[TableRow], side: str) -> str:
-    """Fig. 7 (pad) or Fig. 8 (back): force and extent against where the finger is touched."""
-    papers = figure_rows(side)
-    length_m = max(float(paper["micrometer_m"]) for paper in papers)
-
-    def along(paper: Row) -> float:
-        return float(paper["micrometer_m"]) / length_m
-
-    name = "fig_7_pad" if side == "pad" else "fig_8_back"
-    heading = f"place on the {side}, distal (0) to proximal (1)"
-    return _draw_pair(figures, rows, papers, along, (-0.08, 1.1), heading, name, letters=True)
-
-
-def draw_speeds(figures: Figures, rows: Sequence[TableRow]) -> str:
-    """Fig. 9: force and extent against speed, at the middle of the pad."""
-    scale = scale_of("speed_m_s")
-    papers = [paper for paper in TABLE_1 if paper["location"] == "f"]
-
-    def along(paper: Row) -> float:
-        return float(paper["speed_m_s"]) * scale.factor
-
-    return _draw_pair(figures, rows, papers, along, (0.0, 13.5), scale.heading, "fig_9_speed")
+    said = ", ".join(f"{name} {shown(value)}" for name, value in drawn[0][1].items()) if drawn else ""
+    drawing = _draw_study(figures, like) if len(like) > 1 else ""
+    return {"study": rows, "figure_study": drawing, "study_rest": said}
 
 
 def _draw_pair(
     figures: Figures,
     rows: Sequence[TableRow],
-    papers: Sequence[Row],
-    along: Callable[[Row], float],
-    limits: tuple[float, float],
-    heading: str,
     name: str,
-    letters: bool = False,
+    papers: Sequence[Row],
+    column: str,
+    heading: str,
+    limits: tuple[float, float],
 ) -> str:
-    """Force on the left, extent on the right, at `along` of each row of the paper: the paper's means a little to the
+    """Force on the left, extent on the right, along a column of the paper's rows: the paper's means a little to the
     left of their place, this run's to the right, single approaches beside them."""
+    places = column == "micrometer_m"  # as shares of the finger's length
+    unit = 1.0 / max(float(paper[column]) for paper in papers) if places else scale_of(column).factor
+
+    def along(paper: Row) -> float:
+        return unit * float(paper[column])
+
     mine = [(along(row.paper), row) for row in rows if row.paper in papers and row.paper]
     shift = 0.009 * (limits[1] - limits[0])
     with figures.figure(2.8, columns=2) as drawing:
-        for axes, column in zip(drawing.axes, ("force_n", "extent_m"), strict=True):
-            scale = scale_of(column)
-            theirs = np.array([(along(p), p[column], p[f"{column}.sd"]) for p in papers]).T
+        for axes, what in zip(drawing.axes, ("force_n", "extent_m"), strict=True):
+            scale = scale_of(what)
+            theirs = np.array([(along(p), p[what], p[f"{what}.sd"]) for p in papers]).T
             squares: Any = {"fmt": "s", "mfc": "white", "color": PAPER, "lw": 0.8, "label": "paper, mean ± σ"}
             axes.errorbar(theirs[0] - shift, theirs[1] * scale.factor, theirs[2] * scale.factor, **squares)
-            means = [(x + shift, row.mean(column)) for x, row in mine]
+            means = [(x + shift, row.mean(what)) for x, row in mine]
             sigmas = np.nan_to_num([mean.sigma for _, mean in means]) * scale.factor
             circles: Any = {"fmt": "o", "color": OURS, "lw": 1.0, "label": "this run, mean ± σ"}
             axes.errorbar(
                 [x for x, _ in means], [mean.mean * scale.factor for _, mean in means], sigmas, **circles
             )
-            single = [(x + 3.0 * shift, each[column]) for x, row in mine for each in row.contacts]
+            single = [(x + 3.0 * shift, each[what]) for x, row in mine for each in row.contacts]
             known = [(x, value * scale.factor) for x, value in single if value is not None]
             dots: Any = {"alpha": 0.45, "ms": 4.5, "mew": 0, "label": "this run, single approaches"}
             axes.plot(*zip(*known, strict=True), ".", color=OURS, **dots)
-            at_detection = ", at detection" if column == "force_n" else ""
+            at_detection = ", at detection" if what == "force_n" else ""
             axes.set(xlabel=heading, ylabel=f"{scale.heading}{at_detection}", xlim=limits)
             axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-        for paper in papers if letters else ():
+        for paper in papers if places else ():
             look: Any = {"ha": "center", "va": "bottom", "style": "italic", "color": PAPER}
             place = (along(paper), 1.0)
             drawing.axes[0].annotate(paper["location"], place, xycoords=("data", "axes fraction"), **look)
@@ -441,25 +417,20 @@ def _draw_pair(
         return drawing.save(name)
 
 
-def draw_study(figures: Figures, cells: Sequence[Row]) -> str:
+def _draw_study(figures: Figures, cells: Sequence[Row]) -> str:
     """Delay and false contacts against noise, one line for each rate of frequency samples; all else alike."""
-    rates = sorted({cell[SAMPLE_HZ] for cell in cells})
+    rates, scales = (sorted({cell[name] for cell in cells}) for name in (SAMPLE_HZ, NOISE))
     with figures.figure(2.7, columns=2) as drawing:
         left, right = drawing.axes
         for index, rate in enumerate(rates):
             mine = [cell for cell in cells if cell[SAMPLE_HZ] == rate]
-            apart = 1.0 + 0.03 * (index - (len(rates) - 1) / 2.0)
-            x = np.array([cell[NOISE] for cell in mine]) * apart
-            style: Any = {
-                "color": OURS,
-                "alpha": 1.0 - 0.7 * index / len(rates),
-                "marker": "os^Dv"[index % 5],
-                "label": f"{rate:g} samples/s",
-            }
+            x = np.array([cell[NOISE] for cell in mine]) * (1.0 + 0.03 * (index - (len(rates) - 1) / 2.0))
+            look: Any = {"color": OURS, "alpha": 1.0 - 0.7 * index / len(rates), "marker": "os^Dv"[index % 5]}
             sigmas = np.nan_to_num([cell["delay_s"].sigma for cell in mine])
-            left.errorbar(x, [cell["delay_s"].mean for cell in mine], sigmas, **style)
-            right.plot(x, [100.0 * cell["false"] / cell["n"] for cell in mine], **style)
-        scales = sorted({cell[NOISE] for cell in cells})
+            left.errorbar(
+                x, [cell["delay_s"].mean for cell in mine], sigmas, label=f"{rate:g} samples/s", **look
+            )
+            right.plot(x, [100.0 * cell["false"] / cell["n"] for cell in mine], **look)
         for axes, label in ((left, "delay (s), mean ± σ"), (right, "false contacts (%)")):
             axes.set(xscale="log", xlabel="noise, relative to the plant's own", ylabel=label)
             axes.set_xticks(scales, [f"{scale:g}" for scale in scales])
