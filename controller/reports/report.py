@@ -31,14 +31,13 @@ from controller.reports.section import (
     Section,
     environment,
     laid_out,
-    library,
     rendered,
 )
 from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
 from controller.reports.trial_signals import payload, trial_table
 from controller.scales import NOTHING, scale_of
 
-PAGE = 2_900_000
+PAGE = 1_800_000
 """What a page may take, bytes: signals fill what the rest leaves, so that it opens at once and goes by mail."""
 
 MOST_ALIKE = 4
@@ -190,7 +189,6 @@ def _page(
         else "",
         "started": str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
         "trials": trial_table(runs),
-        "library": library(),
     }
     # rendered once, around the place of the signals: they may take what the rest leaves
     page = environment().get_template("report.html.j2").render(**facts, signals=Markup(_SIGNALS))

@@ -248,14 +248,6 @@ def _labelled(svg: str, caption: Markup) -> Markup:
     return Markup(str(svg).replace("<svg", f'<svg aria-label="{escape(caption.striptags())}"', 1))
 
 
-def library() -> list[Markup]:
-    """The scripts that draw, from Bokeh; "</script" would end the element that they stand in."""
-    from bokeh.resources import Resources  # a tenth of a second, for pages alone
-
-    texts = Resources(mode="inline", components=["bokeh", "bokeh-api"]).js_raw
-    return [Markup(text.replace("</script", "<\\/script")) for text in texts]
-
-
 def _breakable(name: str) -> Markup:
     """A column's name, such as a setting's path, that may go on in the next line after each of its parts."""
     return Markup(str(escape(_typographic(name))).replace(".", ".<wbr>").replace("_", "_<wbr>"))

@@ -9,7 +9,7 @@ from config.profile import load_profile
 from controller.campaign import Campaign
 from controller.recording.reader import open_run
 from controller.registry import EXPERIMENTS
-from controller.reports import report
+from controller.reports.report import build_report
 from tests.browser.conftest import SOON_MS
 from tests.scenarios.conftest import SHORTER, Script
 
@@ -46,15 +46,13 @@ def wrong(browser):
 
 
 @pytest.mark.parametrize("experiment", sorted(EXPERIMENTS))
-def test_no_label_of_a_report_is_clipped_or_over_another(experiment, wrong, tmp_path, monkeypatch):
-    """Of each experiment, whose profiles share one section: a trial in virtual time, shortened; without the scripts
-    that draw signals, which are nine tenths of a page."""
+def test_no_label_of_a_report_is_clipped_or_over_another(experiment, wrong, tmp_path):
+    """Of each experiment, whose profiles share one section: a trial in virtual time, shortened."""
     name = f"mock/{OF.get(experiment, experiment)}"
     profile = load_profile(name, SHORTER.get(name, {}))
     plan = assemble.plan_campaign(profile, profile.trials(1)[:1], 1)
     outcome = Campaign(plan, assemble.build_rig(profile), Script(), tmp_path).run()
-    monkeypatch.setattr(report, "library", list)
-    assert wrong(report.build_report([open_run(outcome.folder)])) == {}
+    assert wrong(build_report([open_run(outcome.folder)])) == {}
 
 
 def test_a_label_that_is_clipped_and_one_over_another_are_found(wrong, tmp_path):

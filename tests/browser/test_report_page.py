@@ -61,7 +61,25 @@ def test_the_signal_of_the_longest_delay_is_three_clicks_away(page):
     assert "threshold of contact" in text
     assert "APPROACH" in text
     assert "decision" in text
-    assert page.locator(".signals .bk-Figure").count() >= 2
+    assert page.locator(".signals svg path.signal").count() >= 2
+
+
+def test_a_drag_zooms_all_plots_of_a_trial_and_the_pointer_reads_them(page):
+    page.locator("table.trials tbody tr").first.click()
+    plots = page.locator(".signals div > svg")
+    times = plots.first.locator("text.x")
+    before = times.all_text_contents()
+    box = plots.first.bounding_box()
+    page.mouse.move(box["x"] + 200, box["y"] + 50)
+    assert page.locator(".signals svg path.cursor").count() == plots.count(), "one cursor over all"
+    assert "board.period, Hz 28.0" in page.locator(".readout").inner_text()
+    page.mouse.down()
+    page.mouse.move(box["x"] + 300, box["y"] + 60)
+    page.mouse.up()
+    assert times.all_text_contents() != before
+    assert plots.last.locator("text.x").all_text_contents() == times.all_text_contents(), "one axis of time"
+    page.mouse.dblclick(box["x"] + 300, box["y"] + 60)
+    assert times.all_text_contents() == before
 
 
 def test_the_table_is_filtered_by_text_and_by_comparisons(page):

@@ -1,6 +1,6 @@
 (() => {
   const signals = JSON.parse(document.getElementById("signals").textContent);
-  theme(() => draw());
+  theme();
 
   // --- tables: sort by a head, filter by text and by comparisons such as delay_s>0.2
   const value_of = (row, place) => row.cells[place].dataset.v ?? row.cells[place].textContent.trim();
@@ -84,74 +84,62 @@
   });
   document.getElementById("close").addEventListener("click", () => { keys = []; address(); draw(); });
 
-  // --- charts in the page's own colours
-  const inks = () => Object.fromEntries(["ink", "soft", "rule", "paper", "ours", "rival", "paper-s", "truth", "band"]
-    .map((name) => [name, getComputedStyle(root).getPropertyValue("--" + name).trim()]));
-
-  const steps = ({t, y}) => ({  // a statistic stands until the next decision
-    t: t.flatMap((at, place) => place ? [at, at] : [at]),
-    y: y.flatMap((value, place) => place ? [y[place - 1], value] : [value]),
-  });
-
-  const chart = (ink, options) => {
-    const plot = Bokeh.Plotting.figure({
-      sizing_mode: "stretch_width", background_fill_color: ink.paper, border_fill_color: ink.paper, outline_line_color: ink.rule, output_backend: "canvas", ...options,
-    });
-    plot.toolbar.logo = null;
-    if (plot.title) Object.assign(plot.title, {text_color: ink.ink, text_font_size: "11px", text_font_style: "normal"});
-    for (const axis of [...plot.xaxes, ...plot.yaxes])
-      Object.assign(axis, {axis_label_text_color: ink.ink, major_label_text_color: ink.ink, axis_line_color: ink.soft, major_tick_line_color: ink.soft, minor_tick_line_color: null});
-    for (const grid of [...plot.xgrids, ...plot.ygrids]) grid.grid_line_color = ink.rule;
-    return plot;
-  };
+  // --- plots: one axis of time and one cursor for all of a trial's
   const codes = (text) => new Uint16Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
-  const unpacked = (curve, ms) => {
+  const unpacked = (curve, ms, given) => {
     const [t0, t1, low, high] = curve.span;
     return {
+      ...given,
       t: Array.from(codes(curve.t), (w) => ms(t0 + (w / 65534) * (t1 - t0))),
       y: Array.from(codes(curve.y), (w) => w === 65535 ? NaN : low + (w / 65534) * (high - low)),
     };
   };
-  const figure_of = (trial, number, x_range, ink, ms, bands) => {
-    const {label, title = "", whose, curves, threshold} = trial.panels[number];
-    const plot = chart(ink, {
-      height: 140, x_range, title: title ? `${title}${/,/.test(label) ? label.slice(label.lastIndexOf(",")) : ""}` : label, tools: "box_zoom,xpan,xwheel_zoom,reset,save", toolbar_location: number ? null : "above",
-    });
-    for (const axis of plot.xaxes) axis.axis_label = number === trial.panels.length - 1 ? `ms after ${trial.zero[0]}` : null;
-    for (const [left, right, colour] of bands) plot.add_layout(new Bokeh.BoxAnnotation({left, right, fill_color: colour, fill_alpha: 1, line_alpha: 0, level: "image"}));
-    const of = (method) => (method === "paper" ? ink["paper-s"] : ink.ours);
-    const lines = [threshold ? of(whose) : ink.ink, ink.rival, ink["paper-s"]];
-    const seen = curves.map((curve, place) => {
-      const data = threshold ? steps(unpacked(curve, ms)) : unpacked(curve, ms);
-      const source = new Bokeh.ColumnDataSource({data});
-      return plot.line({field: "t"}, {field: "y"}, {source, line_color: lines[place % 3], line_width: 1.2, name: curve.name});
-    });
-    if (threshold) plot.scatter({field: "t"}, {field: "y"}, {source: new Bokeh.ColumnDataSource({data: unpacked(curves[0], ms)}), size: 4, fill_color: of(whose), line_color: null});
-    plot.add_tools(new Bokeh.HoverTool({renderers: seen, mode: "mouse", tooltips: [["t", "@t{0.0} ms"], [label, "@y{0.0000000}"]]}));
-    const across = (dimension, location, options) => plot.add_layout(new Bokeh.Span({dimension, location, ...options}));
-    if (threshold) {
-      const source = new Bokeh.ColumnDataSource({data: steps(unpacked(threshold, ms))});
-      plot.line({field: "t"}, {field: "y"}, {source, line_color: ink.truth, line_dash: [6, 4]});
-    }
-    for (const [t, , whose] of trial.marks) across("height", ms(t), {line_color: of(whose), line_width: 1});
-    if (trial.decided) across("height", ms(trial.decided), {line_color: ink.truth, line_width: 2});
-    if (trial.stood) across("height", ms(trial.stood), {line_color: ink["paper-s"], line_width: 2});
-    for (const [, t] of trial.truths) across("height", ms(t), {line_color: ink.truth, line_dash: [2, 3], line_width: 1.5});
-    return plot;
+  const curves_of = ({whose, curves, threshold}, ms) => {
+    const computed = whose === "paper" ? "paper-s" : "statistic";
+    const drawn = curves.map((curve, place) => unpacked(curve, ms, {look: [threshold ? computed : "signal", "rival", "paper-s"][place % 3], stands: Boolean(threshold), dots: Boolean(threshold)}));
+    return threshold ? [...drawn, unpacked(threshold, ms, {look: "threshold", stands: true})] : drawn;
   };
-  let drawing = 0;
-  const draw = async () => {
-    const mine = ++drawing;
+  const readout = panel.querySelector(".readout");
+  const pointing = (panels, view, repaint) => {  // a drag zooms, the pointer is a cursor in every plot
+    const whole = [view.start, view.end];
+    const time_at = (drawing, event) => {
+      const {left: from, width} = drawing.getBoundingClientRect();
+      return view.start + Math.min(1, Math.max(0, (event.clientX - from - PLOT.left) / (width - PLOT.left - PLOT.right))) * (view.end - view.start);
+    };
+    let from = null;
+    for (const {drawing} of panels) {
+      drawing.addEventListener("pointerdown", (event) => { from = time_at(drawing, event); drawing.setPointerCapture(event.pointerId); });
+      drawing.addEventListener("pointermove", (event) => {
+        const at = time_at(drawing, event);
+        readout.textContent = `${at.toFixed(1)} ms: ` + panels.map(({label, curves: [{t, y}]}) => {
+          const value = at <= t.at(-1) ? y[place_of(t, at) - 1] ?? NaN : NaN;
+          return `${label} ${Number.isFinite(value) ? value.toPrecision(5) : "–"}`;
+        }).join(" · ");
+        view.cursor = at;
+        view.span = from === null ? null : [Math.min(from, at), Math.max(from, at)];
+        repaint();
+      });
+      drawing.addEventListener("pointerup", () => {
+        if (view.span && view.span[1] - view.span[0] > 0.01 * (view.end - view.start)) [view.start, view.end] = view.span;
+        from = view.span = null;
+        repaint();
+      });
+      drawing.addEventListener("dblclick", () => { [view.start, view.end] = whole; repaint(); });
+    }
+  };
+  let repaints = [];
+  addEventListener("resize", () => { for (const each of repaints) each(); });
+  const draw = () => {
     panel.hidden = keys.length === 0;
     const place = document.getElementById("signals-shown");
     place.replaceChildren();
-    place.dataset.ready = "";
+    repaints = [];
+    readout.textContent = "";
     for (const row of document.querySelectorAll("tr[data-trial]")) row.classList.toggle("open", keys.includes(row.dataset.trial));
-    const ink = inks();
     for (const key of keys) {
       const trial = signals[key];
       const box = document.createElement("div");
-      box.className = "signals";
+      box.className = "signals plots";
       const heading = document.createElement("h3");
       heading.textContent = trial && trial.panels.length ? trial.title : "The signals of this trial are in the recording alone.";
       box.append(heading);
@@ -162,20 +150,17 @@
       const [from, to] = [ms(Math.min(...ends.map((span) => span[0]))), ms(Math.max(...ends.map((span) => span[1])))];
       const at = whole.getAttribute("aria-pressed") === "true" || !trial.decided ? null : ms(trial.decided);
       const [start, end] = at === null ? [from, to] : [Math.max(from, at - 500), Math.min(to, at + 500)];
-      const entered = trial.states.map(([t, name], place) => [ms(t), place + 1 < trial.states.length ? ms(trial.states[place + 1][0]) : to, name]);
-      const colours = [ink.band, ink.paper];
-      const bands = entered.map(([left, right], place) => [left, right, colours[place % 2]]);
+      const bands = trial.states.map(([t, name], number) => ({look: number % 2 ? "band odd" : "band", from: ms(t), to: number + 1 < trial.states.length ? ms(trial.states[number + 1][0]) : to, name}));
       const legend = document.createElement("p");
       legend.className = "note legend";
-      const entry = (look, text, band) => {
+      const entry = (look, text) => {
         const item = document.createElement("span");
         item.className = "key " + look;
         item.textContent = text;
-        if (band) item.style.setProperty("--band", band);
         legend.append(item, " ");
       };
       const when = ([t, name]) => `${name} ${ms(t).toFixed(0)} ms`;
-      entered.forEach(([left, right, name], place) => { if (right >= start && left <= end) entry("band", `${name} from ${left.toFixed(0)} ms`, colours[place % 2]); });
+      for (const {look, from: left, to: right, name} of bands) if (right >= start && left <= end) entry(look, `${name} from ${left.toFixed(0)} ms`);
       if (trial.panels.some(({threshold}) => !threshold)) entry("signal", "signal");
       if (trial.panels.some(({threshold, whose}) => threshold && whose !== "paper")) entry("statistic", "what our detector computes");
       if (trial.panels.some(({whose}) => whose === "paper")) entry("paper-s", "what the paper’s computes");
@@ -187,14 +172,25 @@
       summary.className = "note";
       const shown = trial.marks.filter(([t]) => ms(t) >= start && ms(t) <= end);
       summary.textContent = `Detections here: ${shown.map(when).join(", ") || "none"}.`;
-      const x_range = new Bokeh.Range1d({start, end});
-      const figures = trial.panels.map((_, number) => figure_of(trial, number, x_range, ink, ms, bands));
       const target = document.createElement("div");
       target.setAttribute("role", "img");
       target.setAttribute("aria-label", `${trial.title}: ${trial.panels.map(({label}) => label).join(", ")}`);
       box.append(legend, target, summary);
-      await Bokeh.Plotting.show(new Bokeh.Column({children: figures, sizing_mode: "stretch_width"}), target);
-      if (mine !== drawing) return;
+      const marks = trial.marks.map(([t, , whose]) => ({look: whose === "paper" ? "paper-s" : "statistic", t: ms(t)}));
+      if (trial.decided) marks.push({look: "decided", t: ms(trial.decided)});
+      if (trial.stood) marks.push({look: "stood", t: ms(trial.stood)});
+      marks.push(...trial.truths.map(([, t]) => ({look: "zero", t: ms(t)})));
+      const panels = trial.panels.map((each) => ({label: each.label, curves: curves_of(each, ms), drawing: svg("svg", {height: tall, width: "100%"}), title: each.title ? `${each.title}${/,/.test(each.label) ? each.label.slice(each.label.lastIndexOf(",")) : ""}` : each.label}));
+      for (const {drawing, title} of panels) target.append(Object.assign(document.createElement("p"), {className: "head", textContent: title}), drawing);
+      target.append(Object.assign(document.createElement("p"), {className: "axis", textContent: `ms after ${trial.zero[0]}`}));
+      const view = {start, end, cursor: null, span: null};
+      const repaint = () => {
+        const over = view.span ? [{look: "chosen", from: view.span[0], to: view.span[1]}] : [];
+        for (const {drawing, curves} of panels) plot(drawing, {...view, curves, bands: [...bands, ...over], marks: view.cursor === null ? marks : [...marks, {look: "cursor", t: view.cursor}]});
+      };
+      pointing(panels, view, repaint);
+      repaints.push(repaint);
+      repaint();
     }
     place.dataset.ready = keys.join(" ");
   };

@@ -163,7 +163,6 @@
   });
 
   // --- charts: a signal each over one axis of time, with the threshold that it is held against
-  const [LEFT, RIGHT, TOP, HIGH, BELOW] = [64, 12, 4, 100, 18];  // px
   const clear = () => { charts = {}; at("panels").replaceChildren(); soon(); };
   const grow = (stream, {t, y, label, title, threshold, gap_s}, kept = signals) => {
     const seen = kept[stream] ??= {t: [], y: [], threshold: NaN, label: stream};
@@ -175,37 +174,19 @@
     const from = kept === signals ? seen.t.findIndex((t_s) => t_s >= now.t_s - SPAN_S) : 0;
     if (from > 0) { seen.t.splice(0, from); seen.y.splice(0, from); }
   };
-  const ticks = (low, high, most) => {  // round numbers, as texts beside their values
-    const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
-    const step = power * [1, 2, 5, 10].find((times) => times * power >= 0.999 * rough), first = Math.ceil(low / step - 1e-9);
-    const text = (value) => (step < 1e-5 || step > 1e5 ? value.toExponential(2) : value.toFixed(Math.max(0, -Math.floor(Math.log10(1.001 * step))))).replace("-", "−");
-    return Array.from({length: Math.max(0, Math.floor(high / step + 1e-9) - first + 1)}, (_, place) => [step * (first + place), text(step * (first + place))]);
-  };
   const box = (stream, {label, title}) => {
     const made = Object.assign(document.createElement("div"), {role: "img", ariaLabel: label});
     made.dataset.stream = stream;
-    made.append(Object.assign(document.createElement("p"), {textContent: title ? `${title} (${label}); dashed: threshold` : label}), svg("svg", {height: TOP + HIGH + BELOW, width: "100%"}));
+    made.append(Object.assign(document.createElement("p"), {textContent: title ? `${title} (${label}); dashed: threshold` : label}), svg("svg", {height: tall, width: "100%"}));
     at("panels").append(made);
     return made;
   };
   const show = (stream, seen, {start, end}) => {
-    const known = [...seen.y, seen.threshold].filter(Number.isFinite);
-    if (!known.length) return;
-    const drawing = (charts[stream] ??= box(stream, seen)).lastChild, right = drawing.clientWidth - RIGHT;
-    const [least, most] = known.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
-    const room = 0.08 * (most - least) || 0.05 * Math.abs(most) || 1, [low, high] = [least - room, most + room];
-    const x = (t) => (LEFT + (right - LEFT) * (t - start) / (end - start)).toFixed(1), y = (value) => (TOP + HIGH * (high - value) / (high - low)).toFixed(1);
-    const parts = ticks(low, high, 5).flatMap(([value, text]) => [svg("path", {class: "grid", d: `M${LEFT} ${y(value)}H${right}`}), svg("text", {class: "y", x: LEFT - 6, y: Number(y(value)) + 4}, text)]);
-    for (const [t, text] of ticks(start, end, right > 500 ? 8 : 4)) parts.push(svg("text", {class: "x", x: x(t), y: TOP + HIGH + 15}, `${text} s`));
-    let way = "", pen = "M";
-    seen.t.forEach((t, place) => {  // a statistic stands until the next decision
-      if (!Number.isFinite(seen.y[place])) { pen = "M"; return; }
-      way += pen === "L" && stream.startsWith("detector.") ? `H${x(t)}V${y(seen.y[place])}` : `${pen}${x(t)} ${y(seen.y[place])}`;
-      pen = "L";
-    });
-    parts.push(svg("path", {class: stream.startsWith("detector.") ? "signal statistic" : "signal", d: way}));
-    if (Number.isFinite(seen.threshold)) parts.push(svg("path", {class: "threshold", d: `M${LEFT} ${y(seen.threshold)}H${right}`}));
-    drawing.replaceChildren(...parts);
+    if (![...seen.y, seen.threshold].some(Number.isFinite)) return;
+    const stands = stream.startsWith("detector.");  // a statistic stands until the next decision
+    const curves = [{look: stands ? "signal statistic" : "signal", t: seen.t, y: seen.y, stands}];
+    if (Number.isFinite(seen.threshold)) curves.push({look: "threshold", t: [start, end], y: [seen.threshold, seen.threshold]});
+    plot((charts[stream] ??= box(stream, seen)).lastChild, {start, end, unit: "s", curves});
   };
   const spanOf = (shown) => {
     const ends = Object.values(shown).flatMap(({t}) => t.length ? [t[0], t.at(-1)] : []);
@@ -229,12 +210,6 @@
   theme();
 
   // --- states one below the other; ways to the next one straight, others around
-  const svg = (name, given, text = "") => {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-    for (const [key, value] of Object.entries(given)) made.setAttribute(key, value);
-    made.textContent = text;
-    return made;
-  };
   const diagram = ({states, ways}) => {
     const [wide, high, pitch] = [130, 24, 42];
     const drawing = svg("svg", {viewBox: `0 0 220 ${pitch * states.length}`, role: "img", "aria-label": `States: ${states.join(", ")}`});
