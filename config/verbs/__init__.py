@@ -7,6 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial, reduce
 from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import fill
@@ -222,65 +223,47 @@ def all_spans(
     return [found for value in values if (found := span(ctx, parameter, value)) is not None]
 
 
-set_option = click.option(
+FILE = click.Path(path_type=Path)
+many = partial(click.option, multiple=True)
+
+
+def _options(*given: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Options and arguments as one, in the order of the help."""
+    return lambda verb: reduce(lambda made, one: one(made), reversed(given), verb)
+
+
+set_option = many(
     "--set",
     "overrides",
-    multiple=True,
     metavar="KEY=VALUE",
     callback=_overrides,
     help="Another value for one setting, for example limits.force_n=1.5; may be given several times.",
 )
 
 
-def trials_options(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """A PROFILE, other values for its settings, other trials, and which of them."""
-    for decorate in (
-        click.option(
-            "--only",
-            "numbers",
-            type=int,
-            multiple=True,
-            metavar="TRIAL",
-            help="This trial alone; repeatable.",
-        ),
-        click.option(
-            "--trials",
-            "csv",
-            type=click.Path(path_type=Path),
-            help="Trials from a CSV file: a factor a column.",
-        ),
-        set_option,
-        click.argument("profile"),
-    ):
-        verb = decorate(verb)
-    return verb
-
+trials_options = _options(
+    click.argument("profile"),
+    set_option,
+    click.option("--trials", "csv", type=FILE, help="Trials from a CSV file: a factor a column."),
+    many("--only", "numbers", type=int, metavar="TRIAL", help="This trial alone; repeatable."),
+)
+"""A PROFILE, other values for its settings, other trials, and which of them."""
 
 out_option = click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("runs"),
-    show_default=True,
-    help="Folder of all runs.",
+    "--out", type=FILE, default=Path("runs"), show_default=True, help="Folder of all runs."
 )
-
-
 report_option = click.option(
     "--report/--no-report", "reported", default=True, help="Write the report as well.", show_default=True
 )
 endpoints_option = click.option(
-    "--endpoints",
-    type=click.Path(path_type=Path),
-    help="Join the emulator whose line `run.py emulate` printed into this file.",
+    "--endpoints", type=FILE, help="Join the emulator whose line `run.py emulate` printed into this file."
 )
-
 
 realtime_option = click.option(
     "--realtime",
     is_flag=True,
     help="Let an emulated bench's time follow the wall clock, even when late: to measure latencies.",
 )
-
 
 watch_option = click.option(
     "--watch", "watched", is_flag=True, help="Serve a live page as well: signals, trials, pause and stop."
@@ -297,62 +280,59 @@ def shard(ctx: click.Context, parameter: click.Parameter, value: str | None) -> 
     return int(which), int(count)
 
 
-def jobs_options(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Where the trials of a simulated campaign are run."""
-    for decorate in (
-        click.option(
-            "--scheduler", metavar="ADDRESS", help="Run the trials on the workers of a Dask scheduler."
-        ),
-        click.option(
-            "--jobs",
-            type=click.IntRange(min=1),
-            metavar="N",
-            help="Run the trials in N processes; by default on all cores, where it is worth their start.",
-        ),
-    ):
-        verb = decorate(verb)
-    return verb
+jobs_options = _options(
+    click.option(
+        "--jobs",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Run the trials in N processes; by default on all cores, where it is worth their start.",
+    ),
+    click.option("--scheduler", metavar="ADDRESS", help="Run the trials on the workers of a Dask scheduler."),
+)
+"""Where the trials of a simulated campaign are run."""
 
 
-def recording_options(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """The options of `replay` and `calibrate` for the recording and the detector."""
-    for decorate in reversed(
-        (
-            click.option(
-                "--detector",
-                required=True,
-                metavar="NAME",
-                help="Kind of detector (run.py list --detectors), or of a run a detector of its profile.",
-            ),
-            set_option,
-            click.option(
-                "--column",
-                "columns",
-                multiple=True,
-                metavar="C[,C]",
-                help="Columns of a file by name; channels of a WAV file or a run's stream, from 0; TOPIC:FIELD of an "
-                "MCAP file. Once for each input of the detector, in its order.",
-            ),
-            click.option(
-                "--rate",
-                "rate_hz",
-                type=Finite(min=RATE_HZ[0], max=RATE_HZ[1]),
-                metavar="HZ",
-                help="Sample rate of a file without times, or in place of them.",
-            ),
-            click.option(
-                "--baseline",
-                callback=span,
-                metavar="T0:T1",
-                help="Start at T0; a detector with a baseline learns for T1 - T0 seconds.",
-            ),
-            click.option(
-                "--trial", type=int, help="Trial of a run folder; `replay` takes its first one otherwise."
-            ),
-        )
-    ):
-        verb = decorate(verb)
-    return verb
+def rate_option(help_text: str) -> Callable[[Any], Any]:
+    """The sample rate of a file."""
+    rates_hz = Finite(min=RATE_HZ[0], max=RATE_HZ[1])
+    return click.option("--rate", "rate_hz", type=rates_hz, metavar="HZ", help=help_text)
+
+
+def interval_option(**more: Any) -> Callable[[Any], Any]:
+    """How seldom a detector may alarm falsely."""
+    most = Finite(min=0.0, min_open=True, max=LONGEST_S)
+    about = "Mean time between false alarms, in seconds."
+    return click.option("--false-alarm-interval", "interval_s", type=most, metavar="S", help=about, **more)
+
+
+recordings_argument = click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
+
+
+recording_options = _options(
+    click.option(
+        "--detector",
+        required=True,
+        metavar="NAME",
+        help="Kind of detector (run.py list --detectors), or of a run a detector of its profile.",
+    ),
+    set_option,
+    many(
+        "--column",
+        "columns",
+        metavar="C[,C]",
+        help="Columns of a file by name; channels of a WAV file or a run's stream, from 0; TOPIC:FIELD of an "
+        "MCAP file. Once for each input of the detector, in its order.",
+    ),
+    rate_option("Sample rate of a file without times, or in place of them."),
+    click.option(
+        "--baseline",
+        callback=span,
+        metavar="T0:T1",
+        help="Start at T0; a detector with a baseline learns for T1 - T0 seconds.",
+    ),
+    click.option("--trial", type=int, help="Trial of a run folder; `replay` takes its first one otherwise."),
+)
+"""The options of `replay` and `calibrate` for the recording and the detector."""
 
 
 def joined(path: Path | None) -> Mapping[str, Any] | None:

@@ -11,8 +11,8 @@ from config import verbs
 
 @click.command(cls=verbs.Verb, short_help="Feed a recording to a detector.")
 @verbs.recording_options
-@click.argument("recording", type=click.Path(path_type=Path))
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help=verbs.PLOT_HELP)
+@click.argument("recording", type=verbs.FILE)
+@click.option("--plot", type=verbs.FILE, metavar="FILE", help=verbs.PLOT_HELP)
 def replay(detector: str, plot: Path | None, **given: Any) -> None:
     """Feed a RECORDING to a detector and print one JSON line an event.
 
@@ -52,25 +52,15 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
 
 @click.command(cls=verbs.Verb, short_help="Find the threshold that a recording without events asks for.")
 @verbs.recording_options
-@click.argument(
-    "recordings", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="RECORDING..."
-)
-@click.option(
+@verbs.recordings_argument
+@verbs.many(
     "--span",
     "spans",
-    multiple=True,
     callback=verbs.all_spans,
     metavar="T0:T1",
     help="Seconds of each recording that are quiet; all of it otherwise. May be given several times.",
 )
-@click.option(
-    "--false-alarm-interval",
-    "interval_s",
-    type=verbs.Finite(min=0.0, min_open=True, max=verbs.LONGEST_S),
-    metavar="S",
-    required=True,
-    help="Mean time between false alarms, in seconds.",
-)
+@verbs.interval_option(required=True)
 def calibrate(detector: str, interval_s: float, **given: Any) -> None:
     """Find the threshold with which a detector alarms falsely once in a stated time, on average.
 
@@ -101,52 +91,30 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
 
 
 @click.command(cls=verbs.Verb, short_help="What a sensor can do, on one page, from its recordings.")
-@click.argument(
-    "recordings", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="RECORDING..."
-)
+@verbs.recordings_argument
 @click.option("--column", metavar="C", help="The sensor's column, as in `replay`.")
 @click.option("--stream", default="sensor", help="Of a run folder: the stream, DEVICE.STREAM.")
 @click.option(
     "--trial", type=click.IntRange(min=1), metavar="N", help="Of a run folder; its first otherwise."
 )
-@click.option(
-    "--rate",
-    "rate_hz",
-    type=verbs.Finite(min=verbs.RATE_HZ[0], max=verbs.RATE_HZ[1]),
-    metavar="HZ",
-    help="Sample rate of a file without times.",
-)
-@click.option(
+@verbs.rate_option("Sample rate of a file without times.")
+@verbs.many(
     "--quiet",
-    multiple=True,
     callback=verbs.all_spans,
     metavar="T0:T1",
     help="Seconds in which nothing happens; all of it otherwise.",
 )
-@click.option("--touch", "touches", multiple=True, type=float, metavar="S", help="When something touched.")
-@click.option(
-    "--slip",
-    "slips",
-    multiple=True,
-    callback=verbs.all_spans,
-    metavar="T0:T1",
-    help="From when to when it slid.",
-)
+@verbs.many("--touch", "touches", type=float, metavar="S", help="When something touched.")
+@verbs.many("--slip", "slips", callback=verbs.all_spans, metavar="T0:T1", help="From when to when it slid.")
 @click.option("--reference", metavar="C", help="A column that shows the touches: another sensor, a tap.")
 @click.option("--per-newton", type=float, metavar="X", help="The sensor's reading for 1 N.")
 @click.option("--unit", metavar="TEXT", help="Of the readings, where the column's name does not end in it.")
-@click.option(
-    "--detector",
-    "detectors",
-    multiple=True,
-    metavar="NAME",
-    help="Kinds; slip, force.threshold and onset otherwise.",
+@verbs.many(
+    "--detector", "detectors", metavar="NAME", help="Kinds; slip, force.threshold and onset otherwise."
 )
 @verbs.set_option
 @click.option("--name", metavar="TEXT", help="The sensor's name on the page.")
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("certificate"), show_default=True, metavar="FILE"
-)
+@click.option("--out", type=verbs.FILE, default=Path("certificate"), show_default=True, metavar="FILE")
 def characterize(recordings: tuple[Path, ...], overrides: dict[str, str], out: Path, **given: Any) -> None:
     """What a sensor can do, from recordings of it: FILE.html, one page, and FILE.json.
 
@@ -193,21 +161,9 @@ def characterize(recordings: tuple[Path, ...], overrides: dict[str, str], out: P
     show_default=True,
     help="How long the bench is listened to.",
 )
-@click.option(
-    "--false-alarm-interval",
-    "interval_s",
-    type=verbs.Finite(min=0.0, min_open=True, max=verbs.LONGEST_S),
-    metavar="S",
-    default=3600.0,
-    show_default=True,
-    help="Mean time between false alarms, in seconds.",
-)
-@click.option(
-    "--detector",
-    "named",
-    multiple=True,
-    metavar="NAME",
-    help="Write this one's as well, where it is set elsewhere.",
+@verbs.interval_option(default=3600.0, show_default=True)
+@verbs.many(
+    "--detector", "named", metavar="NAME", help="Write this one's as well, where it is set elsewhere."
 )
 @click.option("--dry-run", is_flag=True, help="Show the thresholds and write nothing.")
 def quiet(profile: str, **given: Any) -> int:
@@ -231,7 +187,7 @@ def quiet(profile: str, **given: Any) -> int:
 
 
 @click.command(cls=verbs.Verb, short_help="Find the resonance in a transducer's frequency sweep.")
-@click.argument("table", type=click.Path(path_type=Path), metavar="FILE")
+@click.argument("table", type=verbs.FILE, metavar="FILE")
 @click.option(
     "--column", metavar="F,A", help="Columns of frequency and response, where there are more than two."
 )
@@ -242,9 +198,7 @@ def quiet(profile: str, **given: Any) -> int:
     help="Frequencies that count, Hz; all of them otherwise.",
 )
 @click.option("--conductance", is_flag=True, help="The response is a conductance, not an amplitude.")
-@click.option(
-    "--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: a PNG, SVG or PDF file."
-)
+@click.option("--plot", type=verbs.FILE, metavar="FILE", help="Draw it: a PNG, SVG or PDF file.")
 def sweep(
     table: Path, column: str | None, span: tuple[float, float] | None, conductance: bool, plot: Path | None
 ) -> None:

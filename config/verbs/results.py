@@ -88,7 +88,7 @@ def open_(name: str, out: Path) -> None:
 @click.option(
     "--to", type=click.Choice(["csv", "lerobot", "parquet", "rosbag2"]), required=True, help="Which format."
 )
-@click.option("--into", type=click.Path(path_type=Path), help="Folder to write into; RUN/FORMAT otherwise.")
+@click.option("--into", type=verbs.FILE, help="Folder to write into; RUN/FORMAT otherwise.")
 @verbs.out_option
 def export(run: str, to: str, into: Path | None, out: Path) -> None:
     """Write a RUN's trials and samples for other programs, and print the files.
@@ -111,7 +111,7 @@ def export(run: str, to: str, into: Path | None, out: Path) -> None:
 
 @click.command("record-set", cls=verbs.Verb, short_help="Write a run as a data set that others can load.")
 @click.argument("run", metavar="RUN")
-@click.option("--into", type=click.Path(path_type=Path), required=True, help="Folder to write into.")
+@click.option("--into", type=verbs.FILE, required=True, help="Folder to write into.")
 @click.option("--licence", metavar="SPDX", required=True, help="Of the data, for example CC-BY-4.0.")
 @click.option("--by", metavar="TEXT", required=True, help="Who publishes it.")
 @click.option("--name", metavar="TEXT", help="Of the data set; the folder's name otherwise.")

@@ -30,10 +30,9 @@ if TYPE_CHECKING:
 @click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Of order and noise."
 )
-@click.option(
+@verbs.many(
     "--fault",
     "faults",
-    multiple=True,
     metavar="WORDS",
     help='What goes wrong on a simulated bench, as "board freeze 80 ms in APPROACH"; repeatable.',
 )

@@ -33,15 +33,11 @@ def _seeds(ctx: click.Context, parameter: click.Parameter, value: str) -> range:
 )
 @click.option("--profile", help="Check this plan, a profile with [[faults]], instead of seeds.")
 @click.option("--minutes", type=click.FloatRange(0.0), help="Begin no other seed after so long.")
-@click.option("--experiment", "experiments", multiple=True, help="Draw this experiment alone; repeatable.")
+@verbs.many("--experiment", "experiments", help="Draw this experiment alone; repeatable.")
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("runs/swarm"),
-    show_default=True,
-    help="Folder of failing plans.",
+    "--out", type=verbs.FILE, default=Path("runs/swarm"), show_default=True, help="Folder of failing plans."
 )
-@click.option("--table", type=click.Path(path_type=Path), help="Write which cells were seen to this file.")
+@click.option("--table", type=verbs.FILE, help="Write which cells were seen to this file.")
 def swarm(
     seeds: Sequence[int],
     profile: str | None,

@@ -47,7 +47,8 @@ SHORTER = {
     "mock/grasp": {
         "behavior.open_speed_m_s": "0.05",
         "behavior.hold_s": "0.5",
-        "behavior.lift_speed_m_s": "0.03",
+        "behavior.lift_speed_m_s": "0.1",
+        "behavior.shake_s": "0.8",
     },
 }
 """Settings with which a trial of a shipped profile passes through all its states, and is short."""
