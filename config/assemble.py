@@ -265,6 +265,7 @@ def _mock_rig(profile: Profile) -> Rig:
         ahead=ahead.skip,
         entered=partial(_entered, faults),
         pressed=Keys(faults["keys"], clock).pressed,
+        disk=lambda: not faults["disk"].active(clock.now(), "full"),
     )
 
 

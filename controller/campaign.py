@@ -309,6 +309,7 @@ class Campaign:
                 measures=self._plan.columns,
                 patient=self._rig.clock.virtual,
                 mirror=self._mirror,
+                has_room=self._rig.disk,
             )
             return self._trials(folder, recorder, infos, trials)
         finally:

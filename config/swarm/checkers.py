@@ -8,12 +8,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.stream_reader import StreamReader
 
 ENDS = ("CRASH", "SAFETY", "DATA", "LIVENESS", "NONDETERMINISM")
@@ -54,6 +55,9 @@ SUCCESSES = (
     "gripped",
 )
 """Outcomes that a report counts as success."""
+
+NO_DEVICES = ("loop", "keys", "disk")
+"""What goes wrong and is no device."""
 
 CUT = ("silent", "unplug", "lose", "corrupt")
 """Kinds of faults by which samples do not come."""
@@ -125,6 +129,13 @@ def _rows(story: Any) -> Iterator[Violation]:
     """A row for each trial that ended, with an outcome, and success only where there was one."""
     numbers = [int(row["trial"]) for row in story.rows]
     begun = [trial.number for trial in story.trials]
+    if any(effect["device"] == "disk" for effect in story.effects):  # what was written before stands
+        if story.exit_code not in (1, 130) or (story.exit_code == 1 and "No space left" not in story.line):
+            what = f"the disk was full; exit code {story.exit_code}: {story.line}"
+            yield Violation("DATA", "disk", *_where(story), what)
+        if numbers not in (begun, begun[:-1]):
+            yield Violation("DATA", "rows", *_where(story), f"rows of trials {numbers}, begun were {begun}")
+        return
     if numbers != begun:
         yield Violation("DATA", "rows", *_where(story), f"rows of trials {numbers}, begun were {begun}")
     for row in story.rows:
@@ -165,7 +176,7 @@ def _named(story: Any) -> Iterator[Violation]:
     devices = {effect["device"] for effect in story.effects}
     if story.exit_code == 3 and len(devices) == 1:
         (device,) = devices
-        if device not in ("loop", "keys") and device not in story.line:
+        if device not in NO_DEVICES and device not in story.line:
             yield Violation("DATA", "named", *_where(story), f"{device} failed; it says: {story.line}")
 
 
@@ -233,9 +244,12 @@ class Recorded:
             device's own time of the first, in seconds of the trial, in the order of the file.
         skipped: By trial and stream: spans in which nobody asked for it.
         back: What goes back in time.
+
+    Args:
+        cut: Whether it may end anywhere.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, cut: bool = False) -> None:
         self.blocks: dict[tuple[int, str], list[tuple[int, int, float, float, float | None]]] = {}
         self.skipped: dict[tuple[int, str], list[tuple[float, float]]] = {}
         self.back = ""
@@ -243,7 +257,7 @@ class Recorded:
         last: dict[int, int] = {}
         with path.open("rb") as file:
             records: Iterator[Any] = StreamReader(file, validate_crcs=True).records
-            for record in records:
+            for record in _until_cut(records) if cut else records:
                 kind = type(record).__name__
                 if kind == "Metadata" and record.name == "trial":
                     trial = int(record.metadata["trial"])
@@ -279,6 +293,11 @@ class Recorded:
         return missing
 
 
+def _until_cut(records: Iterator[Any]) -> Iterator[Any]:
+    with suppress(EndOfFile):
+        yield from records
+
+
 def _message_class(schema: Any) -> Any:
     files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
     if schema.name not in MESSAGES:
@@ -299,7 +318,7 @@ def _recorded(story: Any) -> Iterator[Violation]:
     said, missing = story.manifest["loss"], dict[str, int]()
     for path in sorted(Path(story.folder).glob("*.mcap")):
         try:
-            recorded = Recorded(path)
+            recorded = Recorded(path, cut=any(effect["device"] == "disk" for effect in story.effects))
         except (McapError, OSError, ValueError, KeyError) as error:
             what = f"{path.name}: {type(error).__name__}: {error}"
             yield Violation("DATA", "readable", *_where(story), what)

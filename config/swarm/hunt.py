@@ -125,7 +125,7 @@ def _deep(plan: Plan, story: Story, deep: str, folder: Path) -> Iterator[Violati
         yield from checkers.healed(story, going_on, play(healthy, folder))
     elif deep == "idle":
         device, kind = (plan.faults[0]["device"], "late") if plan.faults else ("loop", "hang")
-        kind = {"loop": "hang", "keys": "pause"}.get(device, kind)
+        kind = {"loop": "hang", "keys": "pause", "disk": "full"}.get(device, kind)
         idle = replace(plan, faults=[*plan.faults, {"device": device, "kind": kind, "at_s": 1e6}])
         yield from checkers.same(story, play(idle, folder), "a fault after the end")
     elif deep == "split" and "board" in known(plan.experiment).profile.devices:

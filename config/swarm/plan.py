@@ -23,7 +23,7 @@ TRIALS_MAX = 3
 STRIDE = 1_000_003
 """From a led seed's cell to the next one's: a prime beyond the number of cells, so that each has its turn."""
 
-BENCH_WIDE = ("loop", "keys")
+BENCH_WIDE = ("loop", "keys", "disk")
 """What goes wrong and is no device: see `simulator.devices.faults.OF_THE_BENCH`."""
 
 SHORTEST_S, LONGEST_S = 0.002, 2.0
@@ -319,6 +319,7 @@ AMOUNTS: Mapping[str, Sequence[float]] = {
     "wrong": (-1.0, 0.0, 0.5, 2.0, 100.0),
     "late": (0.005, 0.03, 0.12, 0.5),
     "hang": (0.004, 0.05, 0.3, 2.0),
+    "overrun": (1e-4, 2e-3, 0.02),
     "drift": (-10.0, -0.1, -1e-3, 1e-4, 0.01, 1.0),
 }
 """What is drawn of how much."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from behaviors.events import Event
 from controller.detectors.protocol import Detector
 from controller.recording.series import Series, Span, TrialRecording
-from drivers.core.messages import Sent, Stop, StreamInfo
+from drivers.core.messages import Lost, Sent, Stop, StreamInfo
 
 E = TypeVar("E", bound=Event)
 
@@ -72,7 +72,7 @@ class TrialEvidence:
         since_s, until_s = max(since_s, 0.0), min(until_s, self.ended_s)
         if until_s <= since_s:
             return series
-        hole = next(_holes(series, since_s, until_s, self._longest_s(stream)), None)
+        hole = next(_holes(series, since_s, until_s, self._longest_s(stream), self._lost_s(stream)), None)
         if hole is not None:
             raise MissingDataError(
                 f"{stream}: no samples from {hole[0]:.3f} to {hole[1]:.3f} s, which are measured; look at the cable,"
@@ -121,6 +121,11 @@ class TrialEvidence:
             return 1.5 / rate_hz
         return max((self._longest_s(source) for source in self.sources.get(stream, ())), default=math.inf)
 
+    def _lost_s(self, stream: str) -> Sequence[float]:
+        """When samples of a stream, or of what it is made of, were noticed to be lost."""
+        own = [event.t_s for event in self.events if isinstance(event, Lost) and event.stream == stream]
+        return [*own, *(t_s for source in self.sources.get(stream, ()) for t_s in self._lost_s(source))]
+
     def _device(self, stream: str) -> str:
         while stream in self.sources:
             stream = self.sources[stream][0]
@@ -153,8 +158,11 @@ def _matching(
             yield event  # type: ignore[misc]
 
 
-def _holes(series: Series, since_s: float, until_s: float, longest_s: float) -> Iterator[tuple[float, float]]:
-    """Where samples are missing in a span: no subscription, lost samples, a late start, a silence, an early end."""
+def _holes(
+    series: Series, since_s: float, until_s: float, longest_s: float, lost_s: Sequence[float]
+) -> Iterator[tuple[float, float]]:
+    """Where samples are missing in a span: no subscription, lost samples, a late start, a silence, an early end. Where
+    a loss was noticed at `lost_s`, no sample is in transit."""
     for gap in series.gaps:
         if min(gap.t1_s, until_s) - max(gap.t0_s, since_s) > longest_s:
             yield gap.t0_s, gap.t1_s
@@ -165,8 +173,10 @@ def _holes(series: Series, since_s: float, until_s: float, longest_s: float) -> 
     for begin_s, end_s in subscribed:
         inside = series.times_s[(series.times_s >= begin_s) & (series.times_s <= end_s)]
         edges_s = np.concatenate(([begin_s], inside, [end_s] if math.isfinite(end_s) else []))
-        for place in np.flatnonzero(np.diff(edges_s) > patience_s):
-            yield float(edges_s[place]), float(edges_s[place + 1])
+        for place in np.flatnonzero(np.diff(edges_s) > longest_s):
+            from_s, to_s = float(edges_s[place]), float(edges_s[place + 1])
+            if to_s - from_s > patience_s or any(from_s < t_s <= to_s for t_s in lost_s):
+                yield from_s, to_s
 
 
 def _without(since_s: float, until_s: float, skipped: Sequence[Span]) -> Iterator[tuple[float, float]]:

@@ -1,5 +1,7 @@
 """The thread that does all writing of a run, so that the loop never waits for a disk."""
 
+import errno
+import os
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -86,6 +88,13 @@ class DiskThread:
                 self._busy, TimeoutError(None, f"the disk cannot keep up, {BACKLOG} posts wait for it")
             )
         return self.failure is None
+
+    def fill(self) -> None:
+        """Be full from now on, as a simulated disk is: what was posted before is written."""
+        if self.failure is None:
+            self.flush(sync=False)
+            for file in self._files:
+                self._fail(file.path, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
 
     def flush(self, *, sync: bool = True) -> None:
         """Wait until all that was posted is written, and with `sync` on the disk; a failure is in `failure`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -46,6 +46,7 @@ class Recorder:
         factors: Names of what the trials vary, in the order of the columns.
         measures: Names of what is measured of a trial, in the order of the columns.
         patient: Whether `record` may wait for a disk that cannot keep up: in virtual time, which waits too.
+        has_room: Whether a simulated disk has room.
 
     Raises:
         RecordingError: the folder cannot be written.
@@ -61,6 +62,7 @@ class Recorder:
         measures: Sequence[str],
         patient: bool = False,
         mirror: Mirror | None = None,
+        has_room: Callable[[], bool] = lambda: True,
     ) -> None:
         self.folder = folder
         self.trial = TrialRecording(-1)
@@ -74,6 +76,7 @@ class Recorder:
         except RecordingError:
             self._streams.abandon()
             raise
+        self._has_room = has_room
         self._disk = DiskThread((self._streams, self._events, self._ledger), patient=patient)
 
     @property
@@ -104,6 +107,8 @@ class Recorder:
 
     def record(self, blocks: Iterable[SampleBlock]) -> None:
         """Keep blocks as they are. Their arrays must not be written to afterwards."""
+        if not self._has_room():
+            self._disk.fill()
         room = self._disk.room()
         for block in blocks:
             self.trial.add(block)

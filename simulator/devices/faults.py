@@ -1,7 +1,7 @@
 """What goes wrong on a bench of software, and when: timed by the scene, unknown to detectors."""
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
@@ -16,40 +16,61 @@ from drivers.core.settings import Settings
 
 Kind = Literal[
     "unplug", "silent", "stall", "refuse", "lose", "corrupt", "double", "full_scale",
-    "stuck", "wrong", "drift", "late",
-    "hang", "pause", "abort",
+    "stuck", "wrong", "drift", "late", "nan", "overrun",
+    "overheat", "reboot", "restart", "disable",
+    "hang", "pause", "abort", "full",
 ]  # fmt: skip
 
 SENSED: tuple[Kind, ...] = ("stuck", "wrong", "drift", "late")
 """What any device with streams can show: between its driver and the loop, whatever the driver is."""
 
-READ: tuple[Kind, ...] = ("stuck", "wrong", "drift")
-"""Those of them that change what is read, each sample by its own time: turns may be taken as one meanwhile."""
+READ: tuple[Kind, ...] = ("stuck", "wrong", "drift", "nan")
+"""Those that change what is read, each sample by its own time: turns may be taken as one meanwhile."""
 
-OF_THE_BENCH: Mapping[str, tuple[Kind, ...]] = {"loop": ("hang",), "keys": ("pause", "abort")}
-"""What is no device and can go wrong on a bench in virtual time: the program's own loop, and a person's keys."""
+OF_THE_BENCH: Mapping[str, tuple[Kind, ...]] = {
+    "loop": ("hang",),
+    "keys": ("pause", "abort"),
+    "disk": ("full",),
+}
+"""What is no device and can go wrong on a bench in virtual time: the program's own loop, a person's keys, the disk."""
 
-ONCE: tuple[Kind, ...] = ("unplug", "stall", "hang", "pause", "abort")
+INJECTED: tuple[Kind, ...] = ("stall", "refuse", "overheat", "reboot", "restart", "disable")
+"""What a device is told when it begins: it knows itself what follows."""
+
+ONCE: tuple[Kind, ...] = (
+    "unplug",
+    "stall",
+    "overheat",
+    "reboot",
+    "restart",
+    "disable",
+    "hang",
+    "pause",
+    "abort",
+)
 """What happens at an instant, in the turn that meets it."""
 
-AMOUNTS: Mapping[Kind, float] = {"wrong": -1.0, "drift": 0.001, "late": 0.05, "hang": 0.2}
+AMOUNTS: Mapping[Kind, float] = {"wrong": -1.0, "drift": 0.001, "late": 0.05, "overrun": 0.002, "hang": 0.2}
 """How much, where a fault does not say. Assumption: a sensor that is wired the wrong way round; a millimetre or
-millinewton a second; a buffer of 50 ms; twice what the guard tolerates of a loop."""
+millinewton a second; a buffer of 50 ms; 2 mm; twice what the guard tolerates of a loop."""
 
 
 class Fault(Settings):
     """One fault of one device."""
 
     device: str
-    """Name in the profile; "loop" is the program's own loop, "keys" the person at the console."""
+    """Name in the profile; "loop" is the program's own loop, "keys" the person at the console, "disk" what the
+    run is written to."""
 
     kind: Kind
     """unplug: the link is gone (`for_s` later it is plugged in again); silent: nothing comes; stall: a mover loses its
     way; refuse: motion is refused; lose: what it sends vanishes; corrupt: bytes are altered on the wire (in process:
     the same as lose); double: bytes come twice; full_scale: its sensors read their negative full scale (on the mock
     bench alone); stuck: they repeat their last value; wrong: they read `amount` times too much; drift: they go away by
-    `amount` a second; late: samples and answers come `amount` seconds later; hang: a turn of the loop comes `amount`
-    seconds late; pause: Ctrl+C, and Enter at the next turn; abort: Ctrl+C twice."""
+    `amount` a second; late: samples and answers come `amount` seconds later; nan: numbers that are none; overrun: a
+    mover goes `amount` m farther than it was sent; overheat, reboot, disable (its motor is switched off), restart (its
+    sample counters begin anew): what the device itself makes of it; full: nothing can be written any more; hang: a
+    turn of the loop comes `amount` seconds late; pause: Ctrl+C, and Enter at the next turn; abort: Ctrl+C twice."""
 
     at_s: float = Field(default=0.0, ge=0.0)
     """When it begins, in seconds since the trial began, or since what `after` names."""
@@ -216,10 +237,13 @@ class FaultSchedule:
             for fault in (each for each in self._faults if each.kind == kind):
                 ago_s = self._ago_s(fault, times_s)
                 on = ago_s >= 0.0
-                if on.any():
+                if on.any() and (kind != "nan" or np.issubdtype(values.dtype, np.floating)):
                     self._noticed(fault, float(times_s[on.argmax()]))
                 if kind == "stuck":
                     values = self._held(block.stream, values, on)
+                elif on.any() and kind == "nan":
+                    if np.issubdtype(values.dtype, np.floating):
+                        values = np.where(on[:, None], math.nan, values)
                 elif on.any() and kind == "wrong":
                     values = _like(values, np.where(on[:, None], values * fault.much, values))
                 elif on.any():
@@ -366,9 +390,8 @@ class Keys:
 
 
 def inject_begun(faults: FaultSchedule, device: Any, trial_s: float, t_s: float) -> None:
-    """Let a device stall or refuse at `t_s` where that has begun by `trial_s`; one that cannot does not."""
-    kinds: Collection[Kind] = ("stall", "refuse")
-    for kind in kinds:
+    """Tell a device at `t_s` what has begun by `trial_s`; one that cannot do it does not."""
+    for kind in INJECTED:
         if faults.begun(trial_s, kind) is not None:
             with suppress(ValueError):
                 device.inject(kind, t_s)

@@ -4,7 +4,7 @@ import tomllib
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pydantic import Field
 
@@ -163,6 +163,9 @@ class EmulatedZaberStage:
                 "refuse" (STATUSBUSY) the next movement; "stall" (FS) stops a movement dead, the next one
                 where it stands still; "interrupt" (NI) ends a movement as a hand on the knob does;
                 "disable" (FD) takes the motor's power.
+
+        Raises:
+            ValueError: it cannot break in that way.
         """
         self._settle(t_s)
         if kind in REPLY_FAULTS:
@@ -175,6 +178,8 @@ class EmulatedZaberStage:
             self._stop([], t_s)
         elif kind == "disable":
             self._break_down("FD", t_s)
+        elif kind != "stall":
+            raise ValueError(f"a stage knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
         elif self._moving:
             self._break_down("FS", t_s)
         else:

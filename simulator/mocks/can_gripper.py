@@ -35,6 +35,9 @@ from drivers.gripper.state import GripFinding, GripperState
 from simulator.mocks.base import MockDriver
 from simulator.physics.bench import part
 
+WATCHDOG_S = 1.0
+"""How long it takes to be told nothing before it goes to sleep: the real driver's own default."""
+
 
 class MockCanGripperSettings(Settings):
     """The mock gripper; its brackets are the plant's."""
@@ -77,6 +80,7 @@ class MockCanGripper(MockDriver):
         self._subscribed: frozenset[str] = frozenset()
         self._bench.jaws.poll_at(self._settings.poll_hz)
         self._samples: list[tuple[int, GripperState]] = []
+        self._heard_s, self._asleep = 0.0, False
         super().restart()
 
     def open(self) -> DeviceInfo:
@@ -162,6 +166,8 @@ class MockCanGripper(MockDriver):
     def _refusal(self, command: Command, now_s: float) -> str | None:
         if self._faults.active(now_s, "refuse"):
             return "the gripper refuses (injected fault)"
+        if isinstance(command, Grip | Release) and self._asleep:
+            return "it has a fault; send Home, which clears it"
         if isinstance(command, Grip | Release) and not self._bench.jaws.calibrated:
             return "it does not know its ends; send Home first, with empty jaws"
         return None
@@ -176,11 +182,17 @@ class MockCanGripper(MockDriver):
             case Stop() if not self._outcome.resting:
                 self._hold()
                 return bool(self._bench.jaws.calibrated)
-            case Home() if not self._bench.jaws.calibrated:
+            case Home() if not self._bench.jaws.calibrated or self._asleep:
+                self._asleep = False
                 self._bench.jaws.calibrate()
             case _:
                 return False
         return True
+
+    def _fall_asleep(self) -> None:
+        """A fault of the drive's own, until the next calibration."""
+        self._asleep = True
+        self._bench.jaws.sleep()
 
     def _hold(self) -> None:
         if self._bench.jaws.calibrated:
@@ -195,6 +207,12 @@ class MockCanGripper(MockDriver):
     def _run(self, now_s: float) -> None:
         """Let time pass, and take the states that were due by now, each as of its time."""
         self._bench.jaws.advance(now_s)
+        if self._faults.begun(now_s, "overheat") is not None:
+            self._fall_asleep()
+        if not self._faults.active(now_s, "silent"):
+            self._heard_s = now_s
+        elif now_s - self._heard_s > WATCHDOG_S and not self._asleep:
+            self._fall_asleep()
         number, states = self._bench.jaws.take()
         if not len(states):
             return
@@ -208,7 +226,7 @@ class MockCanGripper(MockDriver):
             for each in numbers:
                 if self._outcome.settled(state):
                     break
-                self._statuses += self._outcome.push(each / self._settings.poll_hz, state, fault=False)
+                self._statuses += self._outcome.push(each / self._settings.poll_hz, state, self._asleep)
             if self._subscribed:
                 self._samples += [(each, state) for each in numbers]
             number += count

@@ -156,11 +156,17 @@ class MockUrArm(MockDriver):
 
     def _obey(self, command: Command, now_s: float) -> None:
         self._fence = ""
+        over = self._faults.on(now_s, "overrun") if isinstance(command, MoveAt | MoveTo) else None
+        over_m = over.much if over is not None else 0.0
         match command:
             case MoveAt():
-                self.axis.move_at(now_s, command.velocity_m_s, command.limit_m)
+                end_m = command.limit_m + math.copysign(over_m, command.velocity_m_s)
+                self.axis.move_at(now_s, command.velocity_m_s, end_m)
             case MoveTo():
-                self.axis.move_to(now_s, command.position_m, command.speed_m_s)
+                end_m = command.position_m + math.copysign(
+                    over_m, command.position_m - self.axis.position(now_s)
+                )
+                self.axis.move_to(now_s, end_m, command.speed_m_s)
             case MovePose():
                 way_m = float(np.linalg.norm(np.array(command.offset[:3]) - self._offset(now_s)[:3]))
                 speed = line_speed(self._settings, way_m, command.speed_m_s)

@@ -194,6 +194,8 @@ class MockZaberStage(MockDriver):
 
     def _go(self, command: MoveAt | MoveTo, t_s: float, end_m: float) -> None:
         speed_m_s = abs(command.velocity_m_s) if isinstance(command, MoveAt) else command.speed_m_s
+        if (fault := self._faults.on(t_s, "overrun")) is not None:
+            end_m += math.copysign(fault.much, end_m - self.axis.position(t_s))
         self.axis.move_to(t_s, end_m, speed_m_s)
         self._bench.on_plan(t_s)
 

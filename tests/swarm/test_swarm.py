@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from config.swarm import checkers
 from config.swarm.hunt import Hunt, deep_of, examined, replayed, shrunk
-from config.swarm.plan import Plan, drawn
+from config.swarm.plan import SCENES, Plan, drawn, known
 from config.swarm.play import memory, play
 from controller.loop import Loop
 from drivers.core.messages import Stop
@@ -80,3 +81,31 @@ def test_a_fault_is_marked_in_the_manifest_when_it_takes_effect() -> None:
     kinds = {effect["kind"]: effect["effect_s"] for effect in story.effects}
     approach_s = dict(story.trials[0].states)["APPROACH"]
     assert kinds["stall"] == pytest.approx(approach_s + 0.1, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "fault", "exit_code", "says"),
+    [
+        ("transient", {"device": "disk", "kind": "full", "after": "APPROACH"}, 1, "No space left"),
+        ("transient", {"device": "stage", "kind": "overrun", "amount": 0.02}, 4, "limits.travel_min_m"),
+        ("transient_arm", {"device": "arm", "kind": "overrun", "amount": 0.02}, 4, "limits.travel_min_m"),
+        ("transient_arm", {"device": "arm", "kind": "nan", "after": "APPROACH"}, 4, "arm.position is at nan"),
+        (
+            "touch",
+            {"device": "gripper", "kind": "overheat", "after": "OPENING", "at_s": 0.1},
+            3,
+            "gripper stalled",
+        ),
+        ("touch", {"device": "gripper", "kind": "silent", "after": "OPENING"}, 3, "gripper"),
+    ],
+)
+def test_what_goes_wrong_takes_effect_and_ends_the_run_with_its_reason(experiment, fault, exit_code, says):
+    known_rows = known(experiment).rows[:1]
+    settings = {**SCENES[experiment].short}
+    if fault["kind"] == "overrun":
+        settings |= {"detectors.contact.threshold_sigma": 100.0}
+    with memory() as folder:
+        story = play(Plan(1, experiment, settings, known_rows, [fault]), folder)
+        assert (story.exit_code, [effect["kind"] for effect in story.effects]) == (exit_code, [fault["kind"]])
+        assert says in story.line
+        assert list(checkers.check(story)) == []

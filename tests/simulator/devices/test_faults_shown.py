@@ -11,7 +11,7 @@ from controller.own_modules import found
 from controller.registry import KINDS
 from controller.rig import TrialScene
 from drivers.core.messages import Ask, Home, Listen, MoveTo, Release, Tone
-from simulator.devices.faults import OF_THE_BENCH, FaultSchedule, Kind
+from simulator.devices.faults import INJECTED, OF_THE_BENCH, FaultSchedule, Kind
 from simulator.mocks.base import OverMemory
 
 BENCH = {
@@ -39,6 +39,9 @@ class Asked(FaultSchedule):
     def active(self, t_s: float, kind: Kind) -> bool:
         self.kinds.add(kind)
         return False
+
+    def on(self, t_s: float, *kinds: Kind) -> None:
+        self.kinds |= set(kinds)
 
     def begun(self, t_s: float, kind: Kind) -> None:
         self.kinds.add(kind)
@@ -68,9 +71,9 @@ def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: s
         rig.clock.wait_until(rig.clock.now() + 5.0)
         device.read()
         device.poll()
-    # a line asks for both, whatever is at its end
-    either = {"stall", "refuse"} if isinstance(device, OverMemory) else set()
-    assert device._faults.kinds - either == set(KINDS["driver"][driver].mock_faults) - either
+    # a line asks for all of these, whatever is at its end
+    either = {*INJECTED} if isinstance(device, OverMemory) else set()
+    assert device._faults.kinds - either == set(KINDS["driver"][driver].mock_faults) - either - {"nan"}
 
 
 TWINS = [name for name in BENCH if KINDS["driver"][name].emulated and name not in ("ur_arm", "audio")]
@@ -87,11 +90,11 @@ def test_an_emulated_twin_takes_the_faults_of_its_own_that_the_table_gives_it_an
     ]
     device = made(settings.model_dump(mode="json"), plant.made(plant.settings))
     own = set()
-    for kind in ("stall", "refuse"):
+    for kind in INJECTED:
         with suppress(ValueError):
             device.inject(kind, 0.0)
             own.add(kind)
-    assert own == set(KINDS["driver"][driver].emulated_faults) & {"stall", "refuse"}
+    assert own == set(KINDS["driver"][driver].emulated_faults) & {*INJECTED}
 
 
 def test_every_kind_can_be_shown_and_no_other_is_in_the_table() -> None:

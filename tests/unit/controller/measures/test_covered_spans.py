@@ -5,7 +5,7 @@ import pytest
 
 from controller.measures.trial import EDGE_S, MissingDataError, TrialEvidence
 from controller.recording.series import TrialRecording
-from drivers.core.messages import SampleBlock, StreamInfo
+from drivers.core.messages import Lost, SampleBlock, StreamInfo
 
 FORCE = StreamInfo("board.force", ("force",), "N", rate_hz=1000.0)
 PLACE = StreamInfo("arm.position", ("position",), "m", rate_hz=500.0, longest_s=0.02)
@@ -59,6 +59,15 @@ def test_a_span_with_a_hole_gives_no_number_but_its_place(spans_s, hole):
         MissingDataError, match=rf"board.force: no samples from {hole} s, .* of board, then run"
     ):
         evidence(FORCE, *spans_s).series("board.force", 0.5, 1.5)
+
+
+def test_what_was_lost_before_the_first_sample_is_a_hole_however_short():
+    lost = Lost(0.55, "board", "board.force", 50)
+    assert len(evidence(FORCE, (0.55, 2.0)).stream("board.force", 0.5, 1.5)), "it may begin so late"
+    with pytest.raises(MissingDataError, match=r"0.500 to 0.550"):
+        evidence(FORCE, (0.55, 2.0), events=[lost]).stream("board.force", 0.5, 1.5)
+    before = Lost(0.45, "board", "board.force", 50)
+    assert len(evidence(FORCE, (0.55, 2.0), events=[before]).stream("board.force", 0.5, 1.5))
 
 
 def test_what_is_missing_outside_of_the_span_is_not_asked_for():
