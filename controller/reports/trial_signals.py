@@ -3,7 +3,7 @@
 import base64
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,9 +101,8 @@ def moments_of(run: Run, row: Mapping[str, Any], method: str = "") -> Moments:
     detectors of a `method` alone where one is given, as of `ours`."""
     found = next(((EVENTS[name], float(row[name])) for name in EVENTS if is_number(row.get(name))), None)
     events = run.events_of(row["trial"])
-    alarms = [e for e in events if e.get("detector") is not None and not e["event"].startswith("Baseline")]
-    alarms = [event for event in alarms if str(event["detector"]).endswith(method)]
-    led = [event for event in alarms if event.get("next") != event.get("state")]
+    alarms = [event for event in events if _alarms(event) and str(event["detector"]).endswith(method)]
+    led = [event for event in alarms if _leads(event)]
     if found:
         slips = found[0] == "slip"  # a touch before it is no answer to it
         near = [e for e in led if (0.0 if slips else -NEAR_S) <= e["t_s"] - found[1] <= NEAR_S]
@@ -116,6 +115,16 @@ def moments_of(run: Run, row: Mapping[str, Any], method: str = "") -> Moments:
     return Moments(
         *(found or ("decision", decided_s)), str(led[-1]["detector"]), decided_s, next(stood, None)
     )
+
+
+def _alarms(event: Mapping[str, Any]) -> bool:
+    """Whether a detector reports more than that it has learned."""
+    return event.get("detector") is not None and not event["event"].startswith("Baseline")
+
+
+def _leads(event: Mapping[str, Any]) -> bool:
+    """Whether it leads to another state, too."""
+    return _alarms(event) and event.get("next") != event.get("state")
 
 
 def payload(runs: Sequence[Run], room: int) -> str:
@@ -132,7 +141,8 @@ def payload(runs: Sequence[Run], room: int) -> str:
         if recording is None:
             continue
         events = run.events_of(trial)
-        curves = list(_chosen(run, recording, _deciding(run, events)))
+        decided = {str(event["detector"]) for event in events if _leads(event)} or {acting_of(run)}
+        curves = list(_chosen(run, recording, decided))
         share = room / len(trials) / max(1, len(curves)) / BYTES_A_POINT
         points = int(min(POINTS, max(LEAST_POINTS, share)))
         signals = {key_of(runs, run, trial): _trial(run, trial, events, curves, points)}
@@ -196,8 +206,9 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
 
     An instant is shown in ms from the trial's event, a time below a second in ms.
     """
-    names = list(dict.fromkeys(name for run in runs for row in run.trials for name in row)) or ["trial"]
-    names = [name for name in names if any(row.get(name) is not None for run in runs for row in run.trials)]
+    trials = [(run, row) for run in runs for row in run.trials]
+    names = list(dict.fromkeys(name for _, row in trials for name in row)) or ["trial"]
+    names = [name for name in names if any(row.get(name) is not None for _, row in trials)]
     names.sort(key=lambda name: "." in name)  # varied settings last: what was measured fits a screen
     declared = {
         name: column.meaning
@@ -205,32 +216,25 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
         for name, column in columns_of(str(run.manifest.get("experiment"))).items()
     }
     instants = {name for name in names if is_instant(name, declared.get(name, ""))}
-    scales = {name: shown_as(name, [row.get(name) for run in runs for row in run.trials]) for name in names}
+    scales = {name: shown_as(name, [row.get(name) for _, row in trials]) for name in names}
     rows = []
-    for run in runs:
-        for row in run.trials:
-            moments = moments_of(run, row)
-            cells = []
-            for name in names:
-                value, exact = row.get(name), repr(row[name]) if is_number(row.get(name)) else ""
-                exact = str(value) if name == "outcome" else exact
-                if name in instants and is_number(value) and moments.zero_s is not None:
-                    cells.append((f"{1e3 * (value - moments.zero_s):z.0f}".replace("-", "−"), exact))
-                else:
-                    shown = title(str(value)) if name == "outcome" else value
-                    cells.append(("" if value is None else scales[name].cell(shown), exact))
-            cells[1:1] = [(_DATE.sub("", run.folder.path.name), "")] if len(runs) > 1 else []
-            why = _excluded(run, row)
-            state = (
-                "out"
-                if why
-                else "bad"
-                if not run.succeeded(row)
-                else ""
-                if came_to(str(run.manifest.get("experiment", ""))) == RECORDED
-                else "good"
-            )
-            rows.append(TrialRow(key_of(runs, run, int(row["trial"] or 0)), state, why, cells))
+    for run, row in trials:
+        zero_s = moments_of(run, row).zero_s
+        cells = []
+        for name in names:
+            value, exact = row.get(name), repr(row[name]) if is_number(row.get(name)) else ""
+            if name in instants and is_number(value) and zero_s is not None:
+                shown = f"{1e3 * (value - zero_s):z.0f}".replace("-", "−")
+            else:
+                said = title(str(value)) if name == "outcome" else value
+                shown = "" if value is None else scales[name].cell(said)
+            cells.append((shown, str(value) if name == "outcome" else exact))
+        cells[1:1] = [(_DATE.sub("", run.folder.path.name), "")] if len(runs) > 1 else []
+        why = _excluded(run, row)
+        only_recorded = came_to(str(run.manifest.get("experiment", ""))) == RECORDED
+        good = "" if only_recorded else "good"
+        state = "out" if why else good if run.succeeded(row) else "bad"
+        rows.append(TrialRow(key_of(runs, run, int(row["trial"] or 0)), state, why, cells))
     columns = []
     for name in names:
         scale = scales[name]._replace(unit="ms") if name in instants else scales[name]
@@ -264,20 +268,8 @@ def _excluded(run: Run, row: Mapping[str, Any]) -> str:
     return reasons[-1] if reasons else "it was broken off"
 
 
-def _deciding(run: Run, events: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Detectors that decided in a trial, those whose events led to another state; else the one that would have."""
-    found = [
-        str(event["detector"])
-        for event in events
-        if event.get("detector") is not None
-        and event.get("next") != event.get("state")
-        and not event["event"].startswith("Baseline")
-    ]
-    return list(dict.fromkeys(found or [acting_of(run)]))
-
-
 def _chosen(
-    run: Run, recording: TrialRecording, deciding: Sequence[str]
+    run: Run, recording: TrialRecording, deciding: Collection[str]
 ) -> Iterator[tuple[str, str, Series, int]]:
     """Curves as (panel, name, series, channel): first the detectors' statistics, of what decided before the others';
     then the streams they subscribe to, then what else the profile names."""
@@ -312,10 +304,20 @@ def _trial(
     around_s = moments.zero_s if moments.decided_s is None else moments.decided_s
     close = (around_s or 0.0) - CLOSE_S, (around_s or 0.0) + CLOSE_S
     panels: dict[str, dict[str, Any]] = {}
+    # thresholds: of a detector that shows nothing from its last event; its panel is -1
+    held = {
+        str(event["detector"]): (-1, event["threshold"], "")
+        for event in events
+        if event.get("threshold") is not None and not event["event"].startswith("Baseline")
+    }
     for stream, name, series, channel in curves:
         values, unit = displayed(stream, series.values[:, channel], series.unit)
         if stream.startswith(DETECTOR):
-            panels[stream] = _statistic(run, events, stream.removeprefix(DETECTOR), series, points, close)
+            detector = stream.removeprefix(DETECTOR)
+            limits = displayed(stream, series.values[:, 1], series.unit)[0]
+            if len(known := limits[np.isfinite(limits)]):
+                held[detector] = len(panels), float(known[-1]), unit
+            panels[stream] = _statistic(run, events, detector, series, points, close)
             continue
         fresh = {"label": f"{stream}, {unit}" if unit else stream, "whose": "ours", "curves": []}
         panel = panels.setdefault(stream, fresh)
@@ -326,15 +328,17 @@ def _trial(
         "decided": around_s,
         "stood": moments.stood_s,
         "panels": list(panels.values()),
-        "thresholds": list(_thresholds(events, panels, curves)),
+        "thresholds": [[number, name, value, unit] for name, (number, value, unit) in held.items()],
         "states": [[e["t_s"], e["next"]] for e in events if e.get("next") != e.get("state")],
-        "marks": list(_marks(run, events)),
+        "marks": [
+            [e["t_s"], f"{e['detector']}: {spaced(e['event'])}", _whose(run, e["detector"])]
+            for e in events
+            if e.get("detector") is not None and e["event"] != "BaselineReady"
+        ],
         "truths": [
             [title(name.removeprefix("truth_").removesuffix("_s")), value]
             for name, value in row.items()
-            if (name.startswith("truth_") or name in TRUTHS)
-            and name.endswith("_s")
-            and isinstance(value, int | float)
+            if (name.startswith("truth_") or name in TRUTHS) and name.endswith("_s") and is_number(value)
         ],
     }
 
@@ -376,37 +380,6 @@ def _statistic(
 def _whose(run: Run, detector: object) -> str:
     kind = setting_of(run, "detectors", str(detector), "kind")
     return "paper" if str(kind).endswith(".paper") else "ours"
-
-
-def _marks(run: Run, events: Sequence[Mapping[str, Any]]) -> Iterator[list[Any]]:
-    """Detections: when, what, whose method."""
-    for event in events:
-        if event.get("detector") is not None and event["event"] != "BaselineReady":
-            text = f"{event['detector']}: {spaced(event['event'])}"
-            yield [event["t_s"], text, _whose(run, event["detector"])]
-
-
-def _thresholds(
-    events: Sequence[Mapping[str, Any]],
-    panels: Mapping[str, Mapping[str, Any]],
-    curves: Sequence[tuple[str, str, Series, int]],
-) -> Iterator[list[Any]]:
-    """Panel (-1 is none), detector, threshold and its unit: as it was recorded; of a detector that shows nothing from
-    the last event that its statistic led to."""
-    thresholds: dict[str, tuple[int, float, str]] = {
-        str(event["detector"]): (-1, event["threshold"], "")
-        for event in events
-        if event.get("threshold") is not None and not event["event"].startswith("Baseline")
-    }
-    for number, stream in enumerate(panels):
-        if stream.startswith(DETECTOR):
-            series = next(series for name, _, series, _ in curves if name == stream)
-            column, unit = displayed(stream, series.values[:, 1], series.unit)
-            known = column[np.isfinite(column)]
-            if len(known):
-                thresholds[stream.removeprefix(DETECTOR)] = number, float(known[-1]), unit
-    for detector, (number, threshold, unit) in thresholds.items():
-        yield [number, detector, threshold, unit]
 
 
 def _measured(times_s: Floats, values: Floats, *, whole: bool = False) -> tuple[Floats, Floats]:
