@@ -12,8 +12,8 @@ from controller.recording.reader import Run
 from controller.reports.counts import Comparison, all_of, number, quantity, under, values
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
 from controller.reports.papers import BEST_HZ
-from controller.reports.run_account import entered_s, setting_of
-from controller.reports.section import Kind, Section, judged
+from controller.reports.run_account import entered_s, recorded, setting_of
+from controller.reports.section import Kind, Section, judged, kind_of
 
 PRINTED = "40 kHz"
 """`BEST_HZ` as the paper prints it."""
@@ -62,7 +62,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         },
         template="chirp",
         paper="rupavatharam",
-        summary=[judged(Kind.FITTED if runs[0].simulated else Kind.MEASURED, text, met, len(found))],
+        summary=[judged(kind_of(runs, Kind.FITTED), text, met, len(found))],
     )
 
 
@@ -73,25 +73,24 @@ def _near(best_hz: float, unsure_hz: float) -> bool | None:
 
 
 def _draw(runs: Sequence[Run], figures: Figures) -> str:
-    for run in runs:
+    for run, row, recording in recorded(runs):
         settings = ChirpSettings.model_validate(setting_of(run, "behavior") or {})
-        for trial in run.recorded_trials:
-            recording, ended_s = run.readable(trial), entered_s(run, trial).get("RINGING")
-            if recording is None or ended_s is None:
-                continue
-            series = recording.stream(settings.fingers_stream)
-            if not len(series):
-                continue
-            times_s = series.times_s - beginning(ended_s, settings)
-            frequencies_hz, power = transfer(times_s, series.values, settings)
-            with figures.figure(2.6) as drawing:
-                axes = drawing.axes[0]
-                fingers = (("right finger", OURS), ("left finger", PAPER))
-                for column, (name, color) in zip(power.T, fingers, strict=False):
-                    axes.plot(frequencies_hz, 10.0 * np.log10(column + 1e-20), color=color, label=name)
-                axes.axvline(BEST_HZ, color=FALSE, lw=0.8, ls=(0, (4, 2)), label=f"the paper's {PRINTED}")
-                axes.set(xlabel="frequency (Hz)", ylabel="received (dBFS)")
-                axes.grid(color=FAINT, lw=0.4, alpha=0.6)
-                axes.legend(loc="upper left")
-                return drawing.save("chirp")
+        ended_s, series = (
+            entered_s(run, row["trial"]).get("RINGING"),
+            recording.stream(settings.fingers_stream),
+        )
+        if ended_s is None or not len(series):
+            continue
+        times_s = series.times_s - beginning(ended_s, settings)
+        frequencies_hz, power = transfer(times_s, series.values, settings)
+        with figures.figure(2.6) as drawing:
+            axes = drawing.axes[0]
+            fingers = (("right finger", OURS), ("left finger", PAPER))
+            for column, (name, color) in zip(power.T, fingers, strict=False):
+                axes.plot(frequencies_hz, 10.0 * np.log10(column + 1e-20), color=color, label=name)
+            axes.axvline(BEST_HZ, color=FALSE, lw=0.8, ls=(0, (4, 2)), label=f"the paper's {PRINTED}")
+            axes.set(xlabel="frequency (Hz)", ylabel="received (dBFS)")
+            axes.grid(color=FAINT, lw=0.4, alpha=0.6)
+            axes.legend(loc="upper left")
+            return drawing.save("chirp")
     return ""

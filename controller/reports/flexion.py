@@ -21,7 +21,7 @@ from controller.reports.counts import (
     values,
 )
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
-from controller.reports.run_account import entered_s, setting_of
+from controller.reports.run_account import entered_s, recorded, setting_of
 from controller.reports.section import Kind, Result, Section, judged
 from controller.scales import scale_of
 
@@ -96,35 +96,31 @@ def _by_speed(rows: Sequence[Row]) -> Iterator[Row]:
 
 def _draw(runs: Sequence[Run], figures: Figures) -> str:
     """The first trial's sweep: each period's frequency where the tendon was, the curve, the fixed threshold."""
-    for run in runs:
-        behavior = setting_of(run, "behavior") or {}
+    for run, row, recording in recorded(runs):
+        behavior, entered = setting_of(run, "behavior") or {}, entered_s(run, row["trial"])
+        if not {"BASELINE", "FLEXING"} <= set(entered):
+            continue
         streams = [behavior.get(f"{name}_stream", f"board.{name}") for name in ("period", "tendon")]
-        for row in run.trials:
-            recording, entered = run.readable(int(row["trial"] or 0)), entered_s(run, row["trial"])
-            if recording is None or not {"BASELINE", "FLEXING"} <= set(entered):
-                continue
-            span = entered["BASELINE"], entered["FLEXING"]
-            swept = [recording.stream(name).between(*span) for name in streams]
-            if not all(map(len, swept)):
-                continue
-            found = curve(*((each.times_s, each.values[:, 0]) for each in swept))
-            learned = [
-                float(event["threshold"])
-                for event in run.events
-                if event.get("trial") == row["trial"]
-                and (event.get("event"), event.get("detector")) == ("BaselineReady", "contact")
-            ]
-            with figures.figure(2.6) as drawing:
-                axes, scale = drawing.axes[0], scale_of("tendon_m")
-                axes.plot(
-                    scale.factor * found["at_m"], found["hz"], ".", ms=2.0, color=FAINT, label="each period"
-                )
-                at_m = np.linspace(0.0, found["at_m"].max(), 50)
-                shown = np.polynomial.polynomial.polyval(at_m, found["terms"])
-                axes.plot(scale.factor * at_m, shown, color=OURS, label="free resonance")
-                for threshold_hz in learned[-1:]:
-                    axes.axhline(threshold_hz, color=FALSE, lw=0.9, ls=(0, (5, 2)), label="fixed threshold")
-                axes.set(xlabel=scale.heading, ylabel="frequency (Hz)")
-                axes.legend(loc="upper left")
-                return drawing.save("flexion")
+        swept = [recording.stream(name).between(entered["BASELINE"], entered["FLEXING"]) for name in streams]
+        if not all(map(len, swept)):
+            continue
+        found = curve(*((each.times_s, each.values[:, 0]) for each in swept))
+        learned = [
+            float(event["threshold"])
+            for event in run.events_of(row["trial"])
+            if (event.get("event"), event.get("detector")) == ("BaselineReady", "contact")
+        ]
+        with figures.figure(2.6) as drawing:
+            axes, scale = drawing.axes[0], scale_of("tendon_m")
+            axes.plot(
+                scale.factor * found["at_m"], found["hz"], ".", ms=2.0, color=FAINT, label="each period"
+            )
+            at_m = np.linspace(0.0, found["at_m"].max(), 50)
+            shown = np.polynomial.polynomial.polyval(at_m, found["terms"])
+            axes.plot(scale.factor * at_m, shown, color=OURS, label="free resonance")
+            for threshold_hz in learned[-1:]:
+                axes.axhline(threshold_hz, color=FALSE, lw=0.9, ls=(0, (5, 2)), label="fixed threshold")
+            axes.set(xlabel=scale.heading, ylabel="frequency (Hz)")
+            axes.legend(loc="upper left")
+            return drawing.save("flexion")
     return ""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from behaviors.lift import LIFTING
 from controller.recording.reader import Run
+from controller.recording.series import TrialRecording
 from controller.reports.counts import (
     Row,
     decided,
@@ -26,7 +27,8 @@ from controller.reports.counts import (
     wilson,
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
-from controller.reports.section import Figure, Kind, Result, Section, judged
+from controller.reports.run_account import entered_s, recorded
+from controller.reports.section import Figure, Result, Section, judged, kind_of
 from controller.reports.trial_signals import key_of, said_of
 from controller.scales import NOTHING
 
@@ -62,13 +64,12 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "told": _told(rows),
         "goals": list(_goals(rows)),
     }
-    told = ((run, row) for run in runs for row in run.trials if row.get("slips"))
-    for svg, caption in ((_draw(figures, *each), _shown(runs, *each)) for each in told):
-        if svg:
-            content["timeline"] = Figure(svg, caption)
-            break
+    told = (each for each in recorded(runs) if each[1].get("slips"))
+    if found := next(((svg, each) for each in told if (svg := _draw(figures, *each))), None):
+        svg, (run, row, _) = found
+        content["timeline"] = Figure(svg, _shown(runs, run, row))
     held = sum(row.get("outcome") == "held" for row in rows)
-    kind = Kind.PREDICTED if runs[0].simulated else Kind.MEASURED
+    kind = kind_of(runs)
     over = values(rows, "grip_over_least")
     summary = [Result(kind, f"Held: {rate(held, len(rows))}.")]
     if over:
@@ -174,18 +175,13 @@ def _goals(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
-def _draw(figures: Figures, run: Run, row: Row) -> str:
-    """The timeline of one grasp; "" where it was not recorded."""
-    recording = run.readable(int(row["trial"]))
-    if recording is None:
-        return ""
+def _draw(figures: Figures, run: Run, row: Row, recording: TrialRecording) -> str:
+    """The timeline of one grasp; "" where it was not lifted."""
     own = run.events_of(row["trial"])
-    entered_s = {
-        str(event["next"]): float(event["t_s"]) for event in own if event.get("next") != event.get("state")
-    }
-    if "CLOSING" not in entered_s or "LOWERING" not in entered_s:
+    entered = entered_s(run, row["trial"])
+    if "CLOSING" not in entered or "LOWERING" not in entered:
         return ""
-    first_s, last_s = entered_s["CLOSING"], entered_s["LOWERING"]
+    first_s, last_s = entered["CLOSING"], entered["LOWERING"]
     felt = recording.stream("signals.pad").between(first_s, last_s)
     if len(felt) < 2:
         return ""
@@ -204,7 +200,7 @@ def _draw(figures: Figures, run: Run, row: Row) -> str:
         below.plot(
             slips_s, np.interp(slips_s, times_s, load_n), "v", color=FALSE, label="slip told, acted on"
         )
-        _shade(drawing.axes, entered_s, last_s)
+        _shade(drawing.axes, entered, last_s)
         top.set_ylabel("N")
         top.set_ylim(0.0, 1.15 * max(force for _, force in forces))
         below.set_ylabel("load, N")

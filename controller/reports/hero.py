@@ -136,7 +136,7 @@ def _xy(name: str, series: Series, start: float, end: float) -> tuple[Floats, Fl
     return own.times_s[places], values[places], unit
 
 
-WIDE, HIGH, LEFT, TOP, BELOW = 380.0, 92.0, 50.0, 20.0, 20.0
+WIDE, HIGH, LEFT, TOP, BELOW = 380.0, 92.0, 56.0, 20.0, 20.0
 """A plot, and the room for numbers on its left, its heading and its time axis, in the page's dots."""
 
 STANDS = ("statistic", "threshold")

@@ -20,7 +20,7 @@ from controller.reports.counts import (
     within_all,
 )
 from controller.reports.figures import FAINT, LOOKS, Figures
-from controller.reports.section import Headline, Kind, Result, Section
+from controller.reports.section import Headline, Kind, Result, Section, kind_of
 from controller.reports.stiffness import ARM_M, STIFFNESS, arm_of, from_tip_m
 
 METHODS = {"phase_rad": "phase", "frequency_hz": "frequency, loop", "ring_hz": "frequency, ringing"}
@@ -46,7 +46,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     found = {column: list(located(rows, column)) for column in METHODS}
     usual = {column: [each for each in own if each.contact_n_m is None] for column, own in found.items()}
     other = {column: [each for each in own if each.contact_n_m is not None] for column, own in found.items()}
-    kind = Kind.PREDICTED if runs[0].simulated else Kind.MEASURED
+    kind = kind_of(runs)
     summary = []
     if usual["phase_rad"]:
         summary += [_said(kind, usual), *_said_of_stiffness(kind, other)]

@@ -11,7 +11,7 @@ import numpy as np
 from controller.measures.pointer import Errors, Touch, errors_of, touches_of
 from controller.reports.counts import Row, number, signed, under
 from controller.reports.figures import FAINT, FALSE, GOOD, PAPER, Figures
-from controller.reports.run_account import acting_of, setting_of
+from controller.reports.run_account import acting_of, recorded, setting_of
 from controller.reports.section import Kind, Result, Section
 from controller.scales import scale_of
 
@@ -52,16 +52,11 @@ class PointerSweep(NamedTuple):
 def read_sweeps(runs: Sequence[Run]) -> list[PointerSweep]:
     """The sweeps of some runs, from the least force to the largest."""
     found: dict[float, list[Sequence[Touch]]] = {}
-    for run in runs:
-        for row in run.trials:
-            trial = int(row["trial"] or 0)
-            recording = run.readable(trial)
-            if recording and (touches := _touches(run, trial, recording)):
-                force_n = _force_n(run, row)
-                same = next(
-                    (known for known in found if abs(known - force_n) <= SAME_FORCE * force_n), force_n
-                )
-                found.setdefault(same, []).append(touches)
+    for run, row, recording in recorded(runs):
+        if touches := _touches(run, int(row["trial"] or 0), recording):
+            force_n = _force_n(run, row)
+            same = next((known for known in found if abs(known - force_n) <= SAME_FORCE * force_n), force_n)
+            found.setdefault(same, []).append(touches)
     return [_sweep(force_n, trials) for force_n, trials in sorted(found.items())]
 
 
@@ -79,7 +74,7 @@ def _force_n(run: Run, row: Row) -> float:
 
 
 def _touches(run: Run, trial: int, recording: TrialRecording) -> list[Touch]:
-    own = [event for event in run.events if event["trial"] == trial]
+    own = run.events_of(trial)
     return touches_of(
         recording,
         [(str(event["next"]), float(event["t_s"])) for event in own if event["next"] != event["state"]],

@@ -8,7 +8,7 @@ from controller.recording.reader import Run
 from controller.reports.counts import Row, decided, mean_of, rate, total, under, values
 from controller.reports.figures import Figures
 from controller.reports.run_account import acting_of, criterion_of
-from controller.reports.section import Kind, Result, Section, judged, rated
+from controller.reports.section import Result, Section, judged, kind_of, rated
 
 LINKS = ("proximal", "distal")
 
@@ -26,7 +26,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     named = sum(bool(row.get("identified")) for row in rows)
     right = sum(row.get("identified") == link for link, own in of.items() for row in own)
     felt = sum(row.get("outcome") == "contact" for row in near)
-    kind = Kind.PREDICTED if runs[0].simulated else Kind.MEASURED
+    kind = kind_of(runs)
     detected = (
         f"Contact on the proximal link is detected in {rate(felt, len(near))} of the approaches; the paper: "
     )

@@ -1,6 +1,6 @@
 """How a run was run: from its manifest, nothing left out."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from controller.outcomes import counted
@@ -79,6 +79,15 @@ def series_of(recording: TrialRecording, kind: str) -> Series:
     """The stream `<device>.<kind>`, whatever the device is called; empty where there is none."""
     named = [name for name in recording.streams if name.endswith(f".{kind}")]
     return recording.stream(named[0] if named else kind)
+
+
+def recorded(runs: Iterable[Run]) -> Iterator[tuple[Run, Mapping[str, Any], TrialRecording]]:
+    """Every trial whose recording can be read: its run, its row, and the recording."""
+    for run in runs:
+        for row in run.trials:
+            recording = run.readable(int(row["trial"] or 0))
+            if recording is not None:
+                yield run, row, recording
 
 
 def setting_of(run: Run, *path: str) -> Any:

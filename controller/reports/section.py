@@ -32,6 +32,11 @@ class Kind(StrEnum):
     """On a real bench; it may fail."""
 
 
+def kind_of(runs: Sequence[Run], simulated: Kind = Kind.PREDICTED) -> Kind:
+    """Measured on a real bench; on a simulated one predicted, or what is said."""
+    return simulated if runs[0].simulated else Kind.MEASURED
+
+
 class Result(NamedTuple):
     """A sentence for the page's beginning.
 

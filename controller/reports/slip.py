@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from controller.detectors.calibration import poisson_interval
 from controller.measures.slip import BLOCK_S, PaperBlocks, paper_blocks
 from controller.recording.reader import Run
-from controller.recording.series import Series
+from controller.recording.series import Series, TrialRecording
 from controller.reports.counts import (
     METHODS,
     Row,
@@ -27,7 +28,7 @@ from controller.reports.counts import (
     wilson,
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
-from controller.reports.run_account import setting_of
+from controller.reports.run_account import recorded, setting_of
 from controller.reports.section import Figure, Headline, Kind, Printed, Result, Section, judged, rated
 from controller.reports.slip_scores import (
     PLAIN,
@@ -268,8 +269,7 @@ def _frequencies(runs: Sequence[Run]) -> list[Row]:
 def _signal_scale(runs: Sequence[Run], sensor: str) -> tuple[str, float, str]:
     """Unit that a signal is shown in, the factor to it, and whether the product's scale is the paper's."""
     paper = SENSORS[sensor]
-    run, row = next(_drawable(runs, sensor), (None, None))
-    recording = run.readable(int(row["trial"])) if run is not None and row is not None else None
+    run, _, recording = next(_drawable(runs, sensor), (None, None, None))
     if run is None or recording is None:
         return "signal", 1.0, "unknown: no trial in slip is recorded"
     series = recording.stream(str(setting_of(run, "behavior", "sensors", sensor, "stream")))
@@ -388,37 +388,31 @@ def _draw(runs: Sequence[Run], figures: Figures) -> Iterator[Figure]:
         " as in Fig. 8. Circles: our "
     )
     for sensor, caption in FIGURES.items():
-        run, row = next(_drawable(runs, sensor), (None, None))
-        if run is None or row is None:
-            continue
-        if svg := draw_run(figures, run, row, sensor):
-            yield Figure(svg, f"{caption}{shaded}detections; crosses: the paper's.")
-        if sensor == "fingertip" and (svg := draw_fingertip_spectra(figures, run, row)):
-            yield Figure(svg, "Fig. 9. Power spectrum of Ft: before contact, rolling, slipping, at rest.")
+        for drawn in islice(_drawable(runs, sensor), 1):
+            if svg := draw_run(figures, *drawn, sensor):
+                yield Figure(svg, f"{caption}{shaded}detections; crosses: the paper's.")
+            if sensor == "fingertip" and (svg := draw_fingertip_spectra(figures, *drawn)):
+                yield Figure(svg, "Fig. 9. Power spectrum of Ft: before contact, rolling, slipping, at rest.")
 
 
-def _drawable(runs: Sequence[Run], sensor: str) -> Iterator[tuple[Run, Any]]:
-    for run in runs:
-        for row in measured_rows(run):
-            plain = row.get("sensor") == sensor and condition_of(run, row).nuisance == PLAIN
-            if plain and row["slips"] and int(row["trial"]) in run.recorded_trials:
-                yield run, row
+def _drawable(runs: Sequence[Run], sensor: str) -> Iterator[tuple[Run, Row, TrialRecording]]:
+    for run, row, recording in recorded(runs):
+        plain = row.get("sensor") == sensor and condition_of(run, row).nuisance == PLAIN
+        if plain and row.get("outcome") == "contact" and row.get("slips"):
+            yield run, row, recording
 
 
 Floats = NDArray[np.float64]
 
 
-def draw_run(figures: Figures, run: Run, row: Row, sensor: str) -> str:
+def draw_run(figures: Figures, run: Run, row: Row, recording: TrialRecording, sensor: str) -> str:
     """One trial: the signal (forces and angle of a fingertip), peak and frequency of each block, their product; ""
     where it was not recorded."""
     settings = setting_of(run, "behavior", "sensors", sensor) or {}
-    recording = run.readable(int(row["trial"]))
-    if recording is None:
-        return ""
     stream, channel = str(settings.get("stream")), settings.get("channel")
     zero_s = float(row.get("clock_s") or 0.0)
     # Lifting off shakes the tip as nothing else does: it is not part of the paper's runs.
-    own = [event for event in run.events if event.get("trial") == row["trial"]]
+    own = run.events_of(row["trial"])
     lifted_s = next((float(event["t_s"]) for event in own if event.get("next") == "LIFTING"), np.inf)
     series = recording.stream(stream).between(zero_s, lifted_s)
     if len(series) < 2:
@@ -467,13 +461,12 @@ def draw_run(figures: Figures, run: Run, row: Row, sensor: str) -> str:
         return drawing.save(f"slip_{sensor}")
 
 
-def draw_fingertip_spectra(figures: Figures, run: Run, row: Row) -> str:
+def draw_fingertip_spectra(figures: Figures, run: Run, row: Row, recording: TrialRecording) -> str:
     """Fig. 9: the spectrum of one block of Ft before contact, while it rolls, while it slips and at rest after it; ""
     where it was not recorded."""
     settings = setting_of(run, "behavior", "sensors", "fingertip") or {}
-    recording = run.readable(int(row["trial"]))
     slip_s, end_s, touch_s = row.get("slip_s"), row.get("slip_end_s"), row.get("touch_s")
-    if recording is None or slip_s is None or end_s is None or touch_s is None:
+    if slip_s is None or end_s is None or touch_s is None:
         return ""
     series = recording.stream(str(settings.get("stream")))
     if len(series) < 2:

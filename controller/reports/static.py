@@ -24,7 +24,7 @@ from controller.reports.counts import (
 from controller.reports.figures import FAINT, OURS, Figures
 from controller.reports.papers import table
 from controller.reports.run_account import series_of, setting_of
-from controller.reports.section import Kind, Section, judged
+from controller.reports.section import Kind, Section, judged, kind_of
 from controller.scales import NOTHING
 
 WINDOW_S = 0.6
@@ -68,7 +68,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         text = f"Amplitude of motion {ratio} times smaller with full contact than without; it "
         text += f"{'does not fall' if falls is False else 'falls'} from none over light to full"
         n = min(each["amplitude_m"].n for each in means.values())
-        summary.append(judged(Kind.PREDICTED if runs[0].simulated else Kind.MEASURED, text, falls, n))
+        summary.append(judged(kind_of(runs), text, falls, n))
     return Section(
         title="Static contact (A1)",
         content={

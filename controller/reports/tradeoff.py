@@ -9,7 +9,7 @@ from controller.measures.tradeoff import LATER_S, METHODS, SOON_S, WHEN
 from controller.recording.reader import Run
 from controller.reports.counts import Row, decided, number, percent, quantity
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, RIVAL, Figures
-from controller.reports.section import Headline, Kind, Result, Section, judged, rated
+from controller.reports.section import Headline, Result, Section, judged, kind_of, rated
 
 NAMES = {
     "average": "averaged frequency (the paper's)",
@@ -37,7 +37,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         known = np.array([each for each in own if None not in each], dtype=float).reshape(-1, len(WHEN))
         if len(known) > 1:
             scores[method] = dict(zip(WHEN, known.T, strict=True))
-    kind = Kind.PREDICTED if runs[0].simulated else Kind.MEASURED
+    kind = kind_of(runs)
     summary = [] if scores else [Result(None, "No approach touched the finger.")]
     n = max((len(each["before"]) for each in scores.values()), default=0)
     if "average" in scores:

@@ -17,7 +17,7 @@ from controller.measures.bridge_calibration import (
 from controller.reports.counts import Comparison, Row, number, quantity
 from controller.reports.figures import OURS, PAPER, Figures
 from controller.reports.papers import as_printed
-from controller.reports.run_account import setting_of
+from controller.reports.run_account import recorded, setting_of
 from controller.reports.section import Kind, Result, Section
 from controller.scales import scale_of
 
@@ -77,10 +77,8 @@ def read_bridges(runs: Sequence[Run]) -> list[Bridge]:
                 bridge=paper["bridge"],
                 preloads=int(setting_of(run, "behavior", "preloads") or 0),
             )
-            for run in runs
-            for row in run.trials
+            for run, row, recording in recorded(runs)
             if row.get("bridge") == paper["bridge"] and run.succeeded(row)
-            if (recording := run.readable(int(row["trial"] or 0))) is not None
         ]
         calibration = calibrate(trials, uncertainty)
         if calibration is not None:
@@ -148,7 +146,7 @@ def _draw_line(
     axes.plot(ends_n, gain.value * ends_n, color=OURS, lw=0.9, label="fitted line")
     axes.plot(ends_n, float(paper["gain_v_n"]) * ends_n, color=PAPER, lw=0.9, ls=(0, (4, 3)), label="paper")
     symbol, half = f"V_{{g{paper['gauges']}}}", (gain.high - gain.low) / 2.0
-    axes.set_title(f"${symbol}$ = ({gain.value:.4f} ± {half:.4f}) {paper['force']}")
+    axes.set_title(f"{paper['force']}: {gain.value:.4f} ± {half:.4f} V/N")
     axes.set(xlabel=f"force {paper['force']} (N)", ylabel=f"voltage ${symbol}$ (V)")
     axes.set(xlim=(0.0, 1.04 * found.top_n))
     axes.set_ylim(bottom=0.0)

@@ -11,10 +11,10 @@
       const [right, bottom] = [Math.max(...rects.map((rect) => rect.right)), Math.max(...rects.map((rect) => rect.bottom))];
       const stands = bottom - top > right - left;  // a line's box is higher than its letters
       const [dx, dy] = [(stands ? 0.2 : 0.04) * (right - left), (stands ? 0.04 : 0.2) * (bottom - top)];
-      return {text: text.textContent.trim().replace(/\s+/g, " "), left: left + dx, right: right - dx, top: top + dy, bottom: bottom - dy};
+      return {text: text.textContent.trim().replace(/\s+/g, " "), ends: stands ? [left + dx, right - dx] : [left, right], left: left + dx, right: right - dx, top: top + dy, bottom: bottom - dy};
     });
     for (const [place, a] of boxes.entries()) {
-      if (a.left < frame.left - 1 || a.right > frame.right + 1 || a.top < frame.top - 1 || a.bottom > frame.bottom + 1) found.push(`clipped: ${a.text}`);
+      if (a.ends[0] < frame.left - 1 || a.ends[1] > frame.right + 1 || a.top < frame.top - 1 || a.bottom > frame.bottom + 1) found.push(`clipped: ${a.text}`);
       for (const b of boxes.slice(place + 1)) {
         const [across, down] = [Math.min(a.right, b.right) - Math.max(a.left, b.left), Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top)];
         if (across > 1 && down > 1) found.push(`over one another: ${a.text} | ${b.text}`);
