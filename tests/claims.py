@@ -120,11 +120,22 @@ class Sources:
         self.used: dict[str, list[float]] = {}
         table_1 = pd.read_csv(ROOT / "controller/reports/papers/backus_table_1.csv")
         self._names = {path.stem: rows(json.loads(path.read_text("utf-8"))) for path in RESULTS.glob("*.json")} | {
-            "run": run, "profile": profile, "one": one, "share": share,
+            "run": run if fresh or new else self._no_run, "profile": profile, "one": one, "share": share,
             "misplaced_m": misplaced_m, "table_1": table_1, "finger": FingerSettings(),
             "np": np, "sqrt": math.sqrt, "pi": math.pi,
         }  # fmt: skip
         self._names["fitted"] = rows(json.loads((RESULTS / "table_1.json").read_text("utf-8")))
+
+    @staticmethod
+    def _no_run(name: str) -> pd.DataFrame:
+        """With --stored alone nothing runs: a run that a definition hides would, each time.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"{CLAIMS.name}: a source runs {name} without saying run(...): write it in the source"
+        )
 
     def define(self, line: str) -> None:
         """Take in a name that several sources use: `@name = expression`."""
