@@ -118,6 +118,37 @@ class GuardStopped:
 
 
 @dataclass(frozen=True, slots=True)
+class Forecast:
+    """An approach begins: what is expected of it (`controller.forecast.Foreseen`)."""
+
+    t_s: float
+    device: str
+    speed_m_s: float
+    travel_m: float
+    peak_n: float | None
+    most_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class Approached:
+    """It is over: how far the mover went after the command to stop, NaN where no position shows it, and the largest
+    force that the guard's sensor read."""
+
+    t_s: float
+    device: str
+    travel_m: float
+    pressed_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class Retreated:
+    """After the guard's stop, which was not enough, the device was sent back."""
+
+    t_s: float
+    device: str
+
+
+@dataclass(frozen=True, slots=True)
 class Tick:
     """Nothing but time: a state's deadline may have passed."""
 
@@ -138,4 +169,4 @@ class Resumed:
     t_s: float
 
 
-Event = Detected | Status | GuardStopped | Tick | Paused | Resumed
+Event = Detected | Status | GuardStopped | Forecast | Approached | Retreated | Tick | Paused | Resumed

@@ -122,11 +122,11 @@ def _lost_s(told: Path, run: Path, killed_s: float) -> float:
     for line in told.read_text("utf-8").splitlines()[:-1]:
         handed_s, number, stream, t_s = line.split()
         trial = int(number)
-        key = (trial, stream)
-        if key not in last_s:
-            times_s = found.trial(trial).stream(stream).times_s if trial in found.recorded_trials else ()
-            last_s[key] = times_s[-1] if len(times_s) else -math.inf
-        if float(t_s) > last_s[key]:
+        if (trial, stream) not in last_s:
+            recorded = trial in found.recorded_trials
+            times_s = found.trial(trial).stream(stream).times_s.tolist() if recorded else []
+            last_s[trial, stream] = max(times_s, default=-math.inf)
+        if float(t_s) > last_s[trial, stream]:
             return killed_s - float(handed_s)
     return 0.0
 

@@ -418,17 +418,22 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
             scene=TrialScene(trial.id, seed, trial.factors, plant),
             behavior=behavior,
             detectors={name: each for name, each in make_detectors(own).items() if name in armed},
-            guard=Guard(within(limits_of(own), needs)),
+            guard=Guard(within(limits_of(own), needs), 1.0 / profile.loop.rate_hz),  # type: ignore[attr-defined]
             signals=make_signals(own),
             measure=lambda evidence, outcome, own=own: measure(evidence, own.behavior, outcome),  # type: ignore[misc]
         )
 
 
 def limits_of(profile: Profile) -> GuardSettings:
-    """The guard's settings; on a bench without noise a stuck sensor cannot be detected."""
+    """The guard's settings; on a bench without noise a stuck sensor cannot be detected, and a simulated bench may know
+    how stiff a contact is."""
     limits: GuardSettings = profile.limits  # type: ignore[assignment]
-    quiet = profile.plant is not None and getattr(profile.plant.settings, "quiet", False)
-    return limits.model_copy(update={"stuck_s": None}) if quiet else limits
+    if profile.plant is None:
+        return limits
+    quiet = getattr(profile.plant.settings, "quiet", False)
+    known_n_m = getattr(profile.plant.settings, "stiffest_n_m", None)
+    changed: dict[str, Any] = {"stuck_s": None} if quiet else {}
+    return limits.model_copy(update=changed | {"stiffness_n_m": limits.stiffness_n_m or known_n_m})
 
 
 def _behavior(profile: Profile, trial: Trial) -> Behavior:

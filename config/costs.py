@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 if TYPE_CHECKING:
     from config.profile import Profile
@@ -135,20 +135,24 @@ def _speeds(settings: Any) -> Iterator[float]:
 
 
 def _force(profile: Profile, speed_m_s: float) -> str:
-    limits: Any = profile.limits
-    loop: Any = profile.loop
+    from config.assemble import limits_of  # `list` has no bench, and loads nothing that makes one
+    from controller.forecast import forecast, refusal
+
+    limits, loop = limits_of(profile), cast("Any", profile.loop)
     if limits.force_n is None:
         return "no limit (limits.force_n is not set)"
-    stop = f"the guard stops at {limits.force_n:g} N"
-    stiffness = getattr(profile.plant.settings, "stiffest_n_m", None) if profile.plant else None
-    if stiffness is None:
-        return f"{stop}; no contact stiffness is known, so no peak is forecast"
-    latency_s = limits.force_median_s + 1.0 / loop.rate_hz
-    peak_n = limits.force_n + speed_m_s * latency_s * stiffness
-    return (
-        f"{stop}; {peak_n:.2g} N at the most if it alone does, with {speed_m_s:g} m/s x {1e3 * latency_s:.0f} ms "
-        f"(median and a turn) x {stiffness:g} N/m, braking aside"
+    stop, turn_s = f"the guard stops at {limits.force_n:g} N", 1.0 / loop.rate_hz
+    found = forecast(limits, speed_m_s, turn_s)
+    if found is None:
+        return f"{stop}; no contact stiffness is known (limits.stiffness_n_m), so no peak is forecast"
+    ended = "" if found.peak_n is None else f"{found.peak_n:.2g} N where the detector ends it, "
+    latency_ms = 1e3 * (limits.force_median_s + turn_s)
+    line = (
+        f"{stop}; {ended}{found.most_n:.2g} N at the most if it alone does, with {speed_m_s:g} m/s"
+        f" x {latency_ms:.0f} ms (median and a turn), {limits.braking_m_s2:g} m/s2 and {limits.stiffness_n_m:g} N/m"
     )
+    refused = refusal(limits, speed_m_s, turn_s)
+    return f"{line}; it will be refused: {refused}" if refused else line
 
 
 @cache

@@ -77,6 +77,7 @@ def guarded(limits: GuardSettings, devices: Collection[str]) -> set[str]:
     watched = [limits, *(each for name, each in limits.movers.items() if name in devices)]
     streams = {stream for each in watched for stream in (each.position_stream, each.pose_stream)}
     streams |= {limits.force_stream if limits.force_n is not None else None, *limits.range_streams}
+    streams |= {stream for agreement in limits.agree.values() for stream in agreement.streams}
     return {stream for stream in streams if stream is not None}
 
 
@@ -85,13 +86,14 @@ def within(limits: GuardSettings, needs: Needs) -> GuardSettings:
     movers = {name: each for name, each in limits.movers.items() if name in needs.devices}
     if needs.moves:
         return limits.model_copy(update={"movers": movers})
-    absent = {
+    absent: dict[str, Any] = {
         "position_stream": None,
         "workspace_min_m": None,
         "workspace_max_m": None,
         "pose_stream": None,
         "force_stream": None,
         "range_streams": (),
+        "agree": {},
     }
     return limits.model_copy(update={"movers": {}, **absent})
 

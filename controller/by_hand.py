@@ -254,7 +254,7 @@ class HandSession:
             UnfitStreamError: a stream that the bench does not have.
         """
         self._begin()
-        guard = Guard(limits or self.limits)
+        guard = Guard(limits or self.limits, 1.0 / self.loop.rate_hz)
         operator = _Operator(self.operator, self.rig, self.paced)
         loop = Loop(self.rig, self.infos, guard, self.latest, operator, self.loop)
         self.lost = loop.account.lost

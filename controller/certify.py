@@ -16,12 +16,14 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from behaviors.events import Event, GuardStopped
+from behaviors.events import Event, GuardStopped, Retreated
 from controller.arrivals import REST
 from controller.by_hand import HandResult, HandSession, Script, scripted, until
+from controller.forecast import refusal
 from controller.guard import Guard
 from controller.limits import MoverLimits
 from controller.loop import HandOperator
+from controller.redundancy import FOLLOW_S
 from controller.signals.protocol import Signal
 from drivers.core.axis import AxisLimits
 from drivers.core.errors import CommandError
@@ -541,9 +543,36 @@ class Certifier:
                 done = f"{mover.doing}: presses on, at most to {1e3 * end_m:g} mm"
                 pressed = partial(self._pressed, mover._replace(drive=drive))
                 yield Case(_planned("limits.force_n", value, done), pressed)
+        yield from self._retreats([mover for mover in movers if isinstance(mover.drive, MoveAt)])
         for stream in limits.range_streams:
             wrong = Wrong(f"{stream} leaves its range", stream, beyond=1e9, said="beyond its range")
             yield self._case(movers, "range_streams", stream, wrong)
+
+    def _retreats(self, movers: Sequence[Mover]) -> Iterator[Case]:
+        """A force for which a stop is not enough, on the way in; and sensors that disagree."""
+        limits = self._limits
+        if limits.retreat_n is None or limits.force_stream is None or not movers:
+            yield _nothing(
+                "limits.retreat_n", f"{limits.retreat_n or 'none'}", "it is not set, or nothing moves"
+            )
+        else:
+            mover = movers[0]
+            end_m = min(ROOM_M, mover.limits.travel_m, mover.settings.travel_max_m)
+            mover = mover._replace(drive=MoveAt(mover.name, mover.speed_m_s, end_m))
+            force_n = BEYOND * limits.retreat_n
+            change = reading(force_n, limits.force_channels[0])
+            what = f"{limits.force_stream} reads {force_n:g} N"
+            wrong = Wrong(what, limits.force_stream, change)
+            done = f"{mover.doing}, farther in: {what}"
+            planned = _planned("limits.retreat_n", f"{limits.retreat_n:g} N", done)
+            yield Case(planned, partial(self._retreated, mover, wrong))
+        for name, agreement in limits.agree.items():
+            side = 0 if agreement.streams[1] == limits.force_stream else 1
+            stream, value = agreement.streams[side], 2.0 * BEYOND * agreement.most
+            value /= abs(agreement.factor) if side else 1.0
+            change, key = reading(value, agreement.channels[side]), f"agree.{name}"
+            wrong = Wrong(f"{stream} reads {value:g}", stream, change, own_s=agreement.for_s)
+            yield self._case(movers, key, f"{agreement.most:g}", wrong)
 
     def _travel(self, mover: Mover) -> Iterator[Case]:
         """Places that a mover must not be at."""
@@ -565,6 +594,15 @@ class Certifier:
             what, change = f"{stream} reads{axis} {place_m + by_m:g} m", reading(place_m + by_m, channel)
             wrong = Wrong(what, stream or "", change, said=f"{where}.{said}")
             yield self._case([mover], key, f"{place_m:g} m", wrong, where)
+        follow_m = limits.follow_m
+        if follow_m is not None and isinstance(mover.drive, MoveAt) and places:
+            what, stream = f"{limits.position_stream} repeats a value", limits.position_stream or ""
+            own_s = FOLLOW_S + follow_m / mover.speed_m_s
+            wrong = Wrong(what, stream, held, said=f"{where}.follow_m", own_s=own_s)
+            yield self._case([mover], "follow_m", f"{follow_m:g} m", wrong, where)
+        else:
+            reason = "no measured position is compared with the commanded one"
+            yield _nothing(f"{where}.follow_m", f"{follow_m or 'none'}", reason)
 
     def _asked(self, mover: Mover) -> Iterator[Case]:
         """Commands that the guard must refuse."""
@@ -606,6 +644,13 @@ class Certifier:
                 (f"{where}.turn_rad_s", limits.turn_rad_s, "rad/s", turning, f"{where}.turn_rad_s"),
                 (f"{where}.reach_m", limits.reach_m, "m", leading, f"{where}.reach_m"),
             ]
+            peak_n, turn_s = self._limits.peak_n, 1.0 / self.session.loop.rate_hz
+            if peak_n is None or not refusal(self._limits, limits.speed_m_s, turn_s):
+                reason = "it is not set, or no speed that is admitted would press so hard"
+                yield _nothing("limits.peak_n", f"{peak_n or 'none'}", reason)
+            else:
+                fast = MoveAt(name, limits.speed_m_s, min(1e-3, limits.travel_m))
+                rows.append(("limits.peak_n", peak_n, "N", fast, "limits.peak_n"))
             if limits.reach_m:
                 rows.append((f"{where}.reach_rad", limits.reach_rad, "rad", turned, f"{where}.reach_rad"))
         for limit, value, unit, command, said in rows:
@@ -768,6 +813,23 @@ class Certifier:
         way_m = max([x_m - at_m for t_s, x_m in seen if t_s >= stopped_s], default=0.0)
         quick = after_s <= SLACK_S and way_m <= mover.speed_m_s * SLACK_S + SLACK_M
         return proof.judged(quick, still, f"guard: {stops[0].reason}", after_s, way_m)
+
+    def _retreated(self, mover: Mover, wrong: Wrong, proof: Proof) -> Proof:
+        """Let a force appear for which a stop is not enough: the guard says so, and the mover goes back."""
+        result, still, _ = self._crept(mover, wrong, PATIENCE_S)
+        stops = [each for each in result.events if isinstance(each, GuardStopped)]
+        went = any(isinstance(each, Retreated) for each in result.events)
+        if not (wrong.begun and stops and went):
+            reason = stops[0].reason if stops else result.reason or "nothing stopped it"
+            return proof.judged(False, still, f"{reason}; it was not sent back")
+        seen = self._seams[mover.name].seen
+        at_m = next((x_m for t_s, x_m in reversed(seen) if t_s <= wrong.past_s), math.nan)
+        back_m, room_m = at_m - self._end_m, max(at_m, 0.0)
+        sound = back_m >= min(self._limits.retreat_m, room_m) - SLACK_M
+        text = f"guard: {stops[0].reason}; it went back"
+        return proof.judged(
+            sound, still, text if sound else f"{stops[0].reason}; it did not go back", None, back_m
+        )
 
     def _left(self, mover: Mover, wrong: Wrong, most_m: float, proof: Proof) -> Proof:
         """Leave a mover alone: it must end its motion by itself within a distance."""

@@ -5,9 +5,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from behaviors.events import Approached, Forecast
 from controller.arrivals import Arrivals
+from controller.forecast import forecast, refusal
 from controller.limits import Bounds, GuardRefusal, GuardSettings, first_outside
 from controller.numbers import normalised
+from controller.redundancy import Agreeing, Followed
 from drivers.core.messages import (
     MOTION,
     Command,
@@ -17,11 +20,16 @@ from drivers.core.messages import (
     MoveAt,
     MovePose,
     MoveTo,
+    Reached,
     Release,
     SampleBlock,
     Saturated,
     SetTendon,
+    Standstill,
+    Status,
+    Stop,
     StreamInfo,
+    Tare,
     Twist,
 )
 
@@ -29,9 +37,15 @@ RELIEF = 0.1
 """How much more than at its start a trial that begins in contact may press, as a share of the force limit. Assumption:
 above a force sensor's noise."""
 
+RETREAT_M_S = 0.01
+"""Fastest that a mover goes back, where a stop was not enough. Assumption: as fast as a person would retract it."""
+
 BRAKING_S = 0.3
 """How long what presses may still grow after a stop, before it may only fall. Assumption: as long as an arm at
 0.25 m/s brakes with 1 m/s2, and a little more."""
+
+Look = Callable[[SampleBlock], str | None]
+"""Sees a block; gives why every mover must stop now."""
 
 
 class Guard:
@@ -43,12 +57,16 @@ class Guard:
 
     A stop holds: after `latch`, until the next trial, no motion is admitted but one that takes load away.
 
+    Args:
+        turn_s: Of the loop that asks it, for the forecast.
+
     Attributes:
         inputs: Streams that must be alive while anything moves.
     """
 
-    def __init__(self, settings: GuardSettings) -> None:
+    def __init__(self, settings: GuardSettings, turn_s: float = 0.005) -> None:
         self.settings = settings
+        self._turn_s = turn_s
         self._first = Bounds(settings, "limits")
         self._others = {
             name: Bounds(limits, f"limits.movers.{name}") for name, limits in settings.movers.items()
@@ -56,15 +74,20 @@ class Guard:
         streams = (settings.position_stream, settings.pose_stream)
         owners = [stream.partition(".")[0] for stream in streams if stream is not None]
         self._carrier = owners[0] if owners else ""
-        looks: list[tuple[str | None, Callable[[SampleBlock], Sequence[str]]]] = []
+        looks: list[tuple[str | None, Look]] = []
         if settings.force_n is not None:
             looks.append((settings.force_stream, self._force))
+        self._followed: dict[str, Followed] = {}
+        self._agreeing = [Agreeing(each, f"limits.agree.{name}") for name, each in settings.agree.items()]
         for bounds in (self._first, *self._others.values()):
-            looks += [
-                (bounds.limits.position_stream, bounds.position),
-                (bounds.limits.pose_stream, bounds.pose),
-            ]
-        self._looks: dict[str, list[Callable[[SampleBlock], Sequence[str]]]] = {}
+            stream, follow_m = bounds.limits.position_stream, bounds.limits.follow_m
+            looks += [(stream, bounds.position), (bounds.limits.pose_stream, bounds.pose)]
+            if stream is not None:
+                followed = Followed(follow_m, bounds.where)
+                self._followed[stream.partition(".")[0]] = followed
+                looks.append((stream, followed.see))
+        looks += [(stream, each.see) for each in self._agreeing for stream in each.streams]
+        self._looks: dict[str, list[Look]] = {}
         for stream, look in looks:
             if stream is not None:
                 self._looks.setdefault(stream, []).append(look)
@@ -82,7 +105,13 @@ class Guard:
         # What pressed beyond the limit ever since the trial began; infinite before the first sample, then 0.
         self._start_contact_n = math.inf
         self._stopped_s: float | None = None
-        self._went_back: dict[str, bool] = {}  # of each mover's last motion along its axis
+        self._last: dict[str, Command] = {}  # each mover's last motion, the newest last
+        self._crushes = False
+        self._approach, self._pressed_n, self._braked_m = ("", 0.0), 0.0, math.nan
+        for followed in self._followed.values():
+            followed.forget()
+        for agreeing in self._agreeing:
+            agreeing.forget()
         self.arrivals.begin()
         self.arm(frozenset())
 
@@ -115,6 +144,9 @@ class Guard:
                 (f"{bounds.where}.pose_stream", bounds.limits.pose_stream, 3),
             ]
         needed += [("limits.range_streams", name, 1) for name in settings.range_streams]
+        for key, agreement in settings.agree.items():
+            sides = zip(agreement.streams, agreement.channels, strict=True)
+            needed += [(f"limits.agree.{key}.streams", name, channel + 1) for name, channel in sides]
         for key, name, channels in needed:
             if name is None or name not in self.inputs:
                 continue
@@ -147,8 +179,11 @@ class Guard:
         if isinstance(command, MoveAt | MoveTo | Twist | MovePose):
             self._admit_direction(what, command)
             admitted = self._bounds_of(what, command.device).admit(what, command)
-            if self._stopped_s is None:
-                self._went_back[command.device] = _goes_back(command)
+            if (speed_m_s := _approaching_m_s(command)) and (
+                reason := refusal(self.settings, speed_m_s, self._turn_s)
+            ):
+                raise GuardRefusal(f"{what}: {reason}")
+            self._remember(command)
             return admitted
         if isinstance(command, Grip | Release):
             self._others.get(command.device, self._first).admit_speed(what, command.speed_m_s)
@@ -157,9 +192,82 @@ class Guard:
                 raise GuardRefusal(
                     f"{what}: {command.force_n:.6g} N is outside 0 .. limits.grip_n = {limit_n:.6g}"
                 )
+            self._remember(command)
         elif isinstance(command, MOTION) and not isinstance(command, Home | Lead):
             raise GuardRefusal(f"{what}: no limit is known for this motion")
         return command
+
+    def sent(self, command: Command) -> None:
+        """A command went to its device as it is here: what that measures must follow."""
+        followed = self._followed.get(command.device)
+        if followed is not None:
+            followed.sent(command)
+        if isinstance(command, Stop) and command.device == self._approach[0]:
+            self._braked_m = math.nan if followed is None else followed.place_m
+        for agreeing in self._agreeing:
+            if isinstance(command, Tare) and command.stream in agreeing.streams:
+                agreeing.forget()
+
+    def foreseen(self, t_s: float, command: Command) -> Forecast | None:
+        """What an approach that begins with an admitted command will do; None of any other command, of one that goes on
+        as fast, or where that is not known."""
+        speed_m_s = _approaching_m_s(command)
+        found = forecast(self.settings, speed_m_s, self._turn_s) if speed_m_s else None
+        if found is None or self._approach == (command.device, speed_m_s):
+            return None
+        self._approach, self._pressed_n, self._braked_m = (command.device, speed_m_s), 0.0, math.nan
+        return Forecast(t_s, command.device, speed_m_s, *found)
+
+    def answered(self, status: Status) -> Approached | None:
+        """A mover's newest command is answered; what an approach did, where one is over by it."""
+        if status.device in self._followed:
+            self._followed[status.device].rest()
+        if not isinstance(status, Reached | Standstill) or status.device != self._approach[0]:
+            return None
+        self._approach = ("", 0.0)
+        travel_m = abs(status.position_m - self._braked_m)
+        return Approached(status.t_s, status.device, travel_m, self._pressed_n)
+
+    def way_out(self) -> tuple[Command, float] | None:
+        """What is to be sent after a stop that was not enough, and for how long, s: the way back of what moved last,
+        once. None where the stop was enough, or no way back is known."""
+        last = next(reversed(self._last.values()), None)
+        crushes, self._crushes = self._crushes, False
+        if not crushes or last is None or _goes_back(last):
+            return None
+        bounds = self._others.get(last.device, self._first).limits
+        if isinstance(last, Grip):
+            return Release(last.device, last.speed_m_s), self.settings.retreat_m / last.speed_m_s
+        if not isinstance(last, MoveAt | MoveTo):
+            return None
+        speed_m_s = min(RETREAT_M_S, bounds.speed_m_s)
+        # Not beyond where approaches begin: a device may have no travel behind that.
+        begins = last.device in self._followed and self._followed[last.device].place_m > 0.0
+        end_m = 0.0 if begins else bounds.travel_min_m
+        back = MoveAt(last.device, -speed_m_s, end_m, blind_travel_m=bounds.blind_travel_m)
+        return back, self.settings.retreat_m / speed_m_s
+
+    @property
+    def looks_on_s(self) -> float:
+        """How long what presses must be seen after a stop, before it is known whether that was enough, s."""
+        watched = self.settings.retreat_n is not None and self._stopped_s is not None
+        return 2.0 * self.settings.force_median_s if watched else 0.0
+
+    def see_braking(self, blocks: Iterable[SampleBlock]) -> None:
+        """What comes while everything brakes: it may press ever more, until a stop is not enough."""
+        for block in blocks:
+            if (
+                block.stream == self.settings.force_stream
+                and len(block)
+                and self.settings.force_n is not None
+            ):
+                self._force(block)
+
+    def _remember(self, command: Command) -> None:
+        """A mover's last motion, by which its way out is known."""
+        if self._stopped_s is None:
+            self._last.pop(command.device, None)
+            self._last[command.device] = command
 
     def latch(self, t_s: float) -> None:
         """The trial was stopped at `t_s`, for whatever reason: until `reset` only what takes load away is admitted.
@@ -167,13 +275,14 @@ class Guard:
         What presses may grow while the movers brake, and then only fall; where they are is no reason to stop again.
         """
         if self._stopped_s is None:
-            self._stopped_s, self._start_contact_n, self._tail_n = t_s, math.inf, []
+            self._stopped_s, self._start_contact_n = t_s, math.inf
 
     def _takes_load_away(self, command: Command) -> bool:
         """Whether a command adds no load, where a trial was stopped. What stopped a motion back along the axis may
         stand behind it: then there is no way but home."""
         if isinstance(command, MoveAt | MoveTo):
-            return _goes_back(command) and not self._went_back.get(command.device, False)
+            last = self._last.get(command.device)
+            return _goes_back(command) and not (last is not None and _goes_back(last))
         if isinstance(command, SetTendon):
             return command.position_m <= 0.0
         return isinstance(command, Home | Release) or not isinstance(command, MOTION)
@@ -222,11 +331,15 @@ class Guard:
             f"{status.stream} is beyond its range, at {status.value:.4g}: it is no longer valid"
             for status in saturated
         ]
+        braking = self._stopped_s is not None and t_s <= self._stopped_s + BRAKING_S
         for block in blocks:
-            if len(block):
-                for look in self._looks.get(block.stream, ()):
-                    if self._stopped_s is None or (look == self._force and t_s > self._stopped_s + BRAKING_S):
-                        reasons += look(block)
+            for look in self._looks.get(block.stream, ()) if len(block) else ():
+                # After a stop force alone counts: where the movers are is no reason to stop again.
+                if self._stopped_s is None or look == self._force:
+                    reason = look(block)
+                    reasons += [] if reason is None or braking else [reason]
+        if braking:
+            self._start_contact_n = math.inf
         if moving and late_s > settings.late_s:
             reasons.append(f"the loop is {late_s:.3f} s late (limits.late_s = {settings.late_s:g})")
         return reasons[0] if reasons else None
@@ -236,7 +349,7 @@ class Guard:
         """Whether the trial began in contact and is still there: the limit follows it down, turn by turn."""
         return 0.0 < self._start_contact_n < math.inf
 
-    def _force(self, block: SampleBlock) -> Sequence[str]:
+    def _force(self, block: SampleBlock) -> str | None:
         """Running median over whole windows; a sample that is not finite is a reason by itself."""
         settings, channels = self.settings, self.settings.force_channels
         if len(channels) == 1:
@@ -248,31 +361,44 @@ class Guard:
         keep = max(1, round(settings.force_median_s * (block.rate_hz or 0.0))) - 1
         joined_n = self._tail_n + parts_n.tolist()
         self._tail_n = joined_n[max(0, len(joined_n) - keep) :] if keep else []
-        # A median cannot exceed the largest, so this is all that a quiet turn costs.
-        if first_outside(joined_n, -limit_n, limit_n) is None:
-            if joined_n:
-                self._start_contact_n = 0.0
-            return ()
+        # A median cannot exceed the largest, so this is all that a quiet turn costs where nothing approaches.
+        quiet = first_outside(joined_n, -limit_n, limit_n) is None
+        if quiet and joined_n:
+            self._start_contact_n = 0.0
+        if quiet and not self._approach[0]:
+            return None
         joined = np.array(joined_n)
         if not np.isfinite(joined).all():
             self._tail_n = []
-            return (f"{block.stream} reads {joined[~np.isfinite(joined)][0]}",)
+            return f"{block.stream} reads {joined[~np.isfinite(joined)][0]}"
         if len(joined) <= keep:
-            return ()
+            return None
         windows = np.lib.stride_tricks.sliding_window_view(joined, keep + 1)
         signed_n = np.median(windows, axis=1)
         medians_n = np.abs(signed_n)
+        self._pressed_n = max(self._pressed_n, float(medians_n.max()))
+        if quiet:
+            return None
         # Each window is held against the least before it: a rise is seen however the samples are cut.
         least_n = np.minimum.accumulate(np.append(self._start_contact_n, medians_n))
         allowed_n = np.where(least_n > limit_n, least_n + RELIEF * limit_n, limit_n)
+        if settings.retreat_n is not None and (self._start_contact_n == 0.0 or self._stopped_s is not None):
+            self._crushes |= bool(medians_n.max() > settings.retreat_n)
         if (medians_n <= allowed_n[:-1]).all():
             self._start_contact_n = float(least_n[-1]) if least_n[-1] > limit_n else 0.0
-            return ()
+            return None
         first_n = signed_n[(medians_n > allowed_n[:-1]).argmax()]  # the same however the samples are cut
         return (
-            f"{block.stream} is at {first_n:.3f} N ({self.settings.force_median_s * 1e3:g} ms median),"
-            f" beyond limits.force_n = {limit_n:g}",
+            f"{block.stream} is at {first_n:.3f} N ({settings.force_median_s * 1e3:g} ms median),"
+            f" beyond limits.force_n = {limit_n:g}"
         )
+
+
+def _approaching_m_s(command: Command) -> float:
+    """Speed of a motion farther in along its mover's axis; 0 of any other command."""
+    if not isinstance(command, MoveAt | MoveTo) or _goes_back(command):
+        return 0.0
+    return abs(command.velocity_m_s) if isinstance(command, MoveAt) else command.speed_m_s
 
 
 def _goes_back(command: Command) -> bool:

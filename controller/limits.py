@@ -10,6 +10,9 @@ from pydantic import Field, Strict, model_validator
 from drivers.core.messages import BLIND_TRAVEL_M, Command, MoveAt, MovePose, MoveTo, SampleBlock, Twist
 from drivers.core.settings import DeviceName, Mismatch, Settings, StreamName
 
+Channel = Annotated[int, Field(ge=0, le=63)]
+"""Number of a stream's channel, from 0."""
+
 Place = Annotated[tuple[float, float, float], Strict(False)]
 """x, y, z in m; a list in a profile."""
 
@@ -53,6 +56,10 @@ class MoverLimits(Settings):
     speed_m_s: float = Field(default=0.05, gt=0.0, le=1.0)
     """Fastest motion that may be asked for; a device's own `home_speed_m_s` is held against it in the profile."""
 
+    follow_m: float | None = Field(default=1e-3, gt=0.0, le=1.0)
+    """How far the measured position (`position_stream`) may be from the commanded one, beside what is commanded for
+    `controller.redundancy.FOLLOW_S`: a mover that starts late, brakes, or reports late. "none" does not compare."""
+
     turn_rad_s: float = Field(default=1.0, gt=0.0, le=10.0)
     """Fastest turn of the tool that may be asked for. Assumption: a UR's own reduced mode is of this order."""
 
@@ -64,6 +71,25 @@ class MoverLimits(Settings):
                 "workspace_min_m, workspace_max_m and pose_stream belong together: give all or none"
             )
         return self
+
+
+class Agreement(Settings):
+    """Two streams of one quantity: what moves is stopped where they disagree."""
+
+    streams: Annotated[tuple[StreamName, StreamName], Strict(False)]
+    """The two, a load cell and an arm's force for example."""
+
+    channels: Annotated[tuple[Channel, Channel], Strict(False)] = (0, 0)
+    """Which channel of each."""
+
+    factor: float = 1.0
+    """What the second is multiplied by: -1 where it counts the other way."""
+
+    most: float = Field(gt=0.0)
+    """Largest difference of what both have changed by since the trial began, or a tare, in the first stream's unit."""
+
+    for_s: float = Field(default=0.05, gt=0.0, le=10.0)
+    """How long they must disagree: longer than one is later than the other (assumption)."""
 
 
 class GuardSettings(MoverLimits):
@@ -85,13 +111,35 @@ class GuardSettings(MoverLimits):
     force_stream: StreamName | None = "board.load_cell"
     """Where the force comes from (N); None on a bench without one."""
 
-    force_channels: Annotated[
-        tuple[Annotated[int, Field(ge=0, le=63)], ...], Strict(False), Field(min_length=1)
-    ] = (0,)
+    force_channels: Annotated[tuple[Channel, ...], Strict(False), Field(min_length=1)] = (0,)
     """Which of its channels; of several the size of the force that they make together."""
 
     force_median_s: float = Field(default=0.010, gt=0.0, le=1.0)
     """Length of the running median that the force is seen through: a single spike stops nothing."""
+
+    retreat_n: float | None = Field(default=None, gt=0.0, le=1000.0)
+    """Force beyond which a stop is not enough: what moved last also goes back by `retreat_m` once it stands still, jaws
+    open. None only stops."""
+
+    retreat_m: float = Field(default=0.002, gt=0.0, le=0.1)
+    """How far it goes back then. Assumption: farther than anything here gives way before it breaks."""
+
+    stiffness_n_m: float | None = Field(default=None, gt=0.0, le=1e8)
+    """Stiffness of the hardest thing that an approach may meet, mover and sensor included: from it each approach's peak
+    force is forecast. A simulated bench that knows its own needs none."""
+
+    braking_m_s2: float = Field(default=0.5, gt=0.0, le=100.0)
+    """At which the mover brakes, for the forecast. Assumption: an arm's own default."""
+
+    detector_delay_s: float | None = Field(default=None, ge=0.0, le=10.0)
+    """How long after the touch the detector that ends an approach decides: where it is known, an approach is refused in
+    which force_n would be passed all the same."""
+
+    peak_n: float | None = Field(default=None, gt=0.0, le=1e4)
+    """Largest peak force that may be forecast for an approach which the guard alone ends; faster ones are refused."""
+
+    agree: Mapping[str, Agreement] = Field(default_factory=dict)
+    """Redundant sensors: `[limits.agree.NAME]`."""
 
     range_streams: Annotated[tuple[StreamName, ...], Strict(False)] = ()
     """Streams that must stay within their valid range, a fingertip's forces for example: subscribed and
@@ -110,6 +158,16 @@ class GuardSettings(MoverLimits):
 
     late_s: float = Field(default=0.1, gt=0.0, le=10.0)
     """A turn of the loop later than this, while something moves, stops it."""
+
+    @model_validator(mode="after")
+    def _tiers(self) -> Self:
+        for key in ("retreat_n", "peak_n"):
+            value = getattr(self, key)
+            if value is not None and self.force_n is not None and value <= self.force_n:
+                raise ValueError(
+                    f'{key} = {value:g} is not above force_n = {self.force_n:g}; raise it, or write "none"'
+                )
+        return self
 
     def mismatches(
         self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
@@ -182,18 +240,18 @@ class Bounds:
                 f"{what}: {speed_m_s:.6g} m/s is beyond {self.where}.speed_m_s = {limit_m_s:.6g}"
             )
 
-    def position(self, block: SampleBlock) -> Sequence[str]:
+    def position(self, block: SampleBlock) -> str | None:
         """Why the positions of a block exceed the limits."""
         least_m, most_m = self.limits.travel_min_m, self.limits.travel_m
         position_m = first_outside((block.values * block.scale).ravel().tolist(), least_m, most_m)
         if position_m is None:
-            return ()
+            return None
         return (
             f"{block.stream} is at {position_m:.6f} m, outside {self.where}.travel_min_m .. travel_m"
-            f" = {least_m:g} .. {most_m:g}",
+            f" = {least_m:g} .. {most_m:g}"
         )
 
-    def pose(self, block: SampleBlock) -> Sequence[str]:
+    def pose(self, block: SampleBlock) -> str | None:
         """Likewise for poses."""
         least_m, most_m = self.limits.workspace_min_m, self.limits.workspace_max_m
         assert least_m is not None
@@ -201,11 +259,11 @@ class Bounds:
         places_m = block.physical[:, :3]
         inside = ((places_m >= least_m) & (places_m <= most_m)).all(axis=1)
         if inside.all():
-            return ()
+            return None
         x_m, y_m, z_m = places_m[~inside][0].tolist()
         return (
             f"{block.stream} is at ({x_m:.4f}, {y_m:.4f}, {z_m:.4f}) m, outside {self.where}.workspace_min_m"
-            " .. workspace_max_m",
+            " .. workspace_max_m"
         )
 
     def _admit_twist(self, what: str, command: Twist) -> None:

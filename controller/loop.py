@@ -8,7 +8,17 @@ from typing import Protocol
 
 from pydantic import Field
 
-from behaviors.events import Detected, Event, GuardStopped, Paused, Resumed, Tick
+from behaviors.events import (
+    Approached,
+    Detected,
+    Event,
+    Forecast,
+    GuardStopped,
+    Paused,
+    Resumed,
+    Retreated,
+    Tick,
+)
 from behaviors.machine import Behavior, verdict_of
 from controller.detectors.protocol import Detector, Floats, readings_of
 from controller.guard import Guard, GuardRefusal
@@ -25,6 +35,7 @@ from drivers.core.messages import (
     Failed,
     Listen,
     Lost,
+    Reached,
     SampleBlock,
     Saturated,
     Sent,
@@ -143,6 +154,7 @@ class TrialState:
         paused_s: Since when it is paused.
         suspending: Whether the program is to be suspended.
         end_s: When a trial ends that the guard or a failure ended.
+        foreseen: What is expected of approaches that have begun, not recorded yet.
     """
 
     behavior: Behavior
@@ -162,6 +174,7 @@ class TrialState:
     resuming: bool = False
     suspending: bool = False
     end_s: float = math.inf
+    foreseen: list[Forecast] = field(default_factory=list)
 
     @property
     def wake_s(self) -> float:
@@ -254,28 +267,52 @@ class Loop:
         Each step runs for each device whatever fails; a mover that was not seen standing still is named in
         `account.not_at_rest`.
         """
-        self._stop_all()
-        pending = set(self._movers)
-        give_up_s = self._clock.now() + STANDSTILL_TIMEOUT_S
-        while pending and self._clock.now() < give_up_s:
-            self._clock.wait_until(self._clock.now() + 1.0 / self._settings.rate_hz)
-            for name, device in self._rig.devices.items():
-                with suppress(Exception):
-                    self._perceive(device.read())
-                with suppress(Exception):
-                    for status in device.poll():
-                        self._note(status)
-                        self._record_event(status, self._trial.behavior.state, self._trial.behavior.state, ())
-                        if isinstance(status, Standstill) and not self._trial.outdated(status):
-                            pending.discard(name)
-                        elif isinstance(status, Failed) and name in pending:
-                            pending.discard(name)
-                            self.account.not_at_rest.append(name)
-        self.account.not_at_rest += sorted(pending)
+        self._stop_and_see(self._guard.looks_on_s)
+        way_out = self._guard.way_out()
+        if way_out is not None:
+            self._go_back(*way_out)
         with suppress(Exception):
             self._subscribe(frozenset())
         for stream, since_s in sorted(self._trial.silent_since.items()):
             self._witness.skip(stream, since_s, self._clock.now())
+
+    def _go_back(self, command: Command, for_s: float) -> None:
+        """Where a stop was not enough: take the load away."""
+        state, what = self._trial.behavior.state, "; it pressed beyond limits.retreat_n"
+        try:
+            self._send(command)
+            self._record_event(Retreated(self._clock.now(), command.device), state, state, (command,))
+            self._see({command.device}, for_s)
+            self.account.reason += f"{what}: {command.device} was sent back"
+        except Exception as error:
+            self.account.reason += f"{what}, and {command.device} could not be sent back: {error}"
+        self._stop_and_see()
+
+    def _stop_and_see(self, least_s: float = 0.0) -> None:
+        """Stop every mover, and see for a while that it stands still."""
+        self._stop_all()
+        pending = set(self._movers)
+        self._see(pending, STANDSTILL_TIMEOUT_S, least_s)
+        self.account.not_at_rest += sorted(pending)
+
+    def _see(self, pending: set[str], for_s: float, least_s: float = 0.0) -> None:
+        """Look at the devices until those pending have answered their last command, or for a while."""
+        begun_s = self._clock.now()
+        while self._clock.now() < begun_s + (for_s if pending else least_s):
+            self._clock.wait_until(self._clock.now() + 1.0 / self._settings.rate_hz)
+            for name, device in self._rig.devices.items():
+                with suppress(Exception):
+                    blocks, _ = self._perceive(device.read())
+                    self._guard.see_braking(blocks)
+                with suppress(Exception):
+                    for status in device.poll():
+                        self._note(status)
+                        self._record_event(status, self._trial.behavior.state, self._trial.behavior.state, ())
+                        if isinstance(status, Standstill | Reached) and not self._trial.outdated(status):
+                            pending.discard(name)
+                        elif isinstance(status, Failed) and name in pending:
+                            pending.discard(name)
+                            self.account.not_at_rest.append(name)
 
     # time
 
@@ -381,6 +418,13 @@ class Loop:
         self._rig.entered(self._trial.behavior.state, t_s)
         self._operator.state(self._trial.behavior.state, t_s)
         self._obey(commands)
+        self._record_foreseen()
+
+    def _record_foreseen(self) -> None:
+        state = self._trial.behavior.state
+        for forecast in self._trial.foreseen:
+            self._record_event(forecast, state, state, ())
+        self._trial.foreseen.clear()
 
     def _turn(self, t_s: float, late_s: float) -> None:
         """Gather, guard, detect, decide and command."""
@@ -390,8 +434,7 @@ class Loop:
         statuses += saturated
         if self._witness.failure is not None:
             raise self._witness.failure
-        for status in statuses:
-            self._note(status)
+        approached = [each for status in statuses if (each := self._note(status)) is not None]
         self._attend(t_s)
         moving = bool(trial.moving)
         beyond = [status for status in statuses if isinstance(status, Saturated)]
@@ -402,7 +445,7 @@ class Loop:
             self._stop_all()
         found, readings = self._detect(blocks)
         self._record_readings(readings)
-        events: list[Event] = [*statuses, *found]
+        events: list[Event] = [*statuses, *found, *approached]
         # What ends the trial comes first: nothing that happened before it is acted on any more.
         events.sort(key=lambda event: (not isinstance(event, ENDING), event.t_s))
         if missing is not None:
@@ -433,7 +476,9 @@ class Loop:
     def _passes_on(self, event: Event) -> bool:
         """Whether the behavior gets it: never after its end, no answer to an older command, a tick only
         from its wake time on (turns before may be taken together), and while paused only what ends the trial."""
-        if self._over or (isinstance(event, ANSWERS) and self._trial.outdated(event)):
+        if self._over or isinstance(event, Approached):
+            return False
+        if isinstance(event, ANSWERS) and self._trial.outdated(event):
             return False
         if isinstance(event, Tick) and event.t_s < self._trial.behavior.wake_s - 1e-9:
             return False
@@ -455,11 +500,14 @@ class Loop:
     def _record_blocks(self, blocks: Sequence[SampleBlock]) -> None:
         self._witness.record([block for block in blocks if block.stream not in self._trial.behind])
 
-    def _note(self, status: Status) -> None:
+    def _note(self, status: Status) -> Approached | None:
+        """Note what a status says of a mover, or of a stream; what an approach did that it ends."""
         if isinstance(status, ANSWERS) and not self._trial.outdated(status):
             self._trial.moving.discard(status.device)
-        elif isinstance(status, Lost):
+            return self._guard.answered(status)
+        if isinstance(status, Lost):
             self.account.lost[status.stream] = self.account.lost.get(status.stream, 0) + status.samples
+        return None
 
     def _detect(
         self, blocks: Iterable[SampleBlock]
@@ -505,6 +553,7 @@ class Loop:
                 self._record_event(event, before, after, commands)
             if after != before:
                 self._operator.state(after, event.t_s)
+            self._record_foreseen()
 
     def _give_up(self, event: Event) -> None:
         """The trial ends by this event: its behavior may lead the movers out of it, for a while, from standing still.
@@ -578,6 +627,9 @@ class Loop:
                 self.account.reason += f"; then the guard refused {refusal}"
                 self._trial.end_s = -math.inf
                 continue
+            foreseen = self._guard.foreseen(self._clock.now(), admitted)
+            if foreseen is not None:
+                self._trial.foreseen.append(foreseen)
             self._send(admitted)
             # A mover with a command to stop is waited for like one that moves: it reports its standstill either way.
             if isinstance(admitted, MOTION) or (
@@ -592,7 +644,7 @@ class Loop:
         numbered = replace(command, id=trial.sent)
         if isinstance(command, ANSWERED):
             trial.newest[command.device] = numbered.id
-        self._rig.devices[command.device].apply(numbered)
+        self._guard.sent(self._rig.devices[command.device].apply(numbered) or numbered)
 
     def _stop_all(self) -> None:
         for name in self._movers:

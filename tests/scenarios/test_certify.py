@@ -13,6 +13,7 @@ from config.profile import load_profile
 from controller.certify import NOT_AT_REST, Certifier
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.limits import Bounds, MoverLimits
+from controller.redundancy import Followed
 from drivers.core.errors import SilentError
 from drivers.core.messages import Failed
 from simulator.mocks.ur_arm import MockUrArm
@@ -24,7 +25,9 @@ MOCK = sorted(
     if not path.stem.startswith("bench_")
 )
 
-INPUTS = {"position_stream", "pose_stream", "force_stream", "force_channels", "force_median_s", "movers"}
+INPUTS = {"position_stream", "pose_stream", "force_stream", "force_channels", "force_median_s", "movers"} | {
+    *("retreat_m", "stiffness_n_m", "braking_m_s2", "detector_delay_s")
+}
 """What tells the guard where to look, and how: no limits themselves."""
 
 BOX = {
@@ -62,13 +65,22 @@ def test_every_limit_of_a_shipped_mock_bench_acts(name):
     assert bool(moving) == (name not in ("mock/chirp", "mock/weights"))  # there nothing moves
 
 
+FURTHER = {
+    "limits.range_streams": '["board.load_cell"]',
+    "limits.retreat_n": "4.0",
+    "limits.peak_n": "3.0",
+    "limits.agree.both": '{ streams = ["board.load_cell", "board.accelerometer"], most = 50.0 }',
+}
+"""What no shipped bench has."""
+
+
 def test_no_setting_of_the_guard_is_left_out():
     proofs = [
-        *proved("mock/transient_arm", **BOX, **{"limits.range_streams": '["board.load_cell"]'}),
+        *proved("mock/transient_arm", **BOX, **FURTHER),
         *proved("mock/touch"),
     ]
     assert certified(proofs)
-    shown = {proof.limit.rpartition(".")[2] for proof in proofs}
+    shown = {key for proof in proofs for key in proof.limit.split(".")}
     assert set(GuardSettings.model_fields) - shown - INPUTS == set()
     assert shown >= set(MoverLimits.model_fields) - INPUTS
 
@@ -81,11 +93,13 @@ def test_stop_and_pause_come_before_anything_else_goes_wrong():
 
 
 def nothing(*_, **__):
-    return ()
+    return None
 
 
 DEFECTS = [
-    ("mock/transient", Guard, "_force", nothing, {"limits.force_n"}),
+    ("mock/transient", Guard, "_force", nothing, {"limits.force_n", "limits.retreat_n"}),
+    ("mock/transient", Guard, "way_out", nothing, {"limits.retreat_n"}),
+    ("mock/transient", Followed, "see", nothing, {"limits.follow_m", "limits.retreat_n"}),
     ("mock/transient", Bounds, "position", nothing, {"limits.travel_m", "limits.travel_min_m"}),
     ("mock/transient", Bounds, "admit_speed", nothing, {"limits.speed_m_s"}),
     ("mock/transient", MockZaberStage, "_look", nothing, {"limits.blind_travel_m"}),

@@ -135,8 +135,9 @@ def test_a_plan_shows_time_disk_motion_force_and_what_each_state_computes():
     assert "opens     board, stage" in plan
     assert "of bench time, computed in" in plan
     assert "0.011997 m/s; the guard stops beyond 0.015 m/s" in plan
-    assert "the guard stops at 2 N; 3.3 N at the most if it alone does" in plan
-    assert "15 ms (median and a turn) x 7300 N/m" in plan
+    most_n = 2.0 + 7300.0 * (0.011997 * 0.015 + 0.011997**2 / (2.0 * 0.5))
+    assert f"the guard stops at 2 N; {most_n:.2g} N at the most if it alone does" in plan
+    assert "15 ms (median and a turn), 0.5 m/s2 and 7300 N/m" in plan
     assert "SETTLING, RETRACTING\n          skipped: no subscriber" in plan
     assert "BASELINE, APPROACH\n          contact (board.period), ours (board.accelerometer)" in plan
     assert lines_of("emulated/pointer")[0].startswith("emulated/pointer: 1 trial of pointer")

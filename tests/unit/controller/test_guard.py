@@ -17,12 +17,15 @@ from drivers.core.messages import (
     MoveAt,
     MovePose,
     MoveTo,
+    Reached,
     Release,
     SampleBlock,
     Saturated,
     SetTendon,
+    Standstill,
     Stop,
     StreamInfo,
+    Tare,
     Twist,
 )
 from drivers.core.settings import HomeSpeed, Settings
@@ -637,3 +640,308 @@ def test_homing_is_no_faster_than_its_mover_may_be():
     (found,) = limits.mismatches((), {("devices", "stage"): stage, ("devices", "other"): stage})
     assert (found.path, found.key) == (("devices", "stage"), "home_speed_m_s")
     assert "speed_m_s = 0.01" in found.mistake
+
+
+# --- a force for which a stop is not enough
+
+CRUSHED = force(np.full(40, 7.0))
+TIERS = {"retreat_n": 4.0, "retreat_m": 0.003}
+
+
+def crushed(*before, brakes=None, **changes):
+    watched = guard(**{**TIERS, **changes})
+    for command in before:
+        watched.sent(watched.admit(command))
+    reason = watched.check(0.04, [CRUSHED if brakes is None else PRESSED], moving=True)
+    assert "limits.force_n" in reason
+    watched.latch(0.04)
+    watched.see_braking([position([0.01])] if brakes is None else [force(brakes, 20)])
+    return watched
+
+
+@pytest.mark.parametrize("before", [MoveAt("stage", 0.01, 0.012), MoveTo("stage", 0.012, 0.02)])
+def test_what_pressed_beyond_the_second_tier_goes_back_once(before):
+    watched = crushed(before)
+    way, for_s = watched.way_out()
+    assert isinstance(way, MoveAt)
+    assert (way.device, way.velocity_m_s) == ("stage", -0.01)
+    assert for_s == pytest.approx(0.3), "3 mm at 10 mm/s"
+    assert watched.way_out() is None
+
+
+def test_it_goes_back_no_farther_than_where_approaches_begin_where_its_place_is_known():
+    watched = guard(**TIERS, travel_min_m=-0.02)
+    watched.admit(MoveAt("stage", 0.01, 0.012))
+    watched.check(0.04, [CRUSHED, position([0.01])], moving=True)
+    assert watched.way_out()[0].limit_m == 0.0
+    watched = arm(**TIERS, travel_min_m=-0.02)
+    watched.admit(MoveAt("arm", 0.01, 0.012))
+    watched.check(0.04, [CRUSHED], moving=True)
+    assert watched.way_out()[0].limit_m == -0.02
+
+
+def test_jaws_that_crushed_open():
+    way, for_s = crushed(MoveAt("stage", 0.01, 0.012), Grip("gripper", 0.01, 0.02, 5.0)).way_out()
+    assert way == Release("gripper", 0.02)
+    assert for_s == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize(
+    "before", [(), (MoveAt("stage", -0.01, 0.0),), (Twist("stage", (0.01, 0, 0, 0, 0, 0), 0.1),)]
+)
+def test_where_no_way_back_is_known_there_is_none(before):
+    assert crushed(*before, reach_m=0.1).way_out() is None
+
+
+def test_a_stop_below_the_second_tier_is_enough_and_one_that_brakes_beyond_it_is_not():
+    watched = crushed(MoveAt("stage", 0.01, 0.012), brakes=np.full(40, 3.9))
+    assert watched.looks_on_s == pytest.approx(0.02)
+    assert watched.way_out() is None
+    assert crushed(MoveAt("stage", 0.01, 0.012), brakes=np.full(40, 4.1)).way_out() is not None
+    assert guard(**TIERS).looks_on_s == 0.0
+
+
+def test_a_contact_from_before_the_trial_is_no_crush():
+    watched = guard(quiet=False, **TIERS)
+    assert watched.check(0.04, [CRUSHED], moving=True) is None
+    watched.admit(MoveAt("stage", -0.01, 0.0))
+    watched.check(0.08, [force(np.zeros(40), 40)], moving=True)
+    watched.admit(MoveAt("stage", 0.01, 0.012))
+    assert watched.way_out() is None
+
+
+@pytest.mark.parametrize("key", ["retreat_n", "peak_n"])
+def test_the_tiers_are_in_order(key):
+    with pytest.raises(ValueError, match=f"{key} = 2 is not above force_n = 2"):
+        guard(**{key: 2.0})
+    guard(force_n=None, **{key: 2.0})
+
+
+# --- what is forecast of an approach
+
+STIFF = {"stiffness_n_m": 1e4, "braking_m_s2": 0.5}
+"""At 10 mm/s: 0.05 mm in a turn and 0.1 mm of braking, 1.5 N; 1 N more for the median, 2 N for a detector of 20 ms."""
+
+
+def test_a_forecast_is_a_spring_times_the_way_after_the_touch():
+    found = guard(**STIFF, detector_delay_s=0.02).foreseen(1.5, MoveAt("stage", 0.01, 0.012))
+    assert (found.t_s, found.device, found.speed_m_s) == (1.5, "stage", 0.01)
+    assert found.travel_m == pytest.approx(0.15e-3)
+    assert found.peak_n == pytest.approx(3.5)
+    assert found.most_n == pytest.approx(4.5)
+
+
+def test_what_goes_back_or_on_or_knows_no_stiffness_has_no_forecast():
+    watched = guard(**STIFF)
+    assert watched.foreseen(0.0, MoveTo("stage", 0.01, 0.01)).peak_n is None
+    assert watched.foreseen(0.1, MoveTo("stage", 0.012, 0.01)) is None
+    assert watched.foreseen(0.2, MoveTo("stage", 0.012, 0.005)) is not None
+    assert watched.foreseen(0.3, MoveAt("stage", -0.01, 0.0)) is None
+    assert watched.foreseen(0.4, Home("stage")) is None
+    assert guard().foreseen(0.0, MoveAt("stage", 0.01, 0.012)) is None
+    assert guard(**STIFF, force_n=None).foreseen(0.0, MoveAt("stage", 0.01, 0.012)) is None
+
+
+def test_beside_it_stands_what_happened():
+    watched = guard(**STIFF)
+    watched.foreseen(0.0, MoveAt("stage", 0.01, 0.012))
+    watched.check(0.02, [position([0.004]), force(np.full(20, -0.7))], moving=True)
+    watched.sent(Stop("stage"))
+    watched.check(0.04, [position([0.0041]), force(np.full(20, 0.3), 20)], moving=True)
+    assert watched.answered(Standstill(0.04, "lift", 0.0)) is None
+    found = watched.answered(Standstill(0.05, "stage", 0.0042))
+    assert (found.t_s, found.device) == (0.05, "stage")
+    assert found.travel_m == pytest.approx(0.2e-3)
+    assert found.pressed_n == pytest.approx(0.7)
+    assert watched.answered(Standstill(0.06, "stage", 0.0042)) is None
+
+
+def test_how_far_it_went_is_not_known_where_it_was_not_stopped_or_no_position_shows_it():
+    watched = guard(**STIFF)
+    watched.foreseen(0.0, MoveAt("stage", 0.01, 0.012))
+    assert math.isnan(watched.answered(Reached(0.05, "stage", 0.012)).travel_m)
+    watched = guard(**STIFF, position_stream=None)
+    watched.foreseen(0.0, MoveAt("stage", 0.01, 0.012))
+    watched.sent(Stop("stage"))
+    assert math.isnan(watched.answered(Standstill(0.05, "stage", 0.012)).travel_m)
+
+
+def fastest(**changes):
+    """The fastest approach that is admitted, by halving, m/s."""
+    watched, least_m_s, most_m_s = guard(speed_m_s=1.0, **changes), 0.0, 1.0
+    for _ in range(40):
+        middle_m_s = 0.5 * (least_m_s + most_m_s)
+        try:
+            watched.admit(MoveAt("stage", middle_m_s, 0.012))
+            least_m_s = middle_m_s
+        except GuardRefusal:
+            most_m_s = middle_m_s
+    return least_m_s
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        (
+            {"peak_n": 4.0},
+            "would press 4.5 N where it is ended by limits.force_n alone, beyond limits.peak_n = 4",
+        ),
+        (
+            {"detector_delay_s": 0.02},
+            "would press 3.5 N where it is ended by the detector, beyond limits.force_n = 2",
+        ),
+        ({"peak_n": 4.0, "detector_delay_s": 0.02}, "beyond limits.peak_n = 4"),
+    ],
+)
+def test_an_approach_that_would_press_too_hard_is_refused_with_the_fastest_that_would_not(changes, reason):
+    watched = guard(**STIFF, **changes)
+    with pytest.raises(GuardRefusal, match=re.escape(reason)) as refused:
+        watched.admit(MoveAt("stage", 0.01, 0.012))
+    said_m_s = float(re.search(r"at most (\S+) m/s", str(refused.value))[1])
+    watched.admit(MoveAt("stage", said_m_s, 0.012))
+    assert said_m_s == pytest.approx(fastest(**STIFF, **changes), rel=0.01)
+    watched.admit(MoveAt("stage", -0.01, 0.0))
+
+
+def test_the_same_where_no_stiffness_is_known_is_admitted():
+    guard(peak_n=4.0).admit(MoveAt("stage", 0.02, 0.012))
+
+
+# --- the commanded and the measured position
+
+
+def moving(*commands, **changes):
+    watched = guard(**changes)
+    for command in commands:
+        watched.sent(watched.admit(command))
+    return watched
+
+
+def along(from_m, speed_m_s, seconds, t0_s=0.0):
+    """Positions at 100 Hz, from a place on, at a speed."""
+    return position(from_m + speed_m_s * 0.01 * np.arange(round(seconds * 100)), t0_s)
+
+
+FORWARD = MoveAt("stage", 0.002, 0.012)
+"""0.4 mm in 0.2 s: 1.4 mm off is what is allowed."""
+
+
+@pytest.mark.parametrize(
+    ("commands", "block", "off"),
+    [
+        ([FORWARD], along(0.001, 0.002, 3.0), False),
+        ([FORWARD], along(0.001, 0.0014, 2.0), False),  # 1.2 mm behind
+        ([FORWARD], along(0.001, 0.001, 2.0), True),
+        ([FORWARD], along(0.001, 0.004, 1.0), True),
+        ([FORWARD], along(0.001, -0.001, 0.6), True),
+        ([MoveTo("stage", 0.003, 0.002)], along(0.001, 0.002, 1.5), False),  # it goes 1 mm too far
+        ([MoveTo("stage", 0.003, 0.002)], along(0.001, 0.002, 2.0), True),
+        ([MoveTo("stage", 0.0, 0.002)], along(0.005, -0.002, 2.0), False),
+        ([FORWARD, Stop("stage")], along(0.005, 0.0, 2.0), False),
+        ([FORWARD, Stop("stage")], along(0.005, 0.002, 1.0), True),
+        ([FORWARD, Home("stage")], along(0.005, 0.002, 2.0), False),
+        ([Stop("stage")], along(0.0, 0.002, 3.0), False),
+        ([], along(0.0, 0.002, 3.0), False),
+    ],
+)
+@pytest.mark.parametrize("pieces", [1, 7])
+def test_a_mover_that_does_not_do_what_it_was_commanded_is_stopped(commands, block, off, pieces):
+    watched = moving(*commands)
+    cuts = np.array_split(np.arange(len(block)), pieces)
+    reasons = [
+        watched.check(1.0, [position(block.values[cut, 0], float(block.times[cut[0]]))], moving=True)
+        for cut in cuts
+    ]
+    assert any(reason is not None and "limits.follow_m = 0.001" in reason for reason in reasons) == off
+
+
+def test_a_slow_command_after_a_fast_one_may_brake_first_and_after_a_rest_may_not():
+    fast, slow = MoveAt("stage", 0.02, 0.012), MoveAt("stage", 0.0001, 0.012)
+    ahead = [position([0.001]), position([0.003], 0.01)]
+    watched = moving(fast, slow)
+    assert watched.check(0.02, ahead, moving=True) is None
+    watched = moving(fast)
+    watched.answered(Standstill(0.0, "stage", 0.001))
+    watched.sent(slow)
+    assert "limits.follow_m" in watched.check(0.02, ahead, moving=True)
+
+
+def test_a_mover_need_not_be_compared_and_another_ones_command_is_not_its_own():
+    far = along(0.001, 0.0, 3.0)
+    assert moving(FORWARD, follow_m=None).check(1.0, [far], moving=True) is None
+    assert moving(MoveTo("lift", 0.05, 0.02), **LIFT).check(1.0, [far], moving=True) is None
+    watched = moving(FORWARD)
+    watched.reset()
+    assert watched.check(1.0, [far], moving=True) is None
+
+
+# --- two sensors of one quantity
+
+BOTH = {
+    "agree": {
+        "force": {
+            "streams": ["board.load_cell", "arm.force"],
+            "channels": [0, 2],
+            "factor": -1.0,
+            "most": 0.5,
+        }
+    }
+}
+
+
+def loads(first_n, second_n, start=0, zero_n=0.0):
+    """A load cell at 1 kHz; the same of an arm at 500 Hz, of the other sign."""
+    times_s = (start + np.arange(0, len(second_n), 2)) / 1000
+    values = np.zeros((len(times_s), 6))
+    values[:, 2] = zero_n - np.asarray(second_n)[::2]
+    return [
+        force(first_n, start),
+        SampleBlock("arm.force", start, times_s[0], values, times_s=times_s, unit="N"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("second_n", "off"),
+    [
+        (np.full(300, 1.0), False),
+        (np.full(300, 0.6), False),
+        (np.full(300, 0.4), True),
+        (np.full(300, 1.6), True),
+    ],
+)
+@pytest.mark.parametrize("size", [20, 600])
+def test_two_sensors_that_disagree_for_long_enough_stop_the_bench(second_n, off, size):
+    """Both begin at another zero of their own, and then feel 1 N, or another force, for 0.3 s."""
+    first_n, second_n = np.append(np.zeros(300), np.full(300, 1.0)), np.append(np.zeros(300), second_n)
+    watched, reasons = guard(**BOTH), []
+    for start in range(0, 600, size):
+        cut = slice(start, start + size)
+        blocks = loads(first_n[cut], second_n[cut], start, zero_n=-20.0)
+        reasons.append(watched.check(1.0, blocks, moving=True))
+    told = [reason for reason in reasons if reason]
+    assert bool(told) == off
+    assert all("board.load_cell and arm.force disagree: they have changed by 1 and" in each for each in told)
+    assert all("limits.agree.force.most = 0.5" in each for each in told)
+
+
+def test_they_may_disagree_for_a_moment_and_begin_anew_with_a_tare_or_a_trial():
+    short_n = np.append(np.zeros(300), np.append(np.ones(40), np.zeros(260)))
+    assert guard(**BOTH).check(1.0, loads(short_n, np.zeros(600)), moving=True) is None
+    for begin_anew in (lambda one: one.sent(Tare("board", "board.load_cell")), lambda one: one.reset()):
+        watched = guard(**BOTH)
+        assert watched.check(1.0, loads(np.zeros(300), np.zeros(300)), moving=True) is None
+        begin_anew(watched)
+        assert watched.check(1.0, loads(np.ones(300), np.zeros(300), 300), moving=True) is None
+    watched = guard(**BOTH)
+    watched.check(1.0, loads(np.zeros(300), np.zeros(300)), moving=True)
+    watched.sent(Tare("board", "board.other"))
+    assert watched.check(1.0, loads(np.ones(300), np.zeros(300), 300), moving=True) is not None
+
+
+def test_one_sensor_alone_is_not_compared_and_both_must_be_there():
+    watched = guard(**BOTH)
+    assert watched.check(1.0, [force(np.ones(300))], moving=True) is None
+    assert watched.inputs == {"board.load_cell", "stage.position", "arm.force"}
+    there = {name: StreamInfo(name, ("x",), "N") for name in ("board.load_cell", "stage.position")}
+    with pytest.raises(GuardRefusal, match=r"limits.agree.force.streams = arm.force: the bench has no such"):
+        watched.check_streams(there)

@@ -21,6 +21,7 @@ from drivers.core.messages import (
     Failed,
     Listen,
     Lost,
+    MoveAt,
     MoveTo,
     Reached,
     Refused,
@@ -1207,3 +1208,56 @@ def test_a_pause_from_before_the_trial_is_kept_until_a_request_comes(bench, rest
         assert bench.shown[:2] == [("PAUSED", 0.0), ("REST", 0.0)]
     assert restless == [loop_module.KEY_INTERVAL_S] * 3
     assert bench.behavior.outcome == outcome
+
+
+# --- beyond the second tier of force, and what was forecast
+
+
+def crushing():
+    """The force grows by 0.3 N a millisecond, through 50 N and, while the movers brake, through 55 N."""
+    bench = Bench(retreat_n=55.0, retreat_m=0.001)
+    bench.guard.real, bench.slope = True, 0.3
+    return bench
+
+
+def test_what_pressed_too_hard_is_sent_back_after_its_stop_and_stopped_again():
+    bench = crushing()
+    bench.run()
+    (back_s, back), *more = bench.sent(MoveAt)
+    assert not more
+    assert back.velocity_m_s == -0.01
+    stops_s = [t_s for t_s, command in bench.stops if command.device == "stage"]
+    assert stops_s[0] < back_s < stops_s[-1]
+    assert stops_s[-1] == pytest.approx(back_s + 0.1, abs=2 * TURN_S), "1 mm at 10 mm/s"
+    assert ("Retreated", "FAILED", "FAILED", [back]) in bench.kept
+    assert bench.loop.account.reason.endswith("; it pressed beyond limits.retreat_n: stage was sent back")
+
+
+def test_one_that_cannot_be_sent_back_is_named(bench):
+    bench = crushing()
+    apply = bench.stage.apply
+
+    def refusing(command):
+        if isinstance(command, MoveAt):
+            raise OSError("gone")
+        return apply(command)
+
+    bench.stage.apply = refusing
+    bench.run()
+    assert bench.loop.account.reason.endswith(
+        "beyond limits.retreat_n, and stage could not be sent back: gone"
+    )
+    assert bench.stops[-1][1] == Stop("other")
+
+
+def test_a_forecast_and_what_happened_are_kept_beside_each_other(bench):
+    bench = Bench(stiffness_n_m=1e3)
+    bench.detector.above = 0.15
+    bench.guard.real = True
+    bench.run()
+    names = [name for name, *_ in bench.kept]
+    assert names.index("Forecast") < names.index("Approached")
+    assert ("Forecast", "APPROACH", "APPROACH", []) in bench.kept
+    found = {type(event).__name__: event for event in bench.loop.events}
+    assert found["Forecast"].t_s == pytest.approx(0.1)
+    assert found["Approached"].pressed_n == pytest.approx(0.15, abs=0.02)
