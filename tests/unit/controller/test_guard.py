@@ -797,7 +797,7 @@ def test_an_approach_that_would_press_too_hard_is_refused_with_the_fastest_that_
     watched = guard(**STIFF, **changes)
     with pytest.raises(GuardRefusal, match=re.escape(reason)) as refused:
         watched.admit(MoveAt("stage", 0.01, 0.012))
-    said_m_s = float(re.search(r"at most (\S+) m/s", str(refused.value))[1])
+    said_m_s = float(re.findall(r"at most (\S+) m/s", str(refused.value))[0])
     watched.admit(MoveAt("stage", said_m_s, 0.012))
     assert said_m_s == pytest.approx(fastest(**STIFF, **changes), rel=0.01)
     watched.admit(MoveAt("stage", -0.01, 0.0))
