@@ -11,6 +11,11 @@ UNMEASURED = ("guard", "fault", "aborted")
 MISSED = frozenset({"no_contact", "false_contact", "not_found", "touched", "not_gripped", "dropped"})
 """What the fragments conclude where a trial came to its end without success: no success where nothing is declared."""
 
+REMEDIES = {
+    "wrong_sign": "the force sensor reads a push as negative: give its scale, or normal, the other sign"
+}
+"""What a run says that failed, of outcomes that one setting causes."""
+
 
 def is_success(outcome: object, successes: Collection[str] | None) -> bool:
     """Whether a trial succeeded.
@@ -46,7 +51,8 @@ def exit_of(manifest: Mapping[str, Any]) -> tuple[int, str]:
     if "successes" not in manifest or not manifest["outcomes"]:
         return 0, ""
     good = any(is_success(name, manifest["successes"]) for name in manifest["outcomes"])
-    return (0, "") if good else (1, "no trial succeeded")
+    told = [f"; {remedy}" for name, remedy in REMEDIES.items() if name in manifest["outcomes"]]
+    return (0, "") if good else (1, "".join(["no trial succeeded", *told]))
 
 
 def word_of(manifest: Mapping[str, Any], row: Mapping[str, Any]) -> str:

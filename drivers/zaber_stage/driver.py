@@ -306,7 +306,9 @@ class ZaberStage(WireDriver[SerialLink]):
             raise ProtocolError(
                 self.name, "opening", f"{dialogue.fault} from {port}, which is no Zaber ASCII", advice
             )
-        advice = f"is it powered, set to the ASCII protocol, and device {address} on its line?"
+        advice = (
+            f"is this its port, is it powered, set to the ASCII protocol, and device {address} on its line?"
+        )
         raise SilentError(self.name, "opening", f"{dialogue.fault} from {port}", advice)
 
     def _play(self, dialogue: StageDialogue, procedure: Generator[str, codec.StageReply, T]) -> T | None:

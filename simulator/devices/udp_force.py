@@ -26,6 +26,9 @@ DRIFT_PPM = 29.0
 FIRST_FT = MODULUS - 35_000
 """Number of its first sample: it wraps after 5 s, so that it does in a run (assumption)."""
 
+NOISE_COUNTS = 20
+"""Largest noise of a torque, in which nothing else of a bench shows (assumption)."""
+
 INT32: Final = np.iinfo(np.int32)
 
 
@@ -53,6 +56,7 @@ class EmulatedUdpForce:
         self._on_s: float | None = None
         self._next: int | None = None
         self._rdt = 0
+        self._rng = np.random.default_rng(0)
 
     @property
     def endpoint(self) -> Mapping[str, float]:
@@ -90,6 +94,7 @@ class EmulatedUdpForce:
             self._bench.advance(self.due_s)
             felt = self._bench.wrench(np.array([self.due_s]), self._towards)[0]
             counts = np.rint(felt * self._scale).astype(np.int64) - self._zero
+            counts[3:] += self._rng.integers(-NOISE_COUNTS, NOISE_COUNTS + 1, 3)
             self._latest = np.clip(counts, INT32.min, INT32.max)
             sent += self._record(self._next)
             self._next += 1

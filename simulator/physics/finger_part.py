@@ -1,5 +1,6 @@
 """The resonant finger as a part of a bench: a probe in the tool meets it, a board reads it."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -79,6 +80,7 @@ class FingerPart(BenchPart):
     def _begin(self, location: str) -> None:
         self._plant.begin(key=self.bench.key, location=location, gap_m=self._settings.surface_m)
         self._period_times_s = self._periods_s = np.empty(0)
+        self._felt_s = math.inf  # since when the force is computed with its noise
         self._tendon_s, self._tendon_m = [self.bench.origin_s], [0.0]
         self.contacts: list[tuple[float, bool]] = []
         if self._settings.always_excited:
@@ -99,10 +101,9 @@ class FingerPart(BenchPart):
         return self._plant.force_n
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
-        """See `Bench.wrench`; while the force is not read, the present one stands for all instants."""
-        pressed_n = (
-            self.sample("load_cell", times_s) if self.bench.felt else np.full(len(times_s), self.force_n)
-        )
+        """See `Bench.wrench`; where the force was not read yet, the present one stands for all instants."""
+        felt = self.bench.felt and times_s[0] > self._felt_s
+        pressed_n = self.sample("load_cell", times_s) if felt else np.full(len(times_s), self.force_n)
         found = np.zeros((len(times_s), 6))
         found[:, :3] = -pressed_n[:, None] * np.asarray(direction)
         return found
@@ -129,6 +130,8 @@ class FingerPart(BenchPart):
         until_s = t_s - origin_s
         if until_s <= self._plant.t_s:
             return
+        begun_s = min(self._felt_s, origin_s + self._plant.t_s)
+        self._felt_s = begun_s if self.bench.felt else math.inf
         self._plant.advance(until_s, observed | FELT if self.bench.felt else observed)
         ends_s, periods_s = self._plant.periods()
         if "period" in observed:

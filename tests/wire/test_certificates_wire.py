@@ -1,19 +1,25 @@
 """Stops, limits and watchdogs of the shipped benches act on the wire too: real drivers, devices of their own.
 
-That loop and guard notice each wrong sample, and that drivers refuse what is beyond them, is shown on every mock bench
-(tests/scenarios/test_certify.py), and on one of these again; on the others what devices and processes do by themselves.
+What loop and guard do by a limit is shown on every mock bench (tests/scenarios/test_certify.py), and on one of these
+again: an emulated profile has its mock twin's limits, key by key. What remains are the devices, each of which is some
+bench's with the same settings and the same bounds: what these and their processes do by themselves is shown here.
 """
 
+import json
 import time
 
 import pytest
 
+from config.assemble import limits_of
 from config.certificate import certifier_of
 from config.profile import load_profile
+from config.source import profile_names, read_source
 from controller.certify import Certifier
 
 BETWEEN = ("_streams", "_forces", "_travel", "_asked", "_of_device")
 """Cases of what goes wrong, or is refused, above the devices."""
+
+ARM = {"limits.blind_travel_m", "devices.arm.loop_timeout_s", "devices.arm.watchdog_hz"}
 
 BENCHES = {
     "emulated/transient": (
@@ -29,19 +35,43 @@ BENCHES = {
         (*(name for name in BETWEEN if name != "_forces"), "_alone", "_watchdogs", "_ended"),
         {"stop of stage", "limits.force_n"},
     ),
-    "emulated/pretouch": (
+    "emulated/locating": ((*BETWEEN, "_watchdogs"), {"stop of stage", "limits.blind_travel_m"}),
+    "emulated/grasp": (
         BETWEEN,
-        {
-            "stop of gripper",
-            "limits.blind_travel_m",
-            "devices.arm.loop_timeout_s",
-            "devices.arm.watchdog_hz",
-            "devices.gripper.watchdog_s",
-        },
+        {"stop of gripper", "devices.gripper.watchdog_s", "devices.board.watchdog_s", *ARM},
     ),
+    "emulated/slip": ((*BETWEEN, "_watchdogs"), ARM),
+    "emulated/pointer": ((*BETWEEN, "_watchdogs"), ARM),
+    "emulated/transient_arm": ((*BETWEEN, "_watchdogs"), ARM),
     "emulated/weights": ((), {"limits.stuck_s", "devices.board.watchdog_s"}),
 }
-"""A profile of each kind of mover and of none: the cases that are left out, and some of what it must have shown."""
+"""Benches that have every device of every emulated bench between them: the cases that are left out, and some of what
+each must have shown."""
+
+BOUNDS = ("travel_m", "travel_min_m", "blind_travel_m", "speed_m_s", "reach_m", "reach_rad")
+
+
+def devices_of(name):
+    """Each device of a profile with its settings and the bounds that it may move in."""
+    profile = load_profile(name)
+    limits = limits_of(profile)
+    for device, entry in profile.devices.items():
+        bounds = limits.movers.get(device, limits).model_dump(include=set(BOUNDS))
+        moves = hasattr(entry.settings, "max_speed_m_s")
+        settings = entry.settings.model_dump(mode="json")
+        yield json.dumps(
+            [entry.kind, settings, bounds if moves else {}, profile.loop.model_dump()], sort_keys=True
+        )
+
+
+def test_each_device_of_each_emulated_bench_is_one_of_these_and_each_limit_one_of_a_mock_bench():
+    shown = {device for name in BENCHES for device in devices_of(name)}
+    emulated = [name for name in profile_names() if name.startswith("emulated/")]
+    benches = [name for name in emulated if "experiment" in read_source(name).data]
+    assert len(benches) > 15
+    for name in benches:
+        assert set(devices_of(name)) <= shown, name
+        assert load_profile(name).limits == load_profile(name.replace("emulated", "mock")).limits
 
 
 @pytest.mark.parametrize("name", BENCHES)
@@ -53,7 +83,7 @@ def test_every_limit_of_an_emulated_bench_acts(name, monkeypatch):
     assert [proof for proof in proofs if proof.verdict not in ("acted", "nothing to bound")] == []
     assert {proof.limit for proof in proofs} >= shown
     killed = [proof for proof in proofs if "its program is killed" in proof.done]
-    assert len(killed) == (name in ("emulated/transient", "emulated/pretouch"))
+    assert len(killed) == (name not in ("emulated/first_contact", "emulated/weights"))
     assert all(proof.way_m is not None and proof.way_m < 2.2e-3 for proof in killed)
 
 

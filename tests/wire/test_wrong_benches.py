@@ -1,8 +1,8 @@
 """Benches that are not what their profile says: each run ends before motion, by the line that names what is wrong.
 
 The emulated devices are those of one profile, the run has another. A reversed axis and an unplugged load cell are in
-tests/scenarios/test_first_contact.py, its wrong sign in tests/unit/controller/measures; boards that reset and hands
-that sleep are waited for and woken: test_sensor_board_wire.py, test_barrett_hand_wire.py.
+tests/scenarios/test_stopping.py; boards that reset are waited for, hands that sleep are woken, or named where they do
+not come: tests/unit/drivers/serial_lines, sensor_board and barrett_hand.
 """
 
 import json
@@ -98,3 +98,28 @@ def test_a_noisy_cable_ends_before_motion_or_is_counted(verb, tmp_path: Path):
     code, _, err = verb("run", "emulated/first_contact", "--out", tmp_path, "--set", f"faults={noise}")
     assert code == 3
     check_refusal(err.strip().splitlines()[-1], "stage", "cable")
+
+
+def test_a_load_cell_of_the_wrong_sign_ends_at_the_first_touch_by_its_name(verb, tmp_path: Path):
+    profile = tmp_path / "mine.toml"
+    profile.write_text(
+        """
+        extends = "emulated/first_contact"
+        detectors.contact.input = "uno.force"
+        behavior.load_cell_stream = "uno.force"
+        limits.force_stream = "uno.force"
+        [devices.uno]
+        driver = "serial_lines"
+        port = "emulated"
+        rate_hz = 1000.0
+        streams.force = { columns = [1], unit = "N", scale = 2.4e-5, shows = ["load_cell"] }
+        """
+    )
+    with bench(str(profile), {}) as emulator:
+        ends = tmp_path / "ends.json"
+        ends.write_text(json.dumps(emulator.endpoints))
+        turned = ("--only", 1, "--set", "devices.uno.streams.force.scale=-2.4e-5")
+        code, out, err = verb("run", profile, "--endpoints", ends, "--out", tmp_path, *turned)
+    assert code == 1
+    check_refusal(err.strip().splitlines()[-1], "wrong sign", "reads a push as negative", "scale")
+    assert "trial 1 touch 1: wrong sign" in out

@@ -60,3 +60,20 @@ def test_the_account_is_of_all_trials_whatever_settings_they_vary():
     bench.begin(1.0, 1, 2, {"location": "f"}, {"noise_scale": 0.5})
     bench.advance(3.0, CELL)
     assert sum(bench.account()["seconds"].values()) == pytest.approx(3.0)
+
+
+def test_an_arm_that_reads_the_force_in_a_moment_that_a_force_sensor_did_not_hear_gets_the_present_one():
+    bench, _ = begun(0.008)
+    towards = (0.0, 0.0, -1.0)
+
+    def now_n():
+        return bench.wrench(np.array([bench.t_s]), towards)[0, 2]
+
+    assert now_n() == pytest.approx(bench.force_n), "nobody else reads it"
+    bench.advance(0.1, frozenset())
+    bench.feel(True)  # another device begins to, between two advances
+    assert now_n() == pytest.approx(bench.force_n)
+    bench.advance(0.2, frozenset())
+    assert now_n() == pytest.approx(bench.force_n)
+    bench.begin(0.2, 1, 2, {"location": "f"}, PLANT.model_dump(mode="json"))
+    assert now_n() == pytest.approx(bench.force_n)
