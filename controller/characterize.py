@@ -103,7 +103,11 @@ def certificate(
         raise ValueError("samples at irregular times; give --rate HZ if the samples are regular")
     quiet = [part for each in recordings for part in _parts(each.blocks, truth.quiet)]
     if not quiet:
-        raise ValueError("no quiet in it: name seconds in which nothing happens with --quiet T0:T1")
+        begin_s, end_s = recordings[0].blocks[0].times[0], recordings[0].blocks[-1].times[-1]
+        raise ValueError(
+            "no quiet in it: name seconds in which nothing happens with --quiet T0:T1; its times go from"
+            f" {begin_s:.6g} to {end_s:.6g} s"
+        )
     unit = recordings[0].blocks[0].unit or "unit"
     rows = list(_at_rest([_values(part) for part in quiet], rate_hz, unit))
     gaps: list[str] = []

@@ -126,7 +126,12 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
     wanted = column.split(",") if column else names
     listed = ", ".join([*names[:NAMED], *(["…"] if len(names) > NAMED else [])]) or "none besides the times"
     if not column and len(names) != count:
-        raise ReplayError(f"{path}: which column? choose with --column; there are {listed}")
+        rising = next((name for name in names if not clock and _rises(table[name])), None)
+        named = ",".join("t_ms" if name == rising else name for name in names[:NAMED])
+        raise ReplayError(
+            f"{path}: which column? choose with --column; there are {listed}"
+            + (f"; {rising} rises: if it has the times, write as the first line {named}" if rising else "")
+        )
     for name in wanted:
         if name not in table:
             raise ReplayError(f"{path}: no column {name}; there are {listed}")
@@ -158,6 +163,12 @@ def _unrolled(
         steps_s = np.diff(times_s, append=2.0 * times_s[-1] - times_s[-2])
         times_s = (times_s[:, None] + steps_s[:, None] * np.arange(many) / many).ravel()
     return Chosen(ends[0], rows.values.reshape(-1, 1), times_s, clock=rows.clock)
+
+
+def _rises(cells: NDArray[Any]) -> bool:
+    """Whether a column could have the times."""
+    number = np.issubdtype(cells.dtype, np.number) and len(cells) > 2
+    return bool(number and (np.diff(cells) > 0).all())
 
 
 def _odd(cells: NDArray[Any]) -> str:
@@ -230,6 +241,8 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
             f"{path}: no table of numbers under one line of names: {len(names)} names ({', '.join(names[:NAMED])}), but"
             f" {fields} fields in the row below"
         )
+    if separator:  # what a program wrote between two rows
+        body = [row for row in body if row.count(separator) == body[0].count(separator) or not _wordy(row)]
     comma = separator != "," and any(
         "," in field and _numeric(field) for row in body if "," in row for field in _fields(row, separator)
     )
@@ -264,7 +277,8 @@ def _below_preamble(path: Path, rows: Sequence[str]) -> Sequence[str]:
         fields = len(rows[min(1, len(rows) - 1)].rstrip("\t").split("\t"))
         names = rows[0].split("\t")[:fields]  # "Comment" has no cells
         return ["\t".join(names), *(row.rstrip("\t") for row in rows[1:])]
-    if len(rows) <= PROOF or (len(_split(rows[0])) == len(_split(rows[1])) and not _wordy(rows[1])):
+    alike = len(rows) > 1 and len(_fields(rows[0], _separator(rows[1]))) == len(_split(rows[1]))
+    if len(rows) <= PROOF or (alike and not _wordy(rows[1])):
         return rows
     for place in range(min(PREAMBLE, len(rows) - PROOF + 1)):
         proof = [_split(row) for row in rows[place : place + PROOF]]
@@ -273,8 +287,8 @@ def _below_preamble(path: Path, rows: Sequence[str]) -> Sequence[str]:
             continue
         # names stand next above, or above a line of units and one of scales
         above = rows[max(0, place - 3) : place]
-        alike = [row for row in above if _separator(row) == _separator(rows[place])]
-        header = next((row for row in alike if {len(_split(row))} == counts and _wordy(row)), None)
+        same = [row for row in above if _separator(row) == _separator(rows[place])]
+        header = next((row for row in same if {len(_split(row))} == counts and _wordy(row)), None)
         return ([header] if header else []) + list(rows[place:])
     odd = next((row for row in rows[1:] if _wordy(row)), rows[0])
     if any(map(_numeric, _split(odd))):
@@ -302,8 +316,10 @@ def _wordy(row: str) -> bool:
 def _header(rows: Sequence[str], comment: str) -> tuple[list[str], Sequence[str], str]:
     """Names of the columns, the rows of numbers, and what stands between two fields ("" for spaces)."""
     separator = _separator(rows[1] if len(rows) > 1 else rows[0])
-    first = _fields(rows[0], separator)
-    if not all(map(_numeric, first)):
+    first, second = _fields(rows[0], separator), _fields(rows[1], separator) if len(rows) > 1 else []
+    # a label in each row makes no line of names
+    labelled = any(map(_numeric, first)) and list(map(_numeric, first)) == list(map(_numeric, second))
+    if not all(map(_numeric, first)) and not labelled:
         names, rows = first, rows[1:]
     else:
         named = _fields(comment, separator)

@@ -85,6 +85,14 @@ def test_from_a_loggers_file_to_a_page(verb, tmp_path):
     assert "latency: 4 | 4 ms, x 1" in verb("compare", tmp_path / "cell.json", tmp_path / "cell.json")[1]
 
 
+def test_quiet_outside_of_the_recording_is_told_from_when_to_when_it_goes(verb, tmp_path):
+    rows = "".join(f"{10.0 + i / 100:.2f},{i % 7}\n" for i in range(300))
+    (tmp_path / "cell.csv").write_text("t_s,F\n" + rows)
+    code, _, err = verb("characterize", tmp_path / "cell.csv", "--quiet", "0:2", "--out", tmp_path / "cell")
+    assert code != 0
+    assert "its times go from 10 to 12.99 s" in err
+
+
 def test_events_before_any_quiet_are_named():
     _, force, _ = load_cell()
     detectors = {"force.threshold": lambda: make_detector("force.threshold", {})}

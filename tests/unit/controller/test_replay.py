@@ -534,6 +534,7 @@ def table(separator=",", rows=6):
         ("labview.lvm", "LabVIEW\t\n***End_of_Header***\t\nDelta_X\t0.01\n***End_of_Header***\t\nX_Value\tF\tComment\n"
          + table("\t"), "F"),
         ("scales.txt", "Sampling - 100\nMon, Jul 9\nTime\tF\nSec\tV\n0 0 0\t0\n\n" + table("\t"), "F"),
+        ("labels.csv", "STARTING NEW RUN\n" + "".join(f"d,{0.5 * i},{10 * i}\n" for i in range(6)) + "STOPPED\n", "1"),
         ("packed.csv", "t_s,p0,p1\n0.00,0.0,0.5\n0.02,1.0,1.5\n0.04,2.0,2.5\n", "p0..p1"),
     ],
 )  # fmt: skip
@@ -542,6 +543,14 @@ def test_tables_below_a_preamble_and_samples_side_by_side_are_read(tmp_path, nam
     found = read_columns(tmp_path / name, column)
     assert found.values[:, 0] == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
     assert found.times_s is None or found.times_s == pytest.approx(0.01 * np.arange(6))
+
+
+def test_a_column_that_could_have_the_times_is_named_with_the_line_to_write(tmp_path):
+    (tmp_path / "a.csv").write_text("START OF RUN\n" + "".join(f"d,{(-1) ** i},{10 * i}\n" for i in range(6)))
+    with pytest.raises(ReplayError, match="2 rises: if it has the times, write as the first line 0,1,t_ms"):
+        read_columns(tmp_path / "a.csv", None)
+    (tmp_path / "b.csv").write_text((tmp_path / "a.csv").read_text().replace("START OF RUN", "0,1,t_ms"))
+    assert read_columns(tmp_path / "b.csv", "1").times_s == pytest.approx(0.01 * np.arange(6))
 
 
 def test_the_first_line_that_was_not_understood_is_named(tmp_path):
