@@ -1,6 +1,6 @@
 """The figures on the benchmarks' pages, from results/*.json and a few passages: `python -m benchmarks.drawings`.
 
-`python -m benchmarks.drawings pictures` draws the README's.
+`python -m benchmarks.drawings pictures` takes those of README and tutorial.
 
 Colours and markers are the reports': ours, the paper's, rivals, the truth or a bound (`controller.reports.figures`).
 """
@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from shutil import which
-from subprocess import DEVNULL, check_call
+from subprocess import DEVNULL, PIPE, Popen, check_call
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -23,7 +23,10 @@ from simulator.physics.aura_settings import OBJECTS, SIDES
 
 OUT, PICTURES = FOLDER.parent / "figures", ROOT / "docs" / "pictures"
 SCREEN: Any = {"width": 1280, "height": 800}
-"""Of the README's picture."""
+"""Of the pictures of README and tutorial."""
+
+WAIT_MS = 120_000
+"""For a trial on the wire."""
 
 FLOOR = 2e-16
 """Errors below this are drawn here: the spacing of doubles at 1."""
@@ -219,19 +222,37 @@ def table_1(figures: Figures) -> str:
 
 
 def pictures() -> None:
-    """Run what `make run` runs, and take the first screen of its report, light and dark."""
+    """Take README's and the tutorial's: the first screen of the report of what `make run` runs, light and dark, and the
+    live page of an emulated run, before and after Pause."""
     from playwright.sync_api import sync_playwright  # with the tests' Chromium
 
     chromium = which("chromium") or which("chromium-browser") or which("google-chrome")
     with TemporaryDirectory() as folder, sync_playwright() as playwright:
-        run = [sys.executable, "run.py", "run", "papers/table_1", "--out", folder]
-        check_call(run, cwd=ROOT, stdout=DEVNULL)
+        run = [sys.executable, "run.py", "run", "--out", folder]
+        check_call([*run, "papers/table_1"], cwd=ROOT, stdout=DEVNULL)
         (page,) = Path(folder).rglob("report.html")
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         for scheme in ("light", "dark"):
             screen = browser.new_page(viewport=SCREEN, color_scheme=scheme)
             screen.goto(page.as_uri())
             screen.screenshot(path=PICTURES / f"report_{scheme}.png")
+        asked = [word for trial in (1, 2, 3) for word in ("--only", str(trial))]
+        watched = [*run, "emulated/transient", "--watch", "--no-report", *asked]
+        with Popen(watched, cwd=ROOT, stdout=PIPE, text=True) as going:
+            link = next(
+                word for line in going.stdout or () for word in line.split() if word.startswith("http")
+            )
+            screen = browser.new_page(viewport=SCREEN)
+            screen.goto(link)
+            screen.locator("#verdict", has_text="1 of 3").wait_for(timeout=WAIT_MS)
+            screen.wait_for_selector('body[data-state="APPROACH"]', timeout=WAIT_MS)
+            screen.wait_for_timeout(300)
+            screen.screenshot(path=PICTURES / "live_running.png")
+            screen.get_by_role("button", name="Pause").click()
+            screen.wait_for_selector('body[data-state="PAUSED"]')
+            screen.wait_for_timeout(2000)
+            screen.screenshot(path=PICTURES / "live_paused.png")
+            screen.get_by_role("button", name="Stop").click()
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@
     const low = Math.min(least(name), value), digits = Math.min(6, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(limit) || 1))));
     const bar = document.createElement("div"), share = limit > low ? Math.min(1, (value - low) / (limit - low)) : 0;
     bar.className = !acts ? "bar idle" : share > 0.8 ? "bar near" : "bar";
-    bar.append(`${name} ${value.toFixed(digits)} of ${limit.toFixed(digits)} ${unit}${acts ? "" : " (nothing acts on it now)"}`, document.createElement("i"));
+    bar.append(`${name} ${value.toFixed(digits)} of ${limit.toFixed(digits)} ${unit}${acts ? "" : " (only watched)"}`, document.createElement("i"));
     bar.lastChild.style.setProperty("--share", `${100 * share}%`);
     return bar;
   }));
@@ -107,7 +107,7 @@
     }
     bars("thresholds", now.thresholds, (name) => (signals[`detector.${name}`]?.y ?? []).reduce((low, value) => value < low ? value : low, Infinity));
     bars("margins", now.margins);
-    at("streams").replaceChildren(...(now.streams ?? []).map(([name, age_s, lost]) => Object.assign(line([name, age_s < OLD_S ? `${Math.max(0, age_s).toFixed(2)} s` : `not read for ${clock(age_s)}`, lost]), {className: age_s < OLD_S ? "" : "old"})));
+    at("streams").replaceChildren(...(now.streams ?? []).map(([name, age_s, lost]) => Object.assign(line([name, age_s < OLD_S ? `${Math.max(0, age_s).toFixed(2)} s` : clock(age_s), lost]), {className: age_s < OLD_S ? "" : "old"})));
     for (const [trial, outcome, row, success] of message.rows ?? []) {
       const names = ["trial", "outcome", ...Object.keys(row)].slice(0, 9);
       at("heads").replaceChildren(line(names, "th"));
