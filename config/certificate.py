@@ -37,10 +37,8 @@ def certifier_of(
     trials = list(plan.trials)
     limits = trials[0].guard.settings
     watched = {*limits.range_streams}.union(*(trial.behavior.range_streams for trial in trials))
-    own, settings = (
-        profile.for_trial(listed[0]),
-        {name: profile.devices[name].settings for name in plan.devices},
-    )
+    own = profile.for_trial(listed[0])
+    settings = {name: each.settings for name, each in profile.devices.items() if name in plan.devices}
 
     def session(operator: HandOperator) -> HandSession:
         return session_on(

@@ -92,6 +92,11 @@ def test_stop_and_pause_come_before_anything_else_goes_wrong():
     assert {limit.rpartition(" ")[2] for limit in limits[:first]} == {"arm", "gripper"}
 
 
+def test_limits_of_devices_come_in_the_order_of_the_profile():
+    profile = load_profile("mock/grasp")
+    assert list(certifier_of(profile)._settings) == list(profile.devices)
+
+
 def nothing(*_, **__):
     return None
 
