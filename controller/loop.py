@@ -436,6 +436,7 @@ class Loop:
             raise self._witness.failure
         approached = [each for status in statuses if (each := self._note(status)) is not None]
         self._attend(t_s)
+        statuses += self._unanswered(t_s)
         moving = bool(trial.moving)
         beyond = [status for status in statuses if isinstance(status, Saturated)]
         reason = guard.check(t_s, blocks, moving, late_s, beyond)
@@ -653,6 +654,14 @@ class Loop:
                 self._send(Stop(name))
                 # Its answer is waited for even where it stood.
                 self._trial.moving.add(name)
+
+    def _unanswered(self, t_s: float) -> Sequence[Failed]:
+        """A mover that does not answer the stop of a pause, which has no deadline of its own: its line was gone."""
+        paused_s, moving = self._trial.paused_s, sorted(self._trial.moving)
+        if paused_s is None or not moving or t_s - paused_s < STANDSTILL_TIMEOUT_S:
+            return ()
+        reason = f"it was not seen standing still within {STANDSTILL_TIMEOUT_S:g} s of the pause; look at its cable"
+        return [Failed(t_s, moving[0], reason)]
 
     def _waits_for_operator(self) -> bool:
         paused = self._trial.paused_s is not None and not self._trial.resuming and not self._over

@@ -87,8 +87,8 @@ def test_a_fault_is_marked_in_the_manifest_when_it_takes_effect() -> None:
     ("experiment", "fault", "exit_code", "says"),
     [
         ("transient", {"device": "disk", "kind": "full", "after": "APPROACH"}, 1, "No space left"),
-        ("transient", {"device": "stage", "kind": "overrun", "amount": 0.02}, 4, "limits.travel_min_m"),
-        ("transient_arm", {"device": "arm", "kind": "overrun", "amount": 0.02}, 4, "limits.travel_min_m"),
+        ("transient", {"device": "stage", "kind": "overrun", "amount": 0.02}, 4, "limits.follow_m"),
+        ("transient_arm", {"device": "arm", "kind": "overrun", "amount": 0.02}, 4, "limits.follow_m"),
         ("transient_arm", {"device": "arm", "kind": "nan", "after": "APPROACH"}, 4, "arm.position is at nan"),
         (
             "touch",

@@ -1089,6 +1089,16 @@ def test_a_paused_trial_goes_on_once_every_mover_stands_and_its_time_is_counted(
     assert ("APPROACH", pytest.approx(0.25)) in bench.shown
 
 
+def test_a_mover_that_does_not_answer_the_stop_of_a_pause_ends_the_trial(bench):
+    bench.requests = [("pause", 0.15), ("resume", 0.2)]
+    bench.stage.brake_s = 60.0
+    bench.run()
+    (failed,) = (event for event in bench.loop.events if isinstance(event, Failed))
+    assert failed.t_s == pytest.approx(0.15 + loop_module.STANDSTILL_TIMEOUT_S, abs=0.011)
+    assert "not seen standing still within 2 s of the pause" in failed.reason
+    assert bench.behavior.outcome == "fault"
+
+
 def test_two_pauses_are_added_up(bench):
     bench.requests = [("pause", 0.15), ("resume", 0.15), ("pause", 0.3), ("resume", 0.3)]
     bench.run()
