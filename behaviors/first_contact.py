@@ -25,6 +25,9 @@ class FirstContactSettings(Settings):
     load_cell_stream: StreamName = "board.load_cell"
     """Force (N)."""
 
+    load_cell_channel: int = Field(default=0, ge=0, le=63)
+    """Which of its channels a push makes positive: of an arm's own force 2 (fz), where it comes from above."""
+
     position_stream: StreamName = "stage.position"
     """Where the mover is (m)."""
 

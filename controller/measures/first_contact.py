@@ -28,7 +28,7 @@ def measure(
     begun_s = evidence.entered_s.get("APPROACH")
     if begun_s is None:
         return outcome, row
-    _, force_n = tared(evidence, settings.load_cell_stream, begun_s)
+    _, force_n = tared(evidence, settings.load_cell_stream, begun_s, settings.load_cell_channel)
     if len(force_n):
         peak_n = float(force_n[abs(force_n).argmax()])
         row["force_peak_n"] = abs(peak_n)

@@ -111,11 +111,12 @@ def touch_of(row: Mapping[str, Any], evidence: TrialEvidence) -> float | None:
 
 
 def tared(
-    evidence: TrialEvidence, stream: str | None, begun_s: float
+    evidence: TrialEvidence, stream: str | None, begun_s: float, channel: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Load cell of approach, stop and hold, less its mean over the baseline before."""
     baseline_s = evidence.entered_s.get("BASELINE", -math.inf)
-    times_s, force_n = evidence.series(stream, baseline_s, evidence.entered_s.get("RETRACTING", math.inf))
+    until_s = evidence.entered_s.get("RETRACTING", math.inf)
+    times_s, force_n = evidence.series(stream, baseline_s, until_s, channel)
     before = times_s < begun_s
     zero_n = float(force_n[before].mean()) if before.any() else 0.0
     return times_s[~before], force_n[~before] - zero_n

@@ -89,9 +89,9 @@ class TrialEvidence:
         return self.covered(stream, since_s, until_s).between(since_s, until_s)
 
     def series(
-        self, stream: str | None, since_s: float = -math.inf, until_s: float = math.inf
+        self, stream: str | None, since_s: float = -math.inf, until_s: float = math.inf, channel: int = 0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times (n,) in seconds and values (n,) of a stream's first channel, in its unit, within a span; none of None.
+        """Times (n,) in seconds and values (n,) of a stream's channel, in its unit, within a span; none of None.
 
         Raises:
             MissingDataError: as `covered`.
@@ -100,7 +100,7 @@ class TrialEvidence:
             return np.empty(0), np.empty(0)
         series = self.covered(stream, since_s, until_s)
         wanted = (series.times_s >= since_s) & (series.times_s <= until_s)
-        return series.times_s[wanted], series.values[wanted, 0]
+        return series.times_s[wanted], series.values[wanted, channel]
 
     def require_samples(self, detector: str, since_s: float, until_s: float) -> None:
         """Check that a detector's inputs cover a span in which its events are counted.

@@ -172,3 +172,23 @@ def test_the_commands_of_dask_are_those_that_it_knows(verb, local_cluster, tmp_p
     (run,) = re.findall(r"^    touchbench (run .*--scheduler) \S+$", PAGE, re.MULTILINE)
     code, out, err = verb(*shlex.split(run), local_cluster.scheduler_address, "--no-report")
     assert code == 0, (out, err)
+
+
+def test_an_arm_touches_first_as_the_page_says(verb, tmp_path):
+    page = (PAGES / "first_day_slip.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```toml\n# my_touch.toml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "my_touch.toml").write_text(text.replace('"console"', '"mock"'), encoding="utf-8")
+    (tmp_path / "my_bench.toml").write_text('extends = "mock/bench_slip"\n', encoding="utf-8")
+    profile = ("my_touch.toml", "--out", tmp_path)
+    code, out, err = verb("certify", tmp_path / profile[0], *profile[1:])
+    assert (code, "25 of 25 limits acted" in out) == (0, True), err
+    code, out, err = verb("run", tmp_path / profile[0], *profile[1:], "--no-report")
+    assert code == 0, err
+    (trials,) = tmp_path.glob("*/trials.csv")
+    rows = trials.read_text().splitlines()
+    heading = rows[0].split(",")
+    for row in rows[1:]:
+        touch = dict(zip(heading, row.split(","), strict=True))
+        assert touch["outcome"] == "contact"
+        assert 1.0 < float(touch["force_peak_n"]) < 5.0, "a tip of steel on a table"
+        assert 0.003 < float(touch["position_m"]) < 0.0035, "the table is at 3 mm"
