@@ -174,6 +174,24 @@ def test_the_commands_of_dask_are_those_that_it_knows(verb, local_cluster, tmp_p
     assert code == 0, (out, err)
 
 
+def test_an_arm_and_a_six_axis_sensor_are_a_bench_by_the_page(verb, tmp_path):
+    page = (PAGES.parent / "tutorial" / "first_run.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```toml\n# my_bench/arm_and_ft.toml\n(.*?)```", page, re.DOTALL)
+    assert len(text.splitlines()) <= 40
+    own = tmp_path / "own.toml"
+    own.write_text(text, encoding="utf-8")
+    code, _, err = verb("check", own)
+    assert code == 0, f"nothing is left to give: {err}"
+    mock = re.sub(r'port = "[\d.]+"', 'port = "mock"', text.replace("hardware/", "mock/"))
+    own.write_text(mock, encoding="utf-8")
+    code, out, err = verb("certify", own, "--out", tmp_path)
+    assert (code, "26 of 26 limits acted" in out) == (0, True), err
+    code, out, err = verb("run", own, "--out", tmp_path)
+    assert code == 0, err
+    (report,) = tmp_path.glob("*/report.html")
+    assert (report.parent / "trials.csv").read_text().splitlines()[1].startswith("1,contact,0.001,")
+
+
 def test_an_arm_touches_first_as_the_page_says(verb, tmp_path):
     page = (PAGES / "first_day_slip.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"```toml\n# my_touch.toml\n(.*?)```", page, re.DOTALL)
