@@ -51,8 +51,18 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         },
         template="centering",
         paper="rupavatharam",
-        summary=_summary(groups, Kind.PREDICTED if simulated else Kind.MEASURED),
+        summary=_summary(_pooled(groups), Kind.PREDICTED if simulated else Kind.MEASURED),
     )
+
+
+def _pooled(groups: Groups) -> Groups:
+    """Trials of several objects together: each has its row in the table."""
+    things = {thing for thing, *_ in groups}
+    found: dict[tuple[str, str, float], list[Row]] = {}
+    for (thing, method, speed_m_s), own in groups.items():
+        name = thing if len(things) == 1 else f"{len(things)} objects"
+        found.setdefault((name, method, speed_m_s), []).extend(own)
+    return found
 
 
 def _worst_m(own: Sequence[Row]) -> float | None:
@@ -137,10 +147,10 @@ def _waits_s(runs: Sequence[Run]) -> Mapping[str, Sequence[float]]:
 
 def _draw(groups: Groups, figures: Figures) -> str:
     """One histogram for each method and speed, all objects together."""
-    cells: dict[tuple[str, float], list[float]] = {}
-    for (_, method, speed_m_s), own in groups.items():
-        if errors := values(own, "error_m"):
-            cells.setdefault((method, speed_m_s), []).extend(errors)
+    found = {
+        (method, speed_m_s): values(own, "error_m") for (_, method, speed_m_s), own in _pooled(groups).items()
+    }
+    cells = {key: errors for key, errors in found.items() if errors}
     if not cells:
         return ""
     scale = scale_of("error_m")

@@ -91,7 +91,7 @@ def _draw_panel(axes: Axes, groups: Sequence[Sequence[Row]], name: str) -> None:
     scale = scale_of(name)
     for place, own in enumerate(groups, start=1):
         known = [float(row[name]) * scale.factor for row in own if is_number(row.get(name))]
-        axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0)
+        axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0, ms=7.0)
         mean = mean_of(known)
         if mean.n > 1:
             axes.errorbar(place, mean.mean, mean.sigma, fmt="o", ms=3.0, color=OURS)

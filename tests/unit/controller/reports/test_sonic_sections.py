@@ -332,6 +332,15 @@ def test_the_papers_method_beside_its_own_worst_is_no_good_news_and_ours_is_comp
     assert one[0].mark == "missed", "one beyond a bound on the worst decides it"
 
 
+def test_several_objects_are_judged_together_and_each_has_its_row(tmp_path):
+    rows = [centred(0.001, object=thing) for thing in ("pipe", "mug") for _ in range(15)]
+    found = section_of(centering, write(tmp_path, "centering", rows))
+    (result,) = found.summary
+    assert result.text.startswith("2 objects, ours, 10 mm/s: 2.5 times below the 2.5 mm aimed at")
+    assert result.mark == "met", "of 15 each object alone decides nothing"
+    assert [row["object"] for row in found.content["errors"]] == ["mug", "pipe"]
+
+
 def test_an_approach_along_another_axis_has_a_result(tmp_path):
     rows = [approached(axis="y", touches=0, seen_ours=seen, distance_m_ours=0.02) for seen in (1, 0)]
     found = section_of(aura, write(tmp_path, "aura", rows)).summary
