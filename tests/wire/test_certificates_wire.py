@@ -1,8 +1,9 @@
 """Stops, limits and watchdogs of the shipped benches act on the wire too: real drivers, devices of their own.
 
 What loop and guard do by a limit is shown on every mock bench (tests/scenarios/test_certify.py), and on one of these
-again: an emulated profile has its mock twin's limits, key by key. What remains are the devices, each of which is some
-bench's with the same settings and the same bounds: what these and their processes do by themselves is shown here.
+again: an emulated or a hardware profile has its mock twin's limits, but for those that the lab gives. What remains are
+the devices, each of which is some bench's with the same settings and the same bounds: what these and their processes do
+by themselves is shown here.
 """
 
 import json
@@ -64,14 +65,27 @@ def devices_of(name):
         )
 
 
-def test_each_device_of_each_emulated_bench_is_one_of_these_and_each_limit_one_of_a_mock_bench():
+def profiles(bench):
+    names = [name for name in profile_names() if name.startswith(f"{bench}/")]
+    return [name for name in names if "experiment" in read_source(name).data]
+
+
+def test_each_device_of_each_emulated_bench_is_one_of_these():
     shown = {device for name in BENCHES for device in devices_of(name)}
-    emulated = [name for name in profile_names() if name.startswith("emulated/")]
-    benches = [name for name in emulated if "experiment" in read_source(name).data]
-    assert len(benches) > 15
-    for name in benches:
+    assert len(profiles("emulated")) > 15
+    for name in profiles("emulated"):
         assert set(devices_of(name)) <= shown, name
-        assert load_profile(name).limits == load_profile(name.replace("emulated", "mock")).limits
+
+
+@pytest.mark.parametrize("bench", ["emulated", "hardware"])
+def test_the_limits_of_each_profile_are_those_of_a_mock_bench_but_for_what_the_lab_gives(bench):
+    assert len(profiles(bench)) > 15
+    for name in profiles(bench):
+        profile, twin = load_profile(name), load_profile(name.replace(bench, "mock"))
+        given = {path[1] for path in profile.source.unset if path[0] == "limits"}
+        assert given <= {"force_n", "travel_m", "grip_n"}
+        assert profile.devices.keys() == twin.devices.keys()
+        assert profile.limits.model_dump(exclude=given) == twin.limits.model_dump(exclude=given), name
 
 
 @pytest.mark.parametrize("name", BENCHES)
