@@ -109,7 +109,7 @@ class Source:
         """This source with trials from elsewhere in place of its own; `labels` are their places."""
         trials = self.data.get("trials")
         kept = trials if isinstance(trials, dict) else {}
-        asked = {key: kept[key] for key in ("order", "repeats") if key in kept}
+        asked = {key: kept[key] for key in ("order", "repeats", "reconnects") if key in kept}
         data = {**self.data, "trials": {**asked, "list": list(rows)}}
         origins = {key: file for key, file in self.origins.items() if key[:2] != ("trials", "grid")}
         origins |= {("trials", "list", str(row)): label for row, label in enumerate(labels)}

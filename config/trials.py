@@ -49,6 +49,10 @@ class TrialsSettings(Settings):
     repeats: int = Field(default=1, ge=1, le=10_000)
     """How often each combination is run."""
 
+    reconnects: int = Field(default=0, ge=0, le=1000)
+    """How many trials may be repeated after a device failed, where every mover was seen standing still: all devices are
+    opened and identified anew, and the trial begins again, from home and with a new baseline."""
+
     list: Sequence[Factors] = Field(default_factory=lambda: [{}])
     """Rows of factors."""
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from config import verbs
+from drivers.core.clock import rest
 from drivers.core.errors import PROGRAM, lacking
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from controller.recording.run_folder import RunFolder
     from controller.watching.foxglove import FoxgloveStream
     from controller.watching.page import PageProcess
+
+RECONNECT_S = 5.0
+"""How long a real bench is left alone before its devices are opened anew. Assumption: a USB port is there again."""
 
 
 @click.command(cls=verbs.Verb, short_help="Run an experiment, write a run folder and its report.")
@@ -143,9 +147,6 @@ def resume(run: str, out: Path, **how: Any) -> int:
 
     Exit codes: as of `run`.
     """
-    from config.assemble import plan_campaign
-    from config.merging import profile_of
-    from controller.recording.joining import broken_off
     from controller.recording.run_folder import RunFolder
 
     found = RunFolder.find(run, out)
@@ -153,16 +154,24 @@ def resume(run: str, out: Path, **how: Any) -> int:
         if how["watched"]:
             raise click.UsageError(f"{run} has parts: watch each with {PROGRAM} watch")
         return _in_turn(found, how["jobs"], how["scheduler"], how["reported"])
-    resumed = broken_off(found)
-    loaded, trials = profile_of(resumed.manifest, resumed.folder.path.name)
-    seed, asked = int(resumed.manifest["seed"]), resumed.manifest["profile"].get("asked")
-    plan = plan_campaign(loaded, trials, seed, done=resumed.done, asked=asked)
+    loaded, plan, resumed = _what_is_left(found)
     if plan.count == 0:
-        verbs.say(
-            f"{resumed.folder.path.name}: all {len(trials)} trials are done; `{PROGRAM} report {run}` shows them"
-        )
+        said = f"all {len(resumed.done)} trials are done; `{PROGRAM} report {run}` shows them"
+        verbs.say(f"{resumed.folder.path.name}: {said}")
         return verbs.DONE
     return _carried_out(loaded, plan, out, resumed, **how)
+
+
+def _what_is_left(folder: RunFolder) -> tuple[Profile, CampaignPlan, ResumedRun]:
+    """Of a run that broke off: its profile, the trials that are left, and what is done."""
+    from config.assemble import plan_campaign
+    from config.merging import profile_of
+    from controller.recording.joining import broken_off
+
+    resumed = broken_off(folder)
+    loaded, trials = profile_of(resumed.manifest, folder.path.name)
+    seed, asked = int(resumed.manifest["seed"]), resumed.manifest["profile"].get("asked")
+    return loaded, plan_campaign(loaded, trials, seed, done=resumed.done, asked=asked), resumed
 
 
 @click.command(cls=verbs.Verb, short_help="Join the shards of a run.")
@@ -196,8 +205,13 @@ def _carried_out(
     watched: bool,
     realtime: bool = False,
     foxglove: bool = False,
+    reconnected: int = 0,
 ) -> int:
-    """Run a campaign and report it; returns the exit code."""
+    """Run a campaign and report it; returns the exit code.
+
+    Where a device failed, all stands still and the profile permits one more (`trials.reconnects`), the run goes on with
+    devices opened anew, as one that is resumed.
+    """
     from config.assemble import build_rig
     from config.costs import duration
     from config.jobs import in_batches
@@ -227,6 +241,17 @@ def _carried_out(
             with Holding(loaded.name, "run", addresses(rig), loaded.bench == "hardware") as note:
                 outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
                 note.tell(not_at_rest=outcome.not_at_rest)
+    permitted = loaded.trial_settings.reconnects
+    if outcome.exit_code == verbs.DEVICE and reconnected < permitted and rig is not None:
+        if outcome.not_at_rest:
+            verbs.complain("it is not reconnected: something may still move")
+        else:
+            verbs.complain(f"{outcome.line}; reconnected, {reconnected + 1} of {permitted}")
+            rest(0.0 if loaded.bench == "mock" else RECONNECT_S)
+            _, plan, resumed = _what_is_left(RunFolder(outcome.folder))
+            how: dict[str, Any] = {"reported": reported, "endpoints": endpoints, "watched": watched}
+            how |= {"jobs": 1, "scheduler": scheduler, "realtime": realtime, "foxglove": foxglove}
+            return _carried_out(loaded, plan, out, resumed, reconnected=reconnected + 1, **how)
     if outcome.error is None:
         (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
     try:

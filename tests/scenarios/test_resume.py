@@ -12,10 +12,14 @@ from pathlib import Path
 
 import pytest
 
+from controller.campaign import Campaign
+from controller.loop import Loop
 from controller.recording.joining import hold
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
+from drivers.core.messages import Failed
 from run import cli
+from simulator.mocks.zaber_stage import MockZaberStage
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = ("--set", "behavior.settle_s=2.0", "--set", "trials.repeats=1", "--no-report")
@@ -154,3 +158,70 @@ def test_a_run_that_goes_on_elsewhere_is_left_alone(verb, whole, tmp_path):
     assert code == 2
     assert "goes on in another program" in err
     assert (run / "trials.csv").read_bytes() == before
+
+
+def failing(monkeypatch, times):
+    """The stage fails in the second trial, each time that this is begun, so often; a moment later it answers again."""
+    poll, failed, trial = MockZaberStage.poll, set(), []
+
+    def polled(self):
+        statuses = poll(self)
+        if trial[-1:] == [2] and len(trial) not in failed and len(failed) < times and self._clock.now() > 0.5:
+            failed.add(len(trial))
+            return [Failed(self._clock.now(), self.name, "its link is gone")]
+        return statuses
+
+    begin = Campaign._trial
+
+    def begun(self, plan, *given):
+        trial.append(plan.trial)
+        return begin(self, plan, *given)
+
+    monkeypatch.setattr(Campaign, "_trial", begun)
+    monkeypatch.setattr(MockZaberStage, "poll", polled)
+
+
+RECONNECTING = ("--set", "trials.order=listed", "--jobs", "1")
+
+
+def test_a_trial_whose_device_failed_is_repeated_with_devices_opened_anew(verb, tmp_path, monkeypatch):
+    expected = tmp_path / "expected"
+    assert verb("run", "mock/transient", *SHORT, *RECONNECTING, "--out", expected)[0] == 0
+    failing(monkeypatch, 2)
+    found = tmp_path / "found"
+    twice = ("--set", "trials.reconnects=2")
+    code, _, err = verb("run", "mock/transient", *SHORT, *RECONNECTING, *twice, "--out", found)
+    assert code == 0, err
+    assert "its link is gone" in err
+    assert "reconnected, 1 of 2" in err
+    assert "reconnected, 2 of 2" in err
+    assert (run_of(found) / "trials.csv").read_bytes() == (run_of(expected) / "trials.csv").read_bytes()
+    assert len(open_run(run_of(found)).manifest["resumed_utc"]) == 2
+
+
+def test_it_is_repeated_no_oftener_than_the_profile_says(verb, tmp_path, monkeypatch):
+    failing(monkeypatch, 3)
+    code, _, err = verb(
+        "run", "mock/transient", *SHORT, *RECONNECTING, "--set", "trials.reconnects=1", "--out", tmp_path
+    )
+    assert code == 3
+    assert err.count("reconnected") == 1
+    assert "its link is gone" in err.splitlines()[-1]
+
+
+def test_a_bench_on_which_something_may_still_move_is_not_reconnected(verb, tmp_path, monkeypatch):
+    failing(monkeypatch, 1)
+    halt = Loop.halt
+
+    def halted(self):
+        halt(self)
+        if self.account.outcome:
+            self.account.not_at_rest.append("stage")
+
+    monkeypatch.setattr(Loop, "halt", halted)
+    code, _, err = verb(
+        "run", "mock/transient", *SHORT, *RECONNECTING, "--set", "trials.reconnects=1", "--out", tmp_path
+    )
+    assert code == 3
+    assert "it is not reconnected: something may still move" in err
+    assert "NOT seen standing still: stage" in err
