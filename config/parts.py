@@ -71,19 +71,15 @@ def parts_of(name_or_path: str) -> ProfileParts | None:
     if "parts" not in source.data:
         return None
     parts = validated(ProfileParts, source.data, lambda place: f"{source.origin(place)}: {'.'.join(place)}")
-    problems = [
-        f"{source.files[-1]}: parts = {part!r}: {wrong}" for part in parts.parts if (wrong := _mistake(part))
-    ]
-    if problems:
-        raise ProfileError(problems)
-    named = [arguments[0] for arguments in parts.runs]
-    problems += [
-        f"{source.files[-1]}: paper {shown.item}: part = {shown.part!r} is none of the parts"
+    problems = [f"parts = {part!r}: {wrong}" for part in parts.parts if (wrong := _mistake(part))]
+    named = {"", *(arguments[0] for arguments in (() if problems else parts.runs))}
+    problems = problems or [
+        f"paper {shown.item}: part = {shown.part!r} is none of the parts"
         for shown in parts.paper
-        if shown.part and shown.part not in named
+        if shown.part not in named
     ]
     if problems:
-        raise ProfileError(problems)
+        raise ProfileError([f"{source.files[-1]}: {problem}" for problem in problems])
     return parts
 
 

@@ -2,7 +2,7 @@
 
 import os
 import resource
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
@@ -86,9 +86,8 @@ def compare(
         DeviceError: one does not open.
     """
     try:
-        yield from _unknown_streams(
-            {name: device.open() for name, device in rig.devices.items()}, trials, named
-        )
+        infos = {name: device.open() for name, device in rig.devices.items()}
+        yield from _unknown_streams(infos, trials, named)
     finally:
         for device in rig.devices.values():
             device.close()
@@ -136,9 +135,7 @@ def examine(
             yield from _state(name, info)
             own = [status for status in statuses if status.device == name]
             for stream in info.streams.values():
-                lost = sum(
-                    each.samples for each in own if isinstance(each, Lost) and each.stream == stream.name
-                )
+                lost = sum(s.samples for s in own if isinstance(s, Lost) and s.stream == stream.name)
                 yield from _reading(stream, blocks.get(stream.name, []), rate, lost)
             yield from _troubles(own, {key: sum(map(len, got)) for key, got in blocks.items()})
             yield from _clock(name, rig.devices[name].account())
@@ -170,30 +167,23 @@ def computer(ports: Mapping[str, str], ask: bool = False) -> Iterator[Finding]:
     from controller.who_answers import can_interfaces, who_answers
 
     used = {os.path.realpath(port): name for name, port in ports.items()}
-    found = list(comports())
-    others = [
-        port.device
-        for port in found
-        if os.path.realpath(port.device) not in used and os.access(port.device, os.R_OK | os.W_OK)
-    ]
+    found = {port.device: port for port in comports()}
+    names = {device: used.get(os.path.realpath(device), "") for device in found}
+    may = {device for device in found if os.access(device, os.R_OK | os.W_OK)}
+    others = [device for device, name in names.items() if device in may and not name]
     answers = dict(zip(others, who_answers(others) if ask else [ASK] * len(others), strict=True))
-    for port in found:
-        name = used.get(os.path.realpath(port.device), "")
+    for device, port in found.items():
+        name = names[device]
         what = ", ".join(str(part) for part in (port.manufacturer, port.product) if part) or port.description
-        line = f"{port.device} ({what}): {f'{name} of this profile' if name else 'not used by this profile'}"
-        if not os.access(port.device, os.R_OK | os.W_OK):
-            rule = (
-                f'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{port.vid:04x}", ATTRS{{idProduct}}=="{port.pid:04x}", '
-                f'GROUP="dialout", MODE="0660"'
-                if port.vid is not None and port.pid is not None
-                else ""
-            )
-            remedy = "sudo usermod -aG dialout $USER, then log in again" + (
-                f"; or a udev rule: {rule}" * bool(rule)
-            )
-            yield Finding("fail" if name else "warn", f"{line}; this user may not open it: {remedy}")
-        else:
-            yield Finding("ok", line if name else f"{line}; {answers[port.device]}")
+        line = f"{device} ({what}): {f'{name} of this profile' if name else 'not used by this profile'}"
+        if device in may:
+            yield Finding("ok", line if name else f"{line}; {answers[device]}")
+            continue
+        remedy = "sudo usermod -aG dialout $USER, then log in again"
+        if port.vid is not None and port.pid is not None:
+            of = f'ATTRS{{idVendor}}=="{port.vid:04x}", ATTRS{{idProduct}}=="{port.pid:04x}"'
+            remedy += f'; or a udev rule: SUBSYSTEM=="tty", {of}, GROUP="dialout", MODE="0660"'
+        yield Finding("fail" if name else "warn", f"{line}; this user may not open it: {remedy}")
     yield from (Finding("ok", f"CAN: {each}") for each in (can_interfaces() if ask else ()))
     limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
     if limit == 0 and os.geteuid() != 0:
@@ -220,10 +210,9 @@ def _unknown_streams(
     if not lines:  # each of these would be reported once more
         for trial in trials:
             lines += unknown_streams(streams.keys(), trial.behavior, trial.detectors, trial.signals)
+            made = {signal.info.name: signal.info for signal in trial.signals}
             try:
-                trial.guard.check_streams(
-                    streams | {signal.info.name: signal.info for signal in trial.signals}
-                )
+                trial.guard.check_streams(streams | made)
             except GuardRefusal as refusal:
                 lines.append(str(refusal))
     yield from (Finding("fail", line, of_profile=True) for line in dict.fromkeys(lines))
@@ -289,59 +278,54 @@ def _state(name: str, info: DeviceInfo) -> Iterator[Finding]:
 
 def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock], rate: float, lost: int) -> Iterator[Finding]:
     """What a stream's samples are: how many, mean and noise, how far they drift, at which rate they were sent."""
+
+    def found(verdict: Verdict, text: str) -> Finding:
+        return Finding(verdict, f"    {stream.name}: {text}")
+
     if not sum(map(len, blocks)):
         if stream.rate_hz is None:
-            yield Finding(
-                "ok", f"    {stream.name}: nothing in {LISTEN_S:g} s; it sends when something happens"
-            )
+            yield found("ok", f"nothing in {LISTEN_S:g} s; it sends when something happens")
         else:
-            reason = f"silent for {LISTEN_S:g} s; is the sensor plugged in?"
-            yield Finding("fail", f"    {stream.name}: {reason}")
+            yield found("fail", f"silent for {LISTEN_S:g} s; is the sensor plugged in?")
         return
     values = np.concatenate([block.physical for block in blocks])
     if not np.isfinite(values).all():
-        reason = "reads values that are not finite; is the sensor plugged in?"
-        yield Finding("fail", f"    {stream.name}: {reason}")
+        yield found("fail", "reads values that are not finite; is the sensor plugged in?")
         return
     means, spreads = values.mean(axis=0), values.std(axis=0)
-    shown = ", ".join(
-        f"{channel} {mean:.6g} +- {spread:.2g}"
-        for channel, mean, spread in list(zip(stream.channels, means, spreads, strict=True))[:SHOWN]
-    ) + f", and {len(means) - SHOWN} more channels" * (len(means) > SHOWN)
-    yield Finding(
-        "ok", f"    {stream.name}: {len(values)} samples in {LISTEN_S:g} s, {shown} {stream.unit}".rstrip()
-    )
+    each = list(zip(stream.channels, means, spreads, strict=True))[:SHOWN]
+    shown = ", ".join(f"{channel} {mean:.6g} +- {spread:.2g}" for channel, mean, spread in each)
+    more = f", and {len(means) - SHOWN} more channels" * (len(means) > SHOWN)
+    yield found("ok", f"{len(values)} samples in {LISTEN_S:g} s, {shown}{more} {stream.unit}".rstrip())
     if stream.noisy and not spreads.any():
-        yield Finding("fail", f"    {stream.name}: repeats one value; is the sensor plugged in?")
+        yield found("fail", "repeats one value; is the sensor plugged in?")
     half = len(values) // 2
     if half >= DRIFT_SAMPLES:
         drifts = np.abs(values[half:].mean(axis=0) - values[:half].mean(axis=0))
         if (drifts > DRIFT * spreads).any() and spreads.any():
-            remedy = "let it warm up, and let nothing move"
-            line = f"drifts by {drifts.max():.2g} {stream.unit} in {LISTEN_S / 2.0:g} s; {remedy}"
-            yield Finding("warn", f"    {stream.name}: {line}")
+            line = f"drifts by {drifts.max():.2g} {stream.unit} in {LISTEN_S / 2.0:g} s"
+            yield found("warn", f"{line}; let it warm up, and let nothing move")
     times_s = np.concatenate([block.times for block in blocks])
     if stream.rate_hz is not None and len(times_s) > 1 and times_s[-1] > times_s[0]:
         rate_hz = (len(times_s) - 1 + lost) / (times_s[-1] - times_s[0])
         if abs(rate_hz / stream.rate_hz - 1.0) > rate:
             line = f"comes at {rate_hz:.4g} Hz, not at {stream.rate_hz:g}; correct its rate where it is set"
-            yield Finding("warn", f"    {stream.name}: {line}")
+            yield found("warn", line)
 
 
 def _troubles(statuses: Sequence[Status], read: Mapping[str, int]) -> Iterator[Finding]:
     """What went wrong while a device was read: one line for all of a kind, with their number."""
-    lost: Counter[str] = Counter()
+    lost: defaultdict[str, list[int]] = defaultdict(list)
     others: Counter[str] = Counter()
-    times: Counter[str] = Counter()
     for status in statuses:
         if isinstance(status, Lost):
-            lost[status.stream] += status.samples
-            times[status.stream] += 1
+            lost[status.stream].append(status.samples)
         elif isinstance(status, Failed | Refused | Stalled):
             others[f"{type(status).__name__.lower()}: {status.reason}"] += 1
-    for stream, samples in lost.items():
+    for stream, holes in lost.items():
+        samples = sum(holes)
         few = samples <= LOST * (read.get(stream, 0) + samples)
-        places = f" in {times[stream]} places" if times[stream] > 1 else ""
+        places = f" in {len(holes)} places" if len(holes) > 1 else ""
         remedy = "look at the cable, and at what else this computer does"
         yield Finding("warn" if few else "fail", f"    {stream}: {samples} samples lost{places}; {remedy}")
     for line, count in others.items():
@@ -405,21 +389,16 @@ def _uses(trial: TrialPlan, blocks: Mapping[str, Sequence[SampleBlock]]) -> Iter
         except ValueError as error:
             yield Finding("fail", f"detector {name}: {error}", of_profile=True)
             continue
-        refusals = [event for event in events if isinstance(event, BaselineRefused)]
-        alarms = [event for event in events if type(event).__name__ in ALARMS]
-        if refusals:
-            yield Finding(
-                "warn", f"detector {name}: refuses this second as its baseline: {refusals[0].reason}"
-            )
+        refused = next((event for event in events if isinstance(event, BaselineRefused)), None)
+        alarms = sum(type(event).__name__ in ALARMS for event in events)
+        verdict: Verdict = "warn" if refused or alarms else "ok"
+        if refused:
+            text = f"refuses this second as its baseline: {refused.reason}"
         elif alarms:
-            reason = (
-                f"{len(alarms)} alarms in this second at rest; its threshold lies in the noise: calibrate it"
-            )
-            yield Finding("warn", f"detector {name}: {reason}")
+            text = f"{alarms} alarms in this second at rest; its threshold lies in the noise: calibrate it"
         else:
-            yield Finding(
-                "ok", f"detector {name}: takes {', '.join(detector.inputs)}; no alarm in this second"
-            )
+            text = f"takes {', '.join(detector.inputs)}; no alarm in this second"
+        yield Finding(verdict, f"detector {name}: {text}")
 
 
 def _begins_s(block: SampleBlock) -> float:

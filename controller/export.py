@@ -21,49 +21,40 @@ if TYPE_CHECKING:
 
 Message = dict[str, Any]
 
-_HEADER = """std_msgs/Header header
-"""
-_COMMON = """
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-_VECTOR = """================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-"""
+_PARTS: Mapping[str, Sequence[str]] = {
+    "std_msgs/Header": ("builtin_interfaces/Time stamp", "string frame_id"),
+    "builtin_interfaces/Time": ("int32 sec", "uint32 nanosec"),
+    "geometry_msgs/Vector3": ("float64 x", "float64 y", "float64 z"),
+    "geometry_msgs/Wrench": ("geometry_msgs/Vector3 force", "geometry_msgs/Vector3 torque"),
+    "geometry_msgs/Quaternion": ("float64 x", "float64 y", "float64 z", "float64 w"),
+}
+"""What messages are made of."""
+
+
+def _definition(fields: str, *parts: str) -> str:
+    """The text of a message that begins with a header."""
+    own = "\n".join(["std_msgs/Header header", *fields.split(", ")])
+    named = (
+        "\n".join(["=" * 80, f"MSG: {name}", *_PARTS[name]])
+        for name in ("std_msgs/Header", "builtin_interfaces/Time", *parts)
+    )
+    return "\n".join([own, "", *named, ""])
+
+
 DEFINITIONS: Mapping[str, str] = {
-    "geometry_msgs/msg/WrenchStamped": f"""{_HEADER}geometry_msgs/Wrench wrench
-{_COMMON}{_VECTOR}================================================================================
-MSG: geometry_msgs/Wrench
-geometry_msgs/Vector3 force
-geometry_msgs/Vector3 torque
-""",
-    "sensor_msgs/msg/JointState": f"""{_HEADER}string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-{_COMMON}""",
-    "sensor_msgs/msg/Imu": f"""{_HEADER}geometry_msgs/Quaternion orientation
-float64[9] orientation_covariance
-geometry_msgs/Vector3 angular_velocity
-float64[9] angular_velocity_covariance
-geometry_msgs/Vector3 linear_acceleration
-float64[9] linear_acceleration_covariance
-{_COMMON}{_VECTOR}================================================================================
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-""",
+    "geometry_msgs/msg/WrenchStamped": _definition(
+        "geometry_msgs/Wrench wrench", "geometry_msgs/Vector3", "geometry_msgs/Wrench"
+    ),
+    "sensor_msgs/msg/JointState": _definition(
+        "string[] name, float64[] position, float64[] velocity, float64[] effort"
+    ),
+    "sensor_msgs/msg/Imu": _definition(
+        "geometry_msgs/Quaternion orientation, float64[9] orientation_covariance, "
+        "geometry_msgs/Vector3 angular_velocity, float64[9] angular_velocity_covariance, "
+        "geometry_msgs/Vector3 linear_acceleration, float64[9] linear_acceleration_covariance",
+        "geometry_msgs/Vector3",
+        "geometry_msgs/Quaternion",
+    ),
 }
 """Messages of ROS 2 as common_interfaces defines them (Humble; the same in later ones)."""
 

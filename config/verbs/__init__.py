@@ -227,7 +227,7 @@ FILE = click.Path(path_type=Path)
 many = partial(click.option, multiple=True)
 
 
-def _options(*given: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def options(*given: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """Options and arguments as one, in the order of the help."""
     return lambda verb: reduce(lambda made, one: one(made), reversed(given), verb)
 
@@ -241,7 +241,7 @@ set_option = many(
 )
 
 
-trials_options = _options(
+trials_options = options(
     click.argument("profile"),
     set_option,
     click.option("--trials", "csv", type=FILE, help="Trials from a CSV file: a factor a column."),
@@ -280,7 +280,7 @@ def shard(ctx: click.Context, parameter: click.Parameter, value: str | None) -> 
     return int(which), int(count)
 
 
-jobs_options = _options(
+jobs_options = options(
     click.option(
         "--jobs",
         type=click.IntRange(min=1),
@@ -308,7 +308,7 @@ def interval_option(**more: Any) -> Callable[[Any], Any]:
 recordings_argument = click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
 
 
-recording_options = _options(
+recording_options = options(
     click.option(
         "--detector",
         required=True,

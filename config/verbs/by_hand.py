@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,11 +28,8 @@ POSE_S = 2.0
 CODES = {"done": verbs.DONE, "guard": verbs.GUARD, "fault": verbs.DEVICE, "interrupted": verbs.INTERRUPTED}
 
 
-def bench_options(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """A PROFILE, other values for its settings, and the emulator to join."""
-    for decorate in (verbs.endpoints_option, verbs.set_option, click.argument("profile")):
-        verb = decorate(verb)
-    return verb
+bench_options = verbs.options(click.argument("profile"), verbs.set_option, verbs.endpoints_option)
+"""A PROFILE, other values for its settings, and the emulator to join."""
 
 
 def loaded_bench(name: str, overrides: Mapping[str, str]) -> Profile:
