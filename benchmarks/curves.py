@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from benchmarks import contact, pretouch, slip
 from benchmarks.contact_steps import BAND_HZ, MOTOR_S, TRACKERS, steps
 from benchmarks.contact_steps import RATE_HZ as BEAM_HZ
+from benchmarks.pretouch_rooms import commanded
 from benchmarks.recordings import (
     APART_S,
     ARM_HZ,
@@ -269,42 +270,62 @@ SEED_SONIC = 81_000
 KINDS: Sequence[pretouch.Kind] = ("nothing", "near", "touch")
 
 
+STEP_S, REST_S = 0.016, 0.3
+"""Of the rival of `level`: as long as its own longest span, and its rest. Over the half second before instead of the
+rest the rival tells none of 200 touches."""
+
+
+def steps_over_rest(values: Floats, rate_hz: float) -> Floats:
+    """How far I and Q have gone in 16 ms, over the root mean square of that in the first 0.3 s; NaN in these."""
+    n, rest = round(STEP_S * rate_hz), round(REST_S * rate_hz)
+    gone = np.zeros(len(values))
+    gone[n:] = np.hypot(*(values[n:, :2] - values[:-n, :2]).T)
+    gone /= math.sqrt(float(np.mean(gone[n:rest] ** 2)))
+    gone[:rest] = np.nan
+    return gone
+
+
 def on_sonic(count: int) -> dict[str, list[dict[str, Any]]]:
     """Passages of a sonic finger with the plant's own echo, in four folds. Contact: delay from the touch; quiet are
     passages before nothing and to 0.4 cm from the object. Pre-touch: how far away the object is when it is seen
     (`median_gap_m`, `p90_gap_m`); quiet are passages before nothing."""
-    contacts: dict[str, Any] = {
-        "level": LevelDetector("level", LevelSettings()),
+    contacts: dict[str, Callable[[Floats, float], Floats]] = {
+        "level": LevelDetector("level", LevelSettings()).statistic,
         **{
-            f"level.paper, {window_s:g} s": LevelPaperDetector("paper", LevelPaperSettings(window_s=window_s))
+            f"level.paper, {window_s:g} s": LevelPaperDetector(
+                "paper", LevelPaperSettings(window_s=window_s)
+            ).statistic
             for window_s in (0.5, 2.0, 5.0)
         },
+        "steps of 16 ms over own rest": steps_over_rest,
     }
-    nears: dict[str, Any] = {
-        "pretouch": PreTouchDetector("pretouch", PreTouchSettings()),
+    nears: dict[str, Callable[[Floats, float], Floats]] = {
+        "pretouch": PreTouchDetector("pretouch", PreTouchSettings()).statistic,
         **{
             f"pretouch.paper, {window_s:g} s": PreTouchPaperDetector(
                 "paper", PreTouchPaperSettings(window_s=window_s)
-            )
+            ).statistic
             for window_s in (0.25, 0.5)
         },
     }
-    names, hz = [*contacts, *nears], pretouch.RATE_HZ
+    at_speed = "I and Q at the commanded speed, 2"
+    names, hz = [*contacts, *nears, at_speed], pretouch.RATE_HZ
     found: dict[str, dict[str, list[Heard]]] = {name: {str(k): [] for k in range(4)} for name in names}
     for number in range(count):
         side, speed_m_s = SIDES[number // 2 % 5], pretouch.SPEEDS_M_S[number % 2]
+        nears[at_speed] = lambda x, hz, m_s=speed_m_s: commanded(x[:, 0] + 1j * x[:, 1], m_s, 2)  # type: ignore[misc]
         for kind in KINDS:
             thing = NOTHING if kind == "nothing" else SIX[number // 10 % 6]
             record = pretouch.passage(pretouch.Event(SEED_SONIC, number, kind, thing, side, speed_m_s))
             values = np.column_stack([record.z.real, record.z.imag, record.position_m])
             heard = {name: Heard(np.empty(0), hz, []) for name in names}
             for name, judge in contacts.items():
-                s = judge.statistic(values[:, :2], hz)
+                s = judge(values[:, :2], hz)
                 heard[name] = Heard(s, hz, [])
                 if record.touched is not None:
                     heard[name] = Heard(np.empty(0), hz, [around(s, hz, record.touched)])
             for name, judge in nears.items() if kind != "touch" else ():
-                s = judge.statistic(values, hz)
+                s = judge(values, hz)
                 if kind == "nothing":
                     heard[name] = Heard(s[record.begun :], hz, [])
                 else:

@@ -3,7 +3,7 @@
 import cmath
 import math
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,14 @@ from simulator.physics.aura_kernel import (
     reflections,
     slow_waves,
 )
-from simulator.physics.aura_settings import AuraObject, AuraPlantSettings, RoomSettings, Side
+from simulator.physics.aura_settings import (
+    PAD_LENGTH_M,
+    PAD_WIDTH_M,
+    AuraObject,
+    AuraPlantSettings,
+    RoomSettings,
+    Side,
+)
 from simulator.physics.noise import gaussian_at
 
 Floats = NDArray[np.float64]
@@ -199,6 +206,9 @@ class AuraPlant:
             received = self._bridge(finger, times_s, warmed_k) + settings.cross_fs * crossed
             if self._strength > 0.0 and np.isfinite(motion.gap_m[:, finger]).any():
                 reflection = self._reflected * self._reflection(motion, finger, wave_rad_m)
+                if settings.plate is not None:
+                    gap_m = motion.gap_m[:, finger]
+                    reflection *= plate_echo(settings.plate, gap_m, wave_rad_m, settings.decay_m)
                 if settings.room.second_path:
                     late_rad = self._room_rad[finger, 0]
                     reflection *= second_path(settings.room, motion.gap_m[:, finger], wave_rad_m, late_rad)
@@ -329,6 +339,46 @@ class AuraPlant:
 def _echo(colour: float) -> float:
     """Share of the sample before that correlates neighbours by `colour`: echo / (1 + echo^2)."""
     return 0.0 if colour == 0.0 else (1.0 - math.sqrt(1.0 - 4.0 * colour**2)) / (2.0 * colour)
+
+
+PLATE_CELLS = (9, 18)
+"""Pieces of a pad across and along, 3 mm each: less than half a wave."""
+
+PLATE_STEP_M, PLATE_TO_M, PLATE_EVEN_M = 0.00025, 0.25, 0.025
+"""Distances for which a plate's echo is computed; and the one at which it is as loud as a point's."""
+
+
+@lru_cache(maxsize=32)
+def _plate_echoes(plate: tuple[int, int], wave_rad_m: float, decay_m: float) -> Complexes:
+    """An echo of a plate from a wide flat wall, over that of a point, at every `PLATE_STEP_M`.
+
+    Each piece hears the mirror image of each: what they have between them depends on how far apart they are alone, so
+    the pad's shape of vibration enters by its correlation with itself. Pieces radiate as points do (Rayleigh).
+    """
+    shapes, sides_m = [], (PAD_WIDTH_M, PAD_LENGTH_M)
+    for cells, half_waves in zip(PLATE_CELLS, plate, strict=True):
+        shapes.append(np.cos(math.pi * half_waves * (np.arange(cells) + 0.5) / cells))
+    across, along = (np.correlate(shape, shape, "full") for shape in shapes)
+    offsets_m = [
+        side_m / cells * np.arange(1 - cells, cells)
+        for side_m, cells in zip(sides_m, PLATE_CELLS, strict=True)
+    ]
+    beside_m2 = (offsets_m[0][:, None] ** 2 + offsets_m[1] ** 2).ravel()
+    weights = np.outer(across, along).ravel()
+    way_m = 2.0 * np.arange(0.0, PLATE_TO_M, PLATE_STEP_M)[:, None]
+    between_m = np.sqrt(way_m**2 + beside_m2)
+    spread = (way_m + decay_m) / (between_m + decay_m)
+    found: Complexes = (weights * spread * np.exp(-1j * wave_rad_m * (between_m - way_m))).sum(axis=1)
+    found /= abs(found[round(PLATE_EVEN_M / PLATE_STEP_M)])
+    return found
+
+
+def plate_echo(plate: tuple[int, int], gap_m: Floats, wave_rad_m: Floats, decay_m: float) -> Complexes:
+    """Factor by which an echo changes where a pad sends and receives as a plate, shape (n,)."""
+    table = _plate_echoes(plate, round(float(wave_rad_m[0]), 1), decay_m)
+    places_m = PLATE_STEP_M * np.arange(len(table))
+    found: Complexes = np.interp(np.maximum(gap_m, 0.0), places_m, table)
+    return found
 
 
 ROOM_PHASES = 16

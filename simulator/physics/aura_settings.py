@@ -160,6 +160,10 @@ class AuraPlantSettings(Settings):
     """What comes back from a wide flat rigid wall at no distance. Assumption: a fifth of the imbalance, so that the
     undulations are seen in the raw envelope close to the object (Fig. 4a) and not from afar."""
 
+    plate: Annotated[tuple[int, int], Strict(False)] | None = None
+    """Half waves in which the pad vibrates, across and along it, as a free plate does; (0, 0) moves as a whole. None:
+    it sends and receives at a point."""
+
     decay_m: float = Field(default=0.01, gt=0.0, le=1.0)
     """Distance at which sound has spread by its first half: (1 + distance / decay_m)^-decay_power (assumption)."""
 

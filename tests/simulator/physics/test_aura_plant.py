@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from controller.signals.transducer import analyse
-from simulator.physics.aura import COUNTS, LEFT, RIGHT, AuraMotion, AuraPlant
+from simulator.physics.aura import COUNTS, LEFT, RIGHT, AuraMotion, AuraPlant, plate_echo
 from simulator.physics.aura_settings import (
     OBJECTS,
     SIDES,
@@ -321,3 +321,25 @@ def test_a_pair_with_two_resonances_is_found_between_them_as_sharp_as_it_is() ->
     found = analyse(frequency_hz, np.abs(pair.response(RIGHT, frequency_hz)))
     assert 40_400.0 < found.peak_hz < 40_500.0
     assert [one.q for one in found.resonances] == pytest.approx([45.0, 45.0], rel=0.05)
+
+
+@pytest.mark.parametrize("plate", [(0, 0), (1, 2)])
+def test_a_plates_echo_is_what_each_piece_hears_of_the_mirror_image_of_each(plate: tuple[int, int]) -> None:
+    wave_rad_m, decay_m = 730.0, 0.01
+    y_m, z_m = np.meshgrid(0.003 * np.arange(9), 0.055 / 18 * np.arange(18), indexing="ij")
+    shape = np.cos(math.pi * plate[0] * (y_m / 0.003 + 0.5) / 9) * np.cos(
+        math.pi * plate[1] * (z_m / (0.055 / 18) + 0.5) / 18
+    )
+
+    def heard(gap_m: float) -> complex:
+        total = 0j
+        for y, z, moves in zip(y_m.ravel(), z_m.ravel(), shape.ravel(), strict=True):
+            way_m = np.sqrt((y_m - y) ** 2 + (z_m - z) ** 2 + 4.0 * gap_m**2)
+            total += moves * complex((shape * np.exp(-1j * wave_rad_m * way_m) / (way_m + decay_m)).sum())
+        point = np.exp(-2j * wave_rad_m * gap_m) / (2.0 * gap_m + decay_m)
+        return complex(total / point)
+
+    gaps_m = [0.005, 0.025, 0.06]
+    found = plate_echo(plate, np.array(gaps_m), np.full(3, wave_rad_m), decay_m)
+    expected = np.array([heard(gap_m) for gap_m in gaps_m])
+    assert found == pytest.approx(expected / abs(expected[1]), rel=1e-3)
