@@ -12,7 +12,7 @@ from config.assemble import make_detector
 from config.hints import near_or_all
 from config.source import ProfileError, given_value
 from config.validation import validated
-from controller.characterize import Recorded, Truth, certificate
+from controller.characterize import SensorRecording, Truth, certificate
 from controller.detectors.calibration import Statistic
 from controller.detectors.protocol import Detector, envelope_of
 from controller.own_modules import found, is_own, own_folders
@@ -173,7 +173,7 @@ def certified(
     if overrides and len(kinds) != 1:
         raise ProfileError(f"--set {min(overrides)}: of which detector? name one with --detector")
     notes: list[str] = []
-    given: list[Recorded] = []
+    given: list[SensorRecording] = []
     for path in recordings:
         where = path if path.exists() or path.suffix else RunFolder.find(path).path
         how: Mapping[str, Any] = {"rate_hz": rate_hz, "trial": trial, "notes": notes}
@@ -182,7 +182,7 @@ def certified(
         said = unit or _bracketed(column or "")
         if said and (unit is not None or not blocks[0].unit):
             blocks = [replace(block, unit=said) for block in blocks]
-        given.append(Recorded(path.name, blocks, second))
+        given.append(SensorRecording(path.name, blocks, second))
     title = name or recordings[0].stem
     try:
         found = certificate(given, Truth(quiet, touches, slips), made, name=title, per_newton=per_newton)

@@ -41,7 +41,7 @@ MAINS_HZ = (50.0, 60.0)
 DENSITY_HZ = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 
 
-class Recorded(NamedTuple):
+class SensorRecording(NamedTuple):
     """A recording: its name, the sensor's blocks, and those of a second channel that shows the touches (or none)."""
 
     name: str
@@ -79,7 +79,7 @@ def row(quantity: str, value: float, unit: str, how: str, **more: Any) -> Row:
 
 
 def certificate(
-    recordings: Sequence[Recorded],
+    recordings: Sequence[SensorRecording],
     truth: Truth,
     detectors: Mapping[str, Callable[[], Statistic]],
     *,
@@ -223,7 +223,7 @@ def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row
 # --- touches -------------------------------------------------------------------------------------
 
 
-def _touches(each: Recorded, truth: Truth) -> Sequence[float]:
+def _touches(each: SensorRecording, truth: Truth) -> Sequence[float]:
     return onsets(each.reference) if each.reference else truth.touches
 
 
@@ -246,7 +246,7 @@ def knocks(blocks: Sequence[SampleBlock]) -> Sequence[float]:
 
 
 def _against_reference(
-    recordings: Sequence[Recorded], touches: Sequence[Sequence[float]], rate_hz: float
+    recordings: Sequence[SensorRecording], touches: Sequence[Sequence[float]], rate_hz: float
 ) -> Iterator[Row]:
     late = []
     for each, at_s in zip(recordings, touches, strict=True):
@@ -268,7 +268,7 @@ def _against_reference(
 
 
 def _spectrum_of_touches(
-    recordings: Sequence[Recorded],
+    recordings: Sequence[SensorRecording],
     touches: Sequence[Sequence[float]],
     quiet: Sequence[Sequence[SampleBlock]],
     rate_hz: float,
@@ -307,7 +307,7 @@ def _as_input(blocks: Sequence[SampleBlock], detector: Statistic) -> Sequence[Sa
 def _detector(
     kind: str,
     make: Callable[[], Statistic],
-    recordings: Sequence[Recorded],
+    recordings: Sequence[SensorRecording],
     quiet: Sequence[Sequence[SampleBlock]],
     truth: Truth,
     touches: Sequence[Sequence[float]],
@@ -343,7 +343,7 @@ def _detector(
 
 
 def _before(
-    make: Callable[[], Statistic], each: Recorded, t_s: float, quiet: Sequence[Span]
+    make: Callable[[], Statistic], each: SensorRecording, t_s: float, quiet: Sequence[Span]
 ) -> tuple[Floats, Floats]:
     """Times since an event, from `EARLY_S` before it on, and the statistic; it learns in the quiet before the event."""
     detector = make()
@@ -413,7 +413,7 @@ def _delays(what: str, courses: Sequence[tuple[Floats, Floats]], threshold: floa
 
 def _unsaid(
     rows: Sequence[Row],
-    recordings: Sequence[Recorded],
+    recordings: Sequence[SensorRecording],
     touches: Sequence[Sequence[float]],
     truth: Truth,
     per_newton: float | None,

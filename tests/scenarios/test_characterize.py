@@ -8,7 +8,7 @@ import pytest
 from scipy.io import wavfile
 
 from config.assemble import make_detector
-from controller.characterize import Recorded, Truth, certificate, differences, page
+from controller.characterize import SensorRecording, Truth, certificate, differences, page
 from drivers.core.messages import SampleBlock
 
 RATE_HZ = 500.0
@@ -35,7 +35,7 @@ def block_of(values):
 def certified(name="cell", seed=1):
     _, force, hammer = load_cell(seed)
     detectors = {"force.threshold": lambda: make_detector("force.threshold", {})}
-    recorded = [Recorded("cell.log", block_of(force), block_of(hammer))]
+    recorded = [SensorRecording("cell.log", block_of(force), block_of(hammer))]
     return certificate(recorded, Truth([(0.0, 20.0)]), detectors, name=name, per_newton=2.0)
 
 
@@ -97,7 +97,7 @@ def test_events_before_any_quiet_are_named():
     _, force, _ = load_cell()
     detectors = {"force.threshold": lambda: make_detector("force.threshold", {})}
     truth = Truth([(50.0, 59.0)], touches=[21.0, 22.7, 59.5])
-    found = certificate([Recorded("cell.log", block_of(force))], truth, detectors, name="cell")
+    found = certificate([SensorRecording("cell.log", block_of(force))], truth, detectors, name="cell")
     assert any("delays of 2 of 3 events: no quiet comes before them" in line for line in found["cannot_say"])
 
 
