@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -23,8 +24,17 @@ ENDS = ("CRASH", "SAFETY", "DATA", "LIVENESS", "NONDETERMINISM")
 BRAKING_S = 0.35
 """How long after a stop a mover may still move: an arm at 0.25 m/s brakes with 1 m/s2; and two turns of the loop."""
 
+WAY_OUT_S = 10.0 + 3.0
+"""How long a way out of a trial that was ended may take, and a mover to be seen standing still."""
+
+MOVES = re.compile("Move|Twist|Home|Stop|Grip|Release")
+"""Commands that a mover answers."""
+
 STILL_M_S = 2e-5
 """What counts as standing still: below a stage's microstep in a turn."""
+
+BRAKES_S = 0.1
+"""Likewise of an axis at its approaching speed, at most 50 mm/s."""
 
 OVER_M = 0.0015
 """How far beyond its limits a mover may come to stand. Assumption: what a stage travels in two turns at 50 mm/s, and
@@ -120,6 +130,15 @@ def _exit(story: Any) -> Iterator[Violation]:
         yield Violation("DATA", "exit", *_where(story), f"exit code {story.exit_code}")
     if story.exit_code and not story.line:
         yield Violation("DATA", "exit", *_where(story), "it ended badly and says nothing")
+    kinds = {effect["kind"] for effect in story.effects}
+    if "abort" in kinds and story.exit_code != 130:
+        yield Violation(
+            "LIVENESS", "exit", *_where(story), f"it was interrupted; exit code {story.exit_code}"
+        )
+    drawn_limit = "limits.force_n" in story.line and "limits.force_n" in story.plan.settings
+    if kinds <= {"pause"} and story.exit_code not in (0, 1) and not drawn_limit:
+        what = f"nothing is wrong with the bench; exit code {story.exit_code}: {story.line}"
+        yield Violation("LIVENESS", "exit", *_where(story), what)
     status = story.manifest["exit"]["status"]
     if status == "running":
         yield Violation("DATA", "exit", *_where(story), "the manifest says that it still runs")
@@ -147,12 +166,27 @@ def _rows(story: Any) -> Iterator[Violation]:
     counted = sum(story.manifest["outcomes"].values())
     if counted != len(numbers):
         yield Violation("DATA", "rows", *_where(story), f"{len(numbers)} rows, the manifest counts {counted}")
-    bad = {"guard": 4, "fault": 3}
+
+
+BAD = {"guard": 4, "fault": 3}
+"""Outcomes that end a run, and its exit code."""
+
+
+def _outcomes(story: Any) -> Iterator[Violation]:
+    """What ended badly ends the run, by its exit code; what was interrupted is no success."""
+    for row in story.rows[:-1]:
+        if row["outcome"] in BAD:
+            what = f"another trial began after one that ended as {row['outcome']}"
+            yield Violation("SAFETY", "outcomes", int(row["trial"]), None, "", what)
     for row in story.rows:
-        if row["outcome"] in bad and story.exit_code not in (bad[row["outcome"]], 130):
-            yield Violation(
-                "DATA", "rows", int(row["trial"]), None, "", f"{row['outcome']}, exit code {story.exit_code}"
-            )
+        if row["outcome"] in BAD and story.exit_code not in (BAD[row["outcome"]], 130):
+            what = f"{row['outcome']}, exit code {story.exit_code}"
+            yield Violation("DATA", "outcomes", int(row["trial"]), None, "", what)
+    if story.exit_code == 130 and story.rows:
+        last, told = story.rows[-1], story.trials[-1].outcome  # told of a trial that had ended before
+        if last["outcome"] not in ("aborted", *BAD) and not told:
+            what = f"the trial was interrupted; its outcome is {last['outcome']}"
+            yield Violation("DATA", "outcomes", int(last["trial"]), None, "", what)
 
 
 def _ended(story: Any) -> Iterator[Violation]:
@@ -415,6 +449,83 @@ def _ended_s(story: Any, number: int) -> float | None:
     return None
 
 
+def _soon(story: Any) -> Iterator[Violation]:
+    """A trial that the guard or a failure ended is over within the time that a way out may take."""
+    for trial in story.trials:
+        ended_s = _ended_s(story, trial.number)
+        if ended_s is not None and trial.samples and trial.samples[-1][0] > ended_s + WAY_OUT_S:
+            over_s = trial.samples[-1][0]
+            if not any(effect["device"] in ("loop", "keys") for effect in story.effects):
+                what = f"it was ended at {ended_s:.3f} s and was over at {over_s:.3f} s"
+                yield Violation("LIVENESS", "soon", trial.number, over_s, state_at(trial, over_s), what)
+
+
+def _pauses(story: Any) -> Iterator[Violation]:
+    """In a pause the axis stands."""
+    for trial in story.trials:
+        if _beyond_reach(story, trial) < math.inf:
+            continue
+        paused_s = at_m = None
+        named = [(since_s, name) for name, since_s in trial.states]
+        for t_s, places in trial.samples:
+            now = [name for since_s, name in named if since_s <= t_s]
+            if not now or now[-1] != "PAUSED" or "axis_m" not in places:
+                paused_s = None
+            elif paused_s is None or t_s < paused_s + BRAKING_S:
+                paused_s, at_m = t_s if paused_s is None else paused_s, places["axis_m"]
+            elif at_m is not None and abs(places["axis_m"] - at_m) > 1e-5:
+                what = f"the axis moves in a pause, from {at_m:.6f} m to {places['axis_m']:.6f} m"
+                yield Violation("SAFETY", "pauses", trial.number, t_s, "PAUSED", what)
+                break
+
+
+def _outdated(story: Any) -> Iterator[Violation]:
+    """No answer to an older command leads on."""
+    newest: dict[tuple[Any, str], int] = {}
+    for event in story.events():
+        key = event.get("trial"), event.get("device", "")
+        if event.get("event") == "Sent" and MOVES.match(event["command"]):
+            newest[key] = max(newest.get(key, 0), event["command_id"])
+        leads = event.get("event") in ("Reached", "Standstill") and event["next"] != event["state"]
+        if leads and 0 < event["command_id"] < newest.get(key, 0):
+            what = f"{event['event']} of command {event['command_id']} leads on, {newest[key]} was sent"
+            yield Violation("SAFETY", "outdated", event["trial"], event["t_s"], event["state"], what)
+            return
+
+
+def _late(story: Any) -> Iterator[Violation]:
+    """A loop that comes too late while the axis moves is stopped."""
+    most_s = 1.5 * story.limits["late_s"]
+    outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
+    for effect in story.effects:
+        if effect["kind"] != "hang" or effect.get("amount", 0.2) < most_s:
+            continue
+        for trial in story.trials:
+            if trial.number != effect["trial"]:
+                continue
+            before = [each for each in trial.samples if each[0] <= effect["effect_s"] + 1e-9][-2:]
+            after = [each for each in trial.samples if each[0] >= effect["effect_s"] + most_s][:2]
+            places = [each["axis_m"] for _, each in (*before, *after) if "axis_m" in each]
+            # on its way before the turn, and still in the turn after it
+            moving = (
+                len(places) == 4 and abs(places[1] - places[0]) > 1e-6 and abs(places[3] - places[2]) > 1e-6
+            )
+            if moving and outcomes.get(trial.number) not in ("guard", "fault", "aborted"):
+                what = f"a turn was {effect.get('amount', 0.2):g} s late; the outcome is {outcomes.get(trial.number)}"
+                yield Violation("SAFETY", "late", trial.number, effect["effect_s"], "", what)
+
+
+def _unseen(story: Any) -> Iterator[Violation]:
+    """Where a mover cannot be asked any more at the end, the line says that nobody saw it standing still."""
+    mover = story.profile["behavior"].get("mover")
+    for effect in story.effects:
+        gone = effect["kind"] in ("silent", "unplug") and "for_s" not in effect and effect["device"] == mover
+        last = story.trials[-1].number == effect["trial"] if story.trials else False
+        if gone and last and "NOT seen standing still" not in story.line:
+            what = f"{mover} is {effect['kind']}; it says: {story.line}"
+            yield Violation("SAFETY", "unseen", effect["trial"], effect["effect_s"], "", what)
+
+
 def _stops(story: Any) -> Iterator[Violation]:
     """After a stop or a failure nothing goes further in: the axis not forward, the jaws not together."""
     for trial in story.trials:
@@ -509,7 +620,7 @@ def _blind(story: Any) -> Iterator[Violation]:
         if (stream := story.limits.get(key))
         and (key != "force_stream" or story.limits.get("force_n") is not None)
     }
-    patient_s = story.limits["stale_s"] + BRAKING_S
+    patient_s = story.limits["stale_s"] + 4.0 / story.profile["loop"]["rate_hz"] + BRAKES_S
     for effect in story.effects:
         if effect["device"] not in needed or effect["kind"] not in CUT or "every_s" in effect:
             continue
@@ -538,8 +649,9 @@ def _of_loop(story: Any, trial: Any) -> bool:
 
 
 CHECKERS = (
-    *(_exit, _rows, _ended, _named, _required, _events, _recorded, _left),
+    *(_exit, _rows, _outcomes, _ended, _named, _required, _events, _recorded, _left),
     *(_still, _range, _stops, _force, _grip, _blind),
+    *(_soon, _pauses, _outdated, _late, _unseen),
 )
 
 # --- two stories -----------------------------------------------------------------------------------
@@ -578,7 +690,13 @@ def healed(broken: Any, resumed: Any, healthy: Any) -> Iterator[Violation]:
         yield Violation(
             "LIVENESS", "resume", *_where(resumed), f"trials {sorted(lines)}, expected {sorted(expected)}"
         )
+    whole = len(resumed.raw[0].splitlines()) - 1
+    if whole != len(lines):
+        yield Violation("LIVENESS", "resume", *_where(resumed), f"{whole} rows of {len(lines)} trials")
     for number, line in lines.items():
+        if number not in again and line.split(",")[1] in ("guard", "fault", "aborted"):
+            what = f"trial {number} ended as {line.split(',')[1]}, and was not run again"
+            yield Violation("LIVENESS", "resume", int(number), None, "", what)
         if (number in again or int(number) not in touched) and line != expected.get(number):
             what = f"trial {number}: {_difference(line.encode(), expected.get(number, '').encode())}"
             yield Violation("LIVENESS", "untouched", int(number), None, "", what)

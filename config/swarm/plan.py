@@ -265,6 +265,8 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
             settings[key] = _rounded(math.exp(dice.uniform(math.log(least), math.log(most))))
     if dice.random() < 0.3 and "board" in of.profile.devices:
         settings["devices.board.block_samples"] = dice.choice([16, 64, 501])
+    if dice.random() < 0.3:  # redundant positions would hide that the others are not watched
+        settings["limits.follow_m"] = "none"
     there = frozenset(BENCH_WIDE).union(*(of.used.get(tuple(row.items()), ()) for row in rows))
     could = [(device, kind) for device, kind in of.faults if device in there]
     if cell is not None:
