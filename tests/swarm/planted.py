@@ -41,8 +41,8 @@ DEFECTS = (
     Planted(f"{LOOP}._turn", "guard.latch(t_s)", "pass"),
     Planted(f"{LOOP}._turn", "self._stop_all()", "pass"),
     Planted(f"{LOOP}._stop_all", "self._send(Stop(name))", "pass"),
-    Planted(f"{LOOP}.halt", "self._stop_all()", "pass"),
-    Planted(f"{LOOP}.halt", "self.account.not_at_rest += sorted(pending)", "pass"),
+    Planted(f"{LOOP}._stop_and_see", "self._stop_all()", "pass"),
+    Planted(f"{LOOP}._stop_and_see", "self.account.not_at_rest += sorted(pending)", "pass"),
     Planted(f"{LOOP}._passes_on", "self._trial.outdated(event)", "False"),
     Planted(f"{LOOP}._handle", "self._give_up(event)", "pass"),
     Planted(f"{LOOP}._handle", "self._trial.end_s = -math.inf", "pass"),
@@ -59,7 +59,7 @@ DEFECTS = (
     Planted(f"{LOOP}._look", "if events:", "if False:"),
     Planted(f"{LOOP}._look", "self._record_blocks(gathered)", "pass"),
     Planted(f"{GUARD}.check", "if moving and late_s > settings.late_s", "if False"),
-    Planted(f"{GUARD}.check", "reasons += look(block)", "pass"),
+    Planted(f"{GUARD}.check", "reasons += [] if reason is None or braking else [reason]", "pass"),
     Planted(f"{GUARD}.admit", "if self._stopped_s is not None and not", "if False and not"),
     Planted(f"{GUARD}._takes_load_away", "return _goes_back(command) and not", "return True or not"),
     Planted(f"{GUARD}.reset", "self._stopped_s: float | None = None", "self._stopped_s = 0.0"),
@@ -84,19 +84,30 @@ DEFECTS = (
 """Forty, in loop, guard, limits, campaign, recorder and behaviors."""
 
 
-def plant(defect: Planted) -> None:
-    """Change the program in this process."""
+def _owner(defect: Planted) -> tuple[Any, str]:
+    """What has the function, and its name there."""
     module_name, _, path = defect.where.partition(":")
-    module = import_module(module_name)
-    owner: Any = module
+    owner: Any = import_module(module_name)
     *outer, name = path.split(".")
     for each in outer:
         owner = getattr(owner, each)
-    source = textwrap.dedent(inspect.getsource(getattr(owner, name)))
-    old = defect.old
-    assert old in source, f"{defect.where} no longer has {defect.old!r}"
+    return owner, name
+
+
+def source_of(defect: Planted) -> str:
+    """Source of the function that it changes."""
+    owner, name = _owner(defect)
+    return textwrap.dedent(inspect.getsource(getattr(owner, name)))
+
+
+def plant(defect: Planted) -> None:
+    """Change the program in this process."""
+    owner, name = _owner(defect)
+    module, source = import_module(defect.where.partition(":")[0]), source_of(defect)
+    assert defect.old in source, f"{defect.where} no longer has {defect.old!r}"
     scope: dict[str, Any] = {}
-    exec(compile(source.replace(old, defect.new, 1), module.__file__ or "", "exec"), module.__dict__, scope)
+    code = compile(source.replace(defect.old, defect.new, 1), module.__file__ or "", "exec")
+    exec(code, module.__dict__, scope)
     setattr(owner, name, scope[name])
     for other in list(sys.modules.values()):  # a function is imported by its name
         if owner is module and getattr(other, name, None) is not None and other is not module:

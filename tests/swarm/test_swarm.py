@@ -12,11 +12,9 @@ from config.swarm.plan import SCENES, Plan, drawn, known
 from config.swarm.play import memory, play
 from controller.loop import Loop
 from drivers.core.messages import Stop
+from tests.swarm.planted import DEFECTS, QUICK, source_of
 
 CORPUS = sorted((Path(__file__).parent / "corpus").glob("*.toml"))
-
-QUICK = ("transient", "static", "first_contact", "transient_arm")
-"""Experiments of which a seed costs a tenth of a second."""
 
 
 @pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.stem)
@@ -109,3 +107,8 @@ def test_what_goes_wrong_takes_effect_and_ends_the_run_with_its_reason(experimen
         assert (story.exit_code, [effect["kind"] for effect in story.effects]) == (exit_code, [fault["kind"]])
         assert says in story.line
         assert list(checkers.check(story)) == []
+
+
+@pytest.mark.parametrize("defect", DEFECTS, ids=range(len(DEFECTS)))
+def test_what_is_planted_is_still_there_to_be_changed(defect):
+    assert defect.old in source_of(defect)
