@@ -194,7 +194,7 @@ def _page(
     page = environment().get_template("report.html.j2").render(**facts, signals=Markup(_SIGNALS))
     before, after = page.split(_SIGNALS)
     room = max(LEAST_ROOM, PAGE - len(before.encode()) - len(after.encode()))
-    return f"{before}{payload(runs, room)}{after}", parts
+    return f"{before}{payload(runs, room, {each.key for part in parts for each in part.drawn})}{after}", parts
 
 
 def _verdict(parts: Sequence[SectionPart]) -> str:

@@ -127,13 +127,13 @@ def _leads(event: Mapping[str, Any]) -> bool:
     return _alarms(event) and event.get("next") != event.get("state")
 
 
-def payload(runs: Sequence[Run], room: int) -> str:
-    """Every trial's signals as JSON; in `room` bytes, or nearly.
+def payload(runs: Sequence[Run], room: int, first: Collection[str] = ()) -> str:
+    """Every trial's signals as JSON; in `room` bytes, or nearly; those of the keys `first` before all others.
 
     A curve of more points than fit keeps the least and the largest sample of each stretch of time: no peak is lost.
     Trials that do not fit even so are not in it: those that stand out of no column.
     """
-    trials = outliers_first(runs)
+    trials = sorted(outliers_first(runs), key=lambda each: key_of(runs, *each) not in first)
     texts: list[str] = []
     points, used = POINTS, 0
     for run, trial in trials:
@@ -319,13 +319,19 @@ def _trial(
                 held[detector] = len(panels), float(known[-1]), unit
             panels[stream] = _statistic(run, events, detector, series, points, close)
             continue
-        fresh = {"label": f"{stream}, {unit}" if unit else stream, "whose": "ours", "curves": []}
+        fresh = {
+            "stream": stream,
+            "label": f"{stream}, {unit}" if unit else stream,
+            "whose": "ours",
+            "curves": [],
+        }
         panel = panels.setdefault(stream, fresh)
         panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points, close)})
     return {
         "title": f"Trial {trial}: {said_of(run, row)}",
         "zero": [moments.zero or "the trial began", moments.zero_s or 0.0],
-        "decided": around_s,
+        "around": around_s,
+        "decided": moments.decided_s,
         "stood": moments.stood_s,
         "panels": list(panels.values()),
         "thresholds": [[number, name, value, unit] for name, (number, value, unit) in held.items()],
@@ -369,6 +375,7 @@ def _statistic(
     changes = np.flatnonzero(~np.isclose(limits, np.roll(limits, 1), rtol=1e-12, equal_nan=True))
     places = np.union1d([0, len(limits) - 1], changes)
     return {
+        "stream": f"{DETECTOR}{detector}",
         "label": f"{detector}, {unit}" if unit else detector,
         "title": f"{detector}: {statistic_of(run, detector)[0]}",
         "whose": _whose(run, detector),

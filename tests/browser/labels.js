@@ -1,4 +1,4 @@
-// Labels of the page that are clipped, or stand over one another, a line each.
+// Labels of the page that are clipped, or stand over one another, and first figures that are empty, a line each.
 () => {
   const found = [];
   const seen = (element) => element.getClientRects().length > 0 && getComputedStyle(element).visibility !== "hidden";
@@ -21,6 +21,8 @@
       }
     }
   }
+  for (const box of document.querySelectorAll("[data-hero]"))
+    if (!box.querySelector("path.signal, path.statistic")) found.push("nothing is drawn of a trial of the first figure");
   for (const element of document.querySelectorAll("h1, h2, h3, p, li, dt, dd, th, td, button, .key, summary, nav a")) {
     if (!seen(element) || element.closest("figure svg")) continue;
     if (element.scrollWidth > element.clientWidth + 1 && element.clientWidth && getComputedStyle(element).display !== "inline")

@@ -54,7 +54,8 @@ def test_a_figure_and_its_text_speak_of_the_detector_that_stopped(bench):
     for drawn in hero_of("transient", [run]):
         row = next(row for row in run.trials if row["trial"] == drawn.trial)
         assert (drawn.moments.detector, drawn.moments.decided_s) == ("ours", row["detect_s"])
-        assert "departure of phase and amplitude from the prediction, σ" in drawn.panels[-1]
+        assert drawn.shown["streams"] == ["board.accelerometer", "detector.ours"]
+        assert drawn.shown["marks"]["decided"] == row["detect_s"]
         statistic = run.trial(drawn.trial).stream("detector.ours")
         decided = statistic.between(row["detect_s"], row["detect_s"] + 1e-9)
         assert decided.values[0, 0] > decided.values[0, 1]

@@ -50,5 +50,6 @@ const plot = (drawing, {start, end, unit, curves, marks = [], bands = []}) => {
     inside.append(svg("path", {class: curve.look, d: way}));
     if (curve.dots && seen[number][1] - seen[number][0] < 200) inside.append(svg("path", {class: `${curve.look} dots`, d: dots}));
   });
+  drawing.setAttribute("viewBox", `0 0 ${drawing.clientWidth} ${tall}`);  // on paper it is made smaller
   drawing.replaceChildren(inside, ...parts);
 };

@@ -99,6 +99,11 @@
     const drawn = curves.map((curve, place) => unpacked(curve, ms, {look: [threshold ? computed : "signal", "rival", "paper-s"][place % 3], stands: Boolean(threshold), dots: Boolean(threshold)}));
     return threshold ? [...drawn, unpacked(threshold, ms, {look: "threshold", stands: true})] : drawn;
   };
+  const headed = (target, {title, label, drawing}) => {
+    const unit = /,/.test(label) ? label.slice(label.lastIndexOf(",")) : "";
+    target.append(Object.assign(document.createElement("p"), {className: "head", textContent: title ? `${title}${unit}` : label}), drawing);
+  };
+  const drawn_of = (trial, ms) => trial.panels.map((each) => ({...each, curves: curves_of(each, ms), drawing: svg("svg", {height: tall, width: "100%"})}));
   const readout = panel.querySelector(".readout");
   const pointing = (panels, view, repaint) => {  // a drag zooms, the pointer is a cursor in every plot
     const whole = [view.start, view.end];
@@ -128,7 +133,16 @@
     }
   };
   let repaints = [];
-  addEventListener("resize", () => { for (const each of repaints) each(); });
+  const heroes = [...document.querySelectorAll("[data-hero]")].flatMap((box) => {  // the first figure: what decided, and what it heard
+    const {key, streams, span, zero, marks} = JSON.parse(box.dataset.hero), ms = (t) => 1000 * (t - zero);
+    const panels = signals[key] ? drawn_of(signals[key], ms).filter(({stream}) => streams.includes(stream)).sort((a, b) => streams.indexOf(a.stream) - streams.indexOf(b.stream)) : [];
+    for (const each of panels) headed(box, each);
+    const crossed = Object.entries(marks).map(([look, t]) => ({look, t: ms(t)}));
+    return panels.map(({drawing, curves}) => () => plot(drawing, {start: ms(span[0]), end: ms(span[1]), curves: curves.slice(0, 1).concat(curves.filter(({look}) => look === "threshold")).map((curve) => ({...curve, look: curve.look === "paper-s" ? "statistic" : curve.look, dots: false})), marks: crossed}));
+  });
+  const resized = () => { for (const each of [...heroes, ...repaints]) each(); };
+  addEventListener("resize", resized);
+  resized();
   const draw = () => {
     panel.hidden = keys.length === 0;
     const place = document.getElementById("signals-shown");
@@ -148,7 +162,7 @@
       const ms = (t) => 1000 * (t - trial.zero[1]);
       const ends = trial.panels.flatMap(({curves}) => curves.map(({span}) => span));
       const [from, to] = [ms(Math.min(...ends.map((span) => span[0]))), ms(Math.max(...ends.map((span) => span[1])))];
-      const at = whole.getAttribute("aria-pressed") === "true" || !trial.decided ? null : ms(trial.decided);
+      const at = whole.getAttribute("aria-pressed") === "true" || trial.around === null ? null : ms(trial.around);
       const [start, end] = at === null ? [from, to] : [Math.max(from, at - 500), Math.min(to, at + 500)];
       const bands = trial.states.map(([t, name], number) => ({look: number % 2 ? "band odd" : "band", from: ms(t), to: number + 1 < trial.states.length ? ms(trial.states[number + 1][0]) : to, name}));
       const legend = document.createElement("p");
@@ -180,8 +194,8 @@
       if (trial.decided) marks.push({look: "decided", t: ms(trial.decided)});
       if (trial.stood) marks.push({look: "stood", t: ms(trial.stood)});
       marks.push(...trial.truths.map(([, t]) => ({look: "zero", t: ms(t)})));
-      const panels = trial.panels.map((each) => ({label: each.label, curves: curves_of(each, ms), drawing: svg("svg", {height: tall, width: "100%"}), title: each.title ? `${each.title}${/,/.test(each.label) ? each.label.slice(each.label.lastIndexOf(",")) : ""}` : each.label}));
-      for (const {drawing, title} of panels) target.append(Object.assign(document.createElement("p"), {className: "head", textContent: title}), drawing);
+      const panels = drawn_of(trial, ms);
+      for (const each of panels) headed(target, each);
       target.append(Object.assign(document.createElement("p"), {className: "axis", textContent: `ms after ${trial.zero[0]}`}));
       const view = {start, end, cursor: null, span: null};
       const repaint = () => {

@@ -17,7 +17,7 @@ from controller.recording import reader
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.registry import ExperimentKind
-from controller.reports import first_screen, hero, report, static
+from controller.reports import first_screen, report, static
 from controller.reports.approaches import TABLE_1
 from controller.reports.figures import Figures
 from controller.reports.first_screen import headline_of
@@ -509,12 +509,6 @@ def test_the_papers_number_stands_only_beside_what_it_is_of():
     kinds = ({"resonance.paper", "resonance"}, {"force.threshold"})
     delays = [listed(headlines("transient"), touched, each).paper for each in kinds]
     assert delays == ["0.3 s", ""], "a load cell's delay is not that of a resonance"
-
-
-def test_a_curve_is_cut_where_it_leaves_its_plot():
-    t, v = hero._within(np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 0.0]), -1.0, 2.0)
-    assert t.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
-    assert np.array_equal(v, [0.0, 2.0, np.nan, 2.0, 0.0], equal_nan=True)
 
 
 def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path, undrawn):
