@@ -294,11 +294,85 @@ def _resumed(profile: Profile, folder: Path) -> str:
     )
 
 
+SOAKED = (
+    "[ "
+    '{ device = "board", kind = "lose", at_s = 1.0, for_s = 0.02, every_s = 17.0 }, '
+    '{ device = "board", kind = "double", at_s = 1.3, for_s = 0.03, every_s = 23.0 }, '
+    '{ device = "board", kind = "corrupt", at_s = 1.1, for_s = 0.01, every_s = 31.0 }, '
+    '{ device = "stage", kind = "double", at_s = 0.5, for_s = 0.05, every_s = 7.0 }, '
+    '{ device = "board", kind = "silent", at_s = 4.0, for_s = 0.3, every_s = 61.0 } ]'
+)
+"""What goes wrong all the time: losses, doubled and altered bytes, and a board that at times is silent for too long."""
+
+
+def soaked(minutes: float) -> dict[str, Any]:
+    """One run that goes on for so long, its trials repeated after faults; memory of program and emulator, MB, and where
+    the mover was, m."""
+    sets = {
+        "faults": SOAKED,
+        "trials.repeats": "1000",
+        "trials.reconnects": "1000",
+        "behavior.settle_s": "2.0",
+    }
+    profile = load_profile("emulated/transient", sets)
+    emulator = EmulatorProcess(assemble.emulator_scene(profile))
+    memory: dict[str, list[float]] = {"program": [], "emulator": []}
+    places: list[float] = []
+    with (
+        tempfile.TemporaryDirectory() as text,
+        (Path(text) / "output").open("w+", encoding="utf-8") as output,
+    ):
+        endpoints = Path(text) / "endpoints.json"
+        endpoints.write_text(json.dumps(emulator.endpoints), encoding="utf-8")
+        command = [sys.executable, "run.py", "run", "emulated/transient", "--no-report", "--jobs", "1"]
+        command += [
+            "--out",
+            text,
+            "--endpoints",
+            str(endpoints),
+            *(f"--set={k}={v}" for k, v in sets.items()),
+        ]
+        program = subprocess.Popen(
+            command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+        )
+        end_s, look_s = time.monotonic() + 60.0 * minutes, 0.0
+        while program.poll() is None and time.monotonic() < end_s:
+            places += _place(emulator)
+            if time.monotonic() > look_s:
+                look_s = time.monotonic() + 10.0
+                for name, pid in (("program", program.pid), ("emulator", emulator._child.pid)):
+                    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+                    memory[name].append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+            time.sleep(0.1)
+        alive = program.poll() is None
+        program.terminate()
+        program.wait()
+        emulator.close()
+        output.seek(0)
+        said = output.read()
+        rows = next(Path(text).glob("*/trials.csv")).read_text(encoding="utf-8").splitlines()[1:]
+    return {
+        "minutes": minutes,
+        "alive": alive,
+        "last": said.strip().splitlines()[-1],
+        "reconnected": said.count("; reconnected"),
+        "outcomes": dict(Counter(row.split(",")[1] for row in rows)),
+        "memory_mb": memory,
+        "places_m": [min(places), max(places)],
+    }
+
+
 @click.command()
 @click.argument("seeds", default="0:100")
 @click.option("--minutes", default=10.0, show_default=True, help="Begin no plan after so many.")
-def main(seeds: str, minutes: float) -> None:
+@click.option("--soak", default=0.0, help="In place of plans one run of so many minutes.")
+def main(seeds: str, minutes: float, soak: float) -> None:
     """Play, count, print, save."""
+    if soak:
+        found = soaked(soak)
+        print(found)
+        save("wire_soak", found)
+        sys.exit(not found["alive"])
     first, last = map(int, seeds.split(":"))
     end_s = time.monotonic() + 60.0 * minutes
     nights: list[Night] = []
