@@ -71,6 +71,8 @@ recordings: .venv/dev.stamp     ## public recordings with truth, by git, into bu
 
 soak-test: .venv/dev.stamp      ## emulated runs and the tests, idle and beside a busy process: hours; into benchmarks/results
 	$(BIN)/python -m benchmarks.soak
+	$(BIN)/python -m benchmarks.wire_plans 0:100 --minutes 120
+	$(BIN)/python -m benchmarks.wire_plans --soak 20
 
 FUZZ_SECONDS ?= 600
 fuzz: .venv/dev.stamp           ## bytes of all kinds into every decoder, FUZZ_SECONDS each; findings stay in build/fuzz
