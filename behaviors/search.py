@@ -240,11 +240,12 @@ class Search(SonicBehavior):
             self._stood_still("backward")
             self._turn_back()
             return
+        if self.settings.half_turn:  # a rehearsal enters each state
+            self._turn_wrist(self.settings.turn_rad_s)
         self._first_m = self.middle_m
         self.notes["turned_s"] = [self._begun_s, self._entered_s]
         self._face(turned=True)
         self._saw.clear()
-        self._turn_wrist(self.settings.turn_rad_s)
 
     def enter_LEAVING(self) -> None:
         """Turn back, if turned; then up and away."""

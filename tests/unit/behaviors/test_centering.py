@@ -328,3 +328,11 @@ def test_a_mover_that_turns_more_slowly_than_asked_is_no_match():
     assert "max_turn_rad_s = 0.5" in mismatch.mistake
     assert not found()
     assert not found(half_turn=True, turn_rad_s=0.5)
+
+
+def test_a_rehearsal_shows_the_turn_where_there_is_one():
+    for half_turn in (False, True):
+        settings = CenteringSettings(half_turn=half_turn, turn_rad_s=1.0)
+        behavior = Centering(settings, SearchFactors(), DETECTORS)
+        assert list(behavior.rehearse("HALF_TURN")) == (turn(1.0) if half_turn else [])
+        assert behavior.notes == {}
