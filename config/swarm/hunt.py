@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,6 +26,9 @@ DEEP = ("twice", "resumed", "idle", "split", "killed", "", "", "", "", "")
 KILLED_BEFORE = 60
 """Turn before which a program is killed: a short trial has some forty of its own."""
 
+OFTEN = 100
+"""Seeds between two looks at the memory: in the first of them everything is loaded."""
+
 SHOWN_NOTHING = 3
 """How often a fault must have been on for the whole of a state, and shown nothing, until that cell cannot be."""
 
@@ -35,12 +39,14 @@ class Hunt:
 
     Attributes:
         seen: Cells in which a fault took effect, and how often.
+        memory_mb: Of this process, resident, after each `OFTEN` seeds.
         met: Cells whose fault was on from the entry of the state for good, and how often.
         findings: By seed.
     """
 
     seeds: int = 0
     seen: Counter[Cell] = field(default_factory=Counter)
+    memory_mb: list[float] = field(default_factory=list)
     met: Counter[Cell] = field(default_factory=Counter)
     findings: dict[int, Sequence[Violation]] = field(default_factory=dict)
     outcomes: Counter[str] = field(default_factory=Counter)
@@ -50,8 +56,12 @@ class Hunt:
         ends = Counter(findings[0].end for findings in self.findings.values())
         failed = ", ".join(f"{count} {end}" for end, count in sorted(ends.items())) or "nothing failed"
         seen, never = len(set(self.seen) & set(possible())), len(self.never)
-        of = len(possible()) - never
-        return f"{self.seeds} seeds: {failed}; {seen} of {of} cells seen with effect, {never} cannot be"
+        of, memory = len(possible()) - never, ""
+        if len(self.memory_mb) > 1:
+            memory = f"; memory {self.memory_mb[0]:.0f} MB after {OFTEN} seeds, {self.memory_mb[-1]:.0f} at the end"
+        return (
+            f"{self.seeds} seeds: {failed}; {seen} of {of} cells seen with effect, {never} cannot be{memory}"
+        )
 
     @property
     def never(self) -> set[Cell]:
@@ -198,9 +208,16 @@ def hunted(
         plan, deep = drawn(seed, experiments), deep_of(seed)
         findings = examined(plan, deep, hunt)
         hunt.seeds += 1
+        if hunt.seeds % OFTEN == 0:
+            hunt.memory_mb.append(_resident_mb())
         if findings:
             hunt.findings[seed] = findings
             yield seed, plan, deep, findings
+
+
+def _resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def deep_of(seed: int) -> str:

@@ -23,6 +23,13 @@ TRIALS_MAX = 3
 STRIDE = 1_000_003
 """From a led seed's cell to the next one's: a prime beyond the number of cells, so that each has its turn."""
 
+MOVING = frozenset((
+    "APPROACH", "APPROACHING", "PLACING", "NUDGING", "RETRACTING", "ENTERING", "LEAVING", "OPENING", "CLOSING",
+    "SEEKING_FORWARD", "SEEKING_BACKWARD", "CENTERING", "DESCENDING", "PRESSING", "LOADING", "ROLLING", "SLIPPING",
+    "LIFTING", "SHAKING", "LOWERING",
+))  # fmt: skip
+"""States in which something moves: every second led seed goes there, for what goes wrong then does harm."""
+
 BENCH_WIDE = ("loop", "keys", "disk")
 """What goes wrong and is no device: see `simulator.devices.faults.OF_THE_BENCH`."""
 
@@ -250,8 +257,9 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
     experiment = dice.choices(list(scenes), [scene.weight for scene in scenes.values()])[0]
     cell = None
     if seed % 2:
-        cells = [each for each in possible() if each[0] in scenes]
-        cell = cells[seed // 2 * STRIDE % len(cells)]
+        moves = seed % 4 == 3
+        cells = [each for each in possible() if each[0] in scenes and (each[1] in MOVING or not moves)]
+        cell = cells[seed // 4 * STRIDE % len(cells)]
         experiment = cell[0]
     scene, of = SCENES[experiment], known(experiment)
     count = dice.choice([1, 1, 1, 2, 2, TRIALS_MAX]) if scene.weight > 1 and cell is None else 1
