@@ -48,7 +48,7 @@ def gripping_plans(
         "CLOSING": plan,
         "CONFIRMING": StatePlan(settings.confirm_s, contacts, closed),
         "HOLDING": StatePlan(settings.hold_s, contacts, closed, prompt=False),
-        "RELEASING": plan,
+        "RELEASING": StatePlan(settings.motion_timeout_s, frozenset(), closed),
     }
 
 

@@ -144,7 +144,7 @@ def lifting_plans(
         "LIFTING": held(way_s + settings.motion_timeout_s),
         "SHAKING": held(settings.shake_s),
         "HOLDING": held(settings.hold_s),
-        "LOWERING": held(way_s + settings.motion_timeout_s),
+        "LOWERING": StatePlan(way_s + settings.motion_timeout_s, frozenset(), seen),
     }
 
 

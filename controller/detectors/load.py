@@ -76,7 +76,7 @@ class LoadDetector(OnStream[LoadSettings]):
             self._learned += values[:missing, 0].tolist()
             if len(values) < missing:
                 return events
-            self._level = float(np.mean(self._learned))
+            self._level, self._learned = float(np.mean(self._learned)), []
             events.append(BaselineReady(float(times_s[missing - 1]), self.name, self._level, settings.step_n))
             times_s, values = times_s[missing:], values[missing:]
         means, times_s = self._mean.push(values, times_s, max(1, round(settings.mean_s * rate_hz)))

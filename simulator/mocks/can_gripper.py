@@ -213,9 +213,9 @@ class MockCanGripper(MockDriver):
             self._heard_s = now_s
         elif now_s - self._heard_s > WATCHDOG_S and not self._asleep:
             self._fall_asleep()
-        number, states = self._bench.jaws.take()
-        if not len(states):
+        if not self._bench.jaws.states:
             return
+        number, states = self._bench.jaws.take()
         if self._gone(now_s):
             for stream in self._subscribed:
                 self._unheard_of(stream, len(states))

@@ -30,6 +30,9 @@ SHARE, SLID, YAW = kernel.SHARE, kernel.SLID, kernel.YAW
 """Columns of a row: see the kernel."""
 
 
+NOTE_TICKS = KEEP // 4
+"""The truth about a lift is noted so many milliseconds at a time: with a look ahead they are still remembered."""
+
 LIFT_TICKS = 5
 """How often the truth about a lift is noted, in milliseconds."""
 
@@ -137,11 +140,11 @@ class AuraScene:
         self.finger_contacts: tuple[list[tuple[float, bool]], ...] = ([], [])
         self._noted, self._notes = np.empty((1024, len(Lift._fields))), 0
         self._thing = layout.thing_for_kernel(fits)
-        self._first = tick
+        self._first = self._noted_tick = tick
         self._flags = np.zeros(4, dtype=np.int64)
         self._lift = np.zeros(NUMBERS)
         self._lift[TOOL_BEFORE] = tool_m[2]
-        self._slides: list[list[int]] = []
+        self._slides: list[tuple[int, int]] = []
         self._slid_m, self._push_n, self._crushed = 0.0, 0.0, False
         self._rows = np.zeros((KEEP, kernel.COLUMNS))
         row = self._rows[tick % KEEP]
@@ -158,6 +161,8 @@ class AuraScene:
         Returns:
             Its states, shape (m, 6): see `jaws_kernel.look`.
         """
+        if self.tick + len(tools_m) > self._noted_tick + NOTE_TICKS:
+            self._note_lifts()
         made = np.empty((2 * len(tools_m), 3), dtype=np.int64)
         state = (jaws.x, jaws.flags, self._flags, self._lift, self._rows)
         seen = np.empty((len(polls), SEEN))
@@ -172,13 +177,14 @@ class AuraScene:
             event = (tick / ENVELOPE_HZ, bool(touching))
             self.contacts.append(event)
             self.finger_contacts[finger].append(event)
-        if self.layout.weight is not None and len(tools_m):
-            self._note_lifts(self.layout.weight, self.tick - len(tools_m))
         return seen
 
-    def _note_lifts(self, weight: Weight, since: int) -> None:
-        """Note what the fingers hold, after the millisecond `since`."""
-        ticks = np.arange(max(since, self.tick - KEEP) + 1, self.tick + 1)
+    def _note_lifts(self) -> None:
+        """Note what the fingers have held since it was noted last."""
+        ticks = np.arange(max(self._noted_tick, self.tick - KEEP) + 1, self.tick + 1)
+        self._noted_tick, weight = self.tick, self.layout.weight
+        if weight is None or not len(ticks):
+            return
         rows = self.at(ticks)
         forces_n = rows[:, FORCE]
         both = (forces_n > 0.0).all(axis=1)
@@ -189,9 +195,9 @@ class AuraScene:
         self._slid_m = float(rows[-1, kernel.SLID])
         for tick in ticks[slid_m > SLIDES_M].tolist():
             if self._slides and tick - self._slides[-1][1] <= PAUSE_TICKS:
-                self._slides[-1][1] = tick
+                self._slides[-1] = (self._slides[-1][0], tick)
             else:
-                self._slides.append([tick, tick])
+                self._slides.append((tick, tick))
         pushed_n = np.maximum.accumulate(np.maximum(alone_n, self._push_n))
         crushed = np.logical_or.accumulate((forces_n[:, 0] > weight.crush_n) | self._crushed)
         self._push_n, self._crushed = float(pushed_n[-1]), bool(crushed[-1])
@@ -223,17 +229,19 @@ class AuraScene:
     @property
     def lifts(self) -> list[Lift]:
         """What was noted of the object while both fingers touched it."""
+        self._note_lifts()
         return [Lift._make([*row[:-1], bool(row[-1])]) for row in self._noted[: self._notes].tolist()]
 
     @property
     def slides(self) -> list[tuple[float, bool]]:
         """When all of the object began (True) and ceased (False) to slide in the fingers."""
+        self._note_lifts()
         return [(tick / ENVELOPE_HZ, i == 0) for span in self._slides for i, tick in enumerate(span)]
 
     def at(self, ticks: Ints) -> Floats:
         """Rows of some recent milliseconds, shape (n, columns)."""
         oldest = max(self._first, self.tick - KEEP + 1)
-        return self._rows[np.clip(ticks, oldest, self.tick) % KEEP]
+        return self._rows[np.minimum(np.maximum(ticks, oldest), self.tick) % KEEP]
 
     def motion(self, tool_m: Floats, rows: Floats, width_m: Floats) -> AuraMotion:
         """Where fingers and object are towards each other, n instants.

@@ -151,7 +151,8 @@ class GripperPart(BenchPart):
         polls_s = self.jaws.polls_until(t_s)
         if len(ticks) or len(polls_s):
             tools_m = self.bench.places(ticks / ENVELOPE_HZ)
-            self.jaws.states.append(self.track.follow(tools_m, self.jaws.jaws, ticks_of(polls_s)))
+            states = self.track.follow(tools_m, self.jaws.jaws, ticks_of(polls_s))
+            self.jaws.states += [states] if len(states) else []
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
         """See `Bench.wrench`: along the line on which the jaws close, and the weight that they hold."""
