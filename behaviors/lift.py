@@ -29,6 +29,14 @@ SUDDEN = 1.12
 """A load that has grown or fallen by this factor lately has jumped: what is held swings, and knocks (assumption: a
 start of the arm at 0.5 m/s^2 and its swing give 1.1)."""
 
+STALLS_S = 0.1
+"""A load that has not grown for so long while the arm rises may be of something that slips. Assumption: twice what a
+step of the detector takes."""
+
+ACTED_S = 0.25
+"""For so long after the jaws have acted on a slip, or press less hard, what is told is of that. Assumption: a slip is
+told to be over 0.15 s after it is."""
+
 KNOCK_MARGIN = 1.02
 """Margin over a load that swings: its peak lasts for some 20 ms, and a grip with the whole margin over it crushes."""
 
@@ -82,16 +90,24 @@ class LiftSettings(GripSettings):
     """How much harder upon a slip. `friction`: as load and least friction seen ask for, times `margin`; in the air at
     once `boost` times as hard, then back to that. `step`: `tighten_n` more, again and again while it slips."""
 
-    plateau_s: float = Field(default=0.12, ge=0.0, le=10.0)
+    plateau_s: float = Field(default=0.3, ge=0.0, le=10.0)
     """A load that has not grown for so long while the arm rises slowly is of what slips, all of it, or hangs; while the
     friction is unknown, and at the limit, it counts as a slip, and no other does then. 0 for never: a slip that is told
-    counts. Assumption: twice what a step of the load takes."""
+    counts. Where all but the last part of a pad has slipped, a load still grows by a step of the detector's within
+    that. Chosen in benchmarks/grasp."""
 
     margin: float = Field(default=1.15, ge=1.0, le=10.0)
     """What the grip is set to, over what load and friction ask for. Chosen in benchmarks/grasp."""
 
-    boost: float = Field(default=1.4, ge=1.0, le=10.0)
-    """How many times as hard the jaws press upon a slip in the air: what slides has to be braked as well. Likewise."""
+    moving_margin: float = Field(default=1.3, ge=1.0, le=10.0)
+    """The same of the load at rest while the arm lifts and shakes it: what swings is heavier at times. Likewise."""
+
+    jaws_n: float = Field(default=0.0, ge=0.0, le=100.0)
+    """Dry friction of the gripper's drive: so much less than is commanded the jaws press when they were made to press
+    harder, so much more when less hard. Half of the difference that a scale between them shows."""
+
+    boost: float = Field(default=1.65, ge=1.0, le=10.0)
+    """The same upon a slip in the air, or a load that jumps: what slides has to be braked as well. Likewise."""
 
     least_friction: float = Field(default=0.1, ge=0.0, le=10.0)
     """Objects have more: a slip that is told while a finger carries less than this share of the grip is a knock."""
@@ -160,7 +176,7 @@ class Lifting(Gripping):
     _tighten_due_s = math.inf
     _plateau_due_s = math.inf
     _relax_due_s = math.inf
-    _calm_s = _still_s = _boosted_s = -math.inf
+    _calm_s = _still_s = _boosted_s = _acted_s = _grew_s = -math.inf
     _shake_due_s = math.inf
     _shake_up = False
 
@@ -185,7 +201,7 @@ class Lifting(Gripping):
             self._plateau_due_s = math.inf
             share = self._load_n / self._force_n
             if share >= self.settings.least_friction and self._uses(share, self.settings.limit):
-                self._note_friction(event.t_s)
+                self._note_friction(event.t_s, share)
                 commands += self._pressed(self._wanted_n, event.t_s)
         if self._slipping and now_s >= self._tighten_due_s:
             commands += self._tightened(event.t_s)
@@ -219,7 +235,10 @@ class Lifting(Gripping):
         if not self.settings.load or math.isinf(self._friction):
             return self._force_n
         margin = self.settings.margin if self.event.t_s >= self._calm_s else KNOCK_MARGIN
-        return margin * max(self._load_n, 0.0) / self._friction
+        rest_n = 0.0
+        if self.state in ("LIFTING", "SHAKING") or self.event.t_s < self._still_s:
+            rest_n = self.settings.moving_margin * self._lifted_n
+        return max(margin * self._load_n, rest_n) / self._friction
 
     @property
     def _share(self) -> float:
@@ -236,18 +255,27 @@ class Lifting(Gripping):
         """Whether a finger carries so much that it may slip."""
         if not self.settings.load:
             return True
-        if self.state == "LOADING" and self.settings.plateau_s > 0.0:
+        grows = math.isinf(self._friction) or self.event.t_s < self._grew_s + STALLS_S
+        if self.state == "LOADING" and self.settings.plateau_s > 0.0 and grows:
             return False  # one patch may slip before all does
-        knocked = self.event.t_s < self._calm_s
         lately_n = max((n for t_s, n, _ in self._loads if t_s >= self.event.t_s - LATELY_S), default=0.0)
         if self._load_n < UNLOADS * lately_n or self._share < self.settings.least_friction:
             return False
-        return not knocked and self._uses(self._share, self.settings.credible)
+        return self._uses(self._share, self.settings.credible)
 
     def _jumps(self) -> bool:
         """Whether the load has changed suddenly."""
-        lately_n = [n for t_s, n, _ in self._loads if t_s >= self.event.t_s - LATELY_S]
+        since_s = self.event.t_s - LATELY_S
+        lately_n = [n for t_s, n, _ in self._loads if t_s >= since_s]
+        lately_n += [n for t_s, n, _ in self._loads if t_s < since_s][-1:]
         return max(lately_n) > SUDDEN * max(min(lately_n), 1e-9)
+
+    def _beyond(self) -> bool:
+        """Whether a finger carries what friction just bears, or suddenly so much more that it soon will."""
+        if self.state not in _AIR or self.event.t_s < self._still_s or math.isinf(self._friction):
+            return False
+        jumps = self._jumps() and self._load_n > SUDDEN * self._lifted_n
+        return jumps or self._uses(self._load_n / self._force_n, self.settings.limit)
 
     def expect_knock(self, lasting_s: float = 0.0) -> None:
         """What is held is about to be shaken, not to slip."""
@@ -259,18 +287,18 @@ class Lifting(Gripping):
         self._still_s = self._calm_s
 
     def note_slip(self) -> None:
-        """Something slips."""
-        self._note_friction(self.event.t_s)
+        """Something seems to slip."""
         if not self._slipping:
             self._tighten_due_s = self.event.t_s
         self._slipping |= {self._detector}
 
-    def _note_friction(self, t_s: float) -> None:
-        """The load that the grip carried last shows the friction."""
-        if self.settings.load and self._share > 0.0:
-            self._friction = min(self._friction, self._share)
+    def _note_friction(self, t_s: float, share: float) -> None:
+        """The share of the grip that a finger carried shows the friction."""
+        if self.settings.load and share > 0.0:
+            self._friction = min(self._friction, share)
             self.notes.setdefault("friction", []).append(self._friction)
         self.notes.setdefault("slip_s", []).append(t_s)
+        self._acted_s = t_s
 
     def note_held(self) -> None:
         """The slip that a detector reported is over."""
@@ -282,16 +310,15 @@ class Lifting(Gripping):
         grows = self._load_n < self.event.value and self.event.value > self._most_n
         self._load_n = self.event.value
         if grows:
-            self._most_n = self._load_n
+            self._most_n, self._grew_s = self._load_n, self.event.t_s
             self._plateau_due_s = self.event.t_s + (self.settings.plateau_s or math.inf)
         self._loads.append((self.event.t_s, self._load_n, self._load_n / self._force_n))
+        beyond = self._beyond()
         if self.state in _AIR and self._jumps():
             self.expect_knock()
-        if self.settings.rule == "friction" and self._wanted_n > self._force_n:
-            beyond = self._uses(self._load_n / self._force_n, self.settings.limit)
-            beyond = beyond and self.event.t_s >= self._still_s
-            share = self._boost(self.event.t_s) if beyond else 1.0
-            for command in self._pressed(max(share * self._force_n, self._wanted_n), self.event.t_s):
+        wanted_n = max(self._wanted_n, self._braced_n(self.event.t_s) if beyond else 0.0)
+        if self.settings.rule == "friction" and wanted_n > self._force_n:
+            for command in self._pressed(wanted_n, self.event.t_s):
                 self.command(command)
         elif self._relax_due_s == math.inf:
             self._relax_due_s = self.event.t_s + self.settings.relax_s
@@ -301,36 +328,43 @@ class Lifting(Gripping):
         return str(getattr(self.event, "detector", ""))
 
     def _tightened(self, t_s: float) -> Sequence[Command]:
-        """Press harder upon a slip, unless the finger carries too little by now."""
+        """Press harder upon a slip, unless it may be a knock: then look again."""
         settings = self.settings
-        if not self.credible():
-            self._tighten_due_s = math.inf
+        quiet_s = max(self._calm_s, self._acted_s + ACTED_S) if settings.load else t_s
+        self._tighten_due_s = max(t_s + settings.tighten_s, quiet_s)
+        if t_s < quiet_s - 1e-9 or not self.credible():
             return []
-        self._tighten_due_s = t_s + settings.tighten_s
+        self._note_friction(t_s, self._share)
         if settings.rule == "step":
             return self._pressed(self._force_n + settings.tighten_n, t_s)
-        return self._pressed(max(self._boost(t_s) * self._force_n, self._wanted_n), t_s)
+        return self._pressed(max(self._braced_n(t_s), self._wanted_n), t_s)
 
-    def _boost(self, t_s: float) -> float:
-        """How many times as hard at once: on the table a little, in the air enough to brake; 1 where it just was."""
+    def _braced_n(self, t_s: float) -> float:
+        """How hard at once: on the table a little harder, in the air enough to brake, not again where it just was."""
+        settings = self.settings
         if self.state == "LOADING":
-            return self.settings.margin
+            return settings.margin * self._force_n
         if t_s < self._boosted_s + LATELY_S:
-            return 1.0
+            return self._force_n
         self._boosted_s = t_s
         self.expect_knock()
-        return self.settings.boost
+        known = bool(settings.load) and math.isfinite(self._friction)
+        return settings.boost * (self._lifted_n / self._friction if known else self._force_n)
 
     def _pressed(self, force_n: float, t_s: float) -> Sequence[Command]:
         """Press as hard as this, within what is allowed, to the same opening."""
         settings = self.settings
-        force_n = min(max(force_n, settings.grip_force_n), settings.tightest_n)
+        least_n, most_n, jaws_n = settings.grip_force_n, settings.tightest_n, settings.jaws_n
+        force_n = min(max(force_n, least_n - jaws_n), most_n - jaws_n)
         if force_n == self._force_n:
             return []
-        if force_n > self._force_n:
+        if harder := force_n > self._force_n:
             self._relax_due_s = t_s + settings.relax_s
+        else:
+            self._acted_s = t_s
         self._force_n = force_n
-        return [Grip(settings.gripper, settings.grip_width_m, settings.tighten_speed_m_s, force_n)]
+        asked_n = max(force_n + (jaws_n if harder else -jaws_n), least_n)
+        return [Grip(settings.gripper, settings.grip_width_m, settings.tighten_speed_m_s, asked_n)]
 
     def _shaken(self, t_s: float) -> Sequence[Command]:
         """Reverse the shake: first after a quarter of a period, then after halves."""
@@ -355,19 +389,22 @@ class Lifting(Gripping):
 
     def enter_LOADING(self) -> None:
         """Up from where it was found, slowly, until the pads carry the weight."""
-        self._force_n = self.settings.grip_force_n
+        self._force_n = self.settings.grip_force_n - self.settings.jaws_n
         self._load_n, self._most_n, self._friction = 0.0, 0.0, math.inf
         self._plateau_due_s = math.inf
         self._loads: deque[tuple[float, float, float]] = deque(maxlen=64)  # when, N, over the grip
         self._boosted_s = -math.inf
         self._slipping, self._tighten_due_s, self._relax_due_s = frozenset(), math.inf, math.inf
-        self._calm_s = self._still_s = -math.inf
+        self._calm_s = self._still_s = self._acted_s = self._grew_s = -math.inf
+        self._lifted_n = 0.0
         self._rise(self.settings.load_m, self.settings.load_speed_m_s)
 
     def enter_LIFTING(self) -> None:
         """Straight up."""
         self._lifted_n = self._load_n
         self.move_it()
+        for command in self._pressed(max(self._force_n, self._wanted_n), self.event.t_s):
+            self.command(command)
         self._rise(self.settings.lift_m, self.settings.lift_speed_m_s)
 
     def enter_SHAKING(self) -> None:
@@ -378,6 +415,7 @@ class Lifting(Gripping):
     def enter_HOLDING(self) -> None:
         """Stand still."""
         self.move_it()
+        self._relax_due_s = self.event.t_s + self.settings.relax_s
         if self.shaking():
             self.command(Stop(self.settings.mover))
 
@@ -399,7 +437,7 @@ LIFTING: Sequence[Row] = (
     on("reached", "LOADING", "LIFTING", from_mover),
     on("reached", "LIFTING", "SHAKING", from_mover, Lifting.shaking, label="a shake"),
     on("reached", "LIFTING", "HOLDING", from_mover),
-    on("slip_started", _UP, None, Lifting.credible, do=Lifting.note_slip, label="press harder"),
+    on("slip_started", _UP, None, do=Lifting.note_slip, label="press harder"),
     on("slip_ended", _UP, None, do=Lifting.note_held),
     on("load_changed", _UP, None, do=Lifting.note_load, label="follow the load"),
     on("gripped", _UP, "LOWERING", Lifting.dropped, do=Lifting.conclude_dropped, label="nothing held"),

@@ -14,6 +14,9 @@ from controller.detectors.stream import OnStream, RunningMean
 from drivers.core.messages import SampleBlock
 from drivers.core.settings import Settings, StreamName
 
+RESTS, RESTED = 0.6, 0.2
+"""See `LoadSettings.rest_s`: shares of a step. Assumption: a load that an arm raises at 2 mm/s does not rest."""
+
 
 class LoadSettings(Settings):
     """Settings of the detector that follows a load."""
@@ -36,6 +39,10 @@ class LoadSettings(Settings):
     step_share: float = Field(default=0.05, ge=0.0, le=1.0)
     """… and of more than this share of the load that was told last."""
 
+    rest_s: float = Field(default=0.1, gt=0.0, le=10.0)
+    """A load whose mean over this time is about the mean over `mean_s` rests: a change of that mean by a fifth of a
+    step is told as well. Assumption: some periods of what swings in the pads."""
+
 
 class LoadDetector(OnStream[LoadSettings]):
     """Tells the load, in `LoadChanged`, where it differs from what was told last by more than a step.
@@ -57,7 +64,7 @@ class LoadDetector(OnStream[LoadSettings]):
         super().reset()
         self._level: float | None = None
         self._learned: list[float] = []
-        self._mean = RunningMean()
+        self._mean, self._resting = RunningMean(), RunningMean()
         self._told = 0.0
 
     def _channels(self) -> Sequence[int]:
@@ -65,6 +72,7 @@ class LoadDetector(OnStream[LoadSettings]):
 
     def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
         self._mean.restart()
+        self._resting.restart()
         return ()
 
     def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
@@ -79,17 +87,22 @@ class LoadDetector(OnStream[LoadSettings]):
             self._level, self._learned = float(np.mean(self._learned)), []
             events.append(BaselineReady(float(times_s[missing - 1]), self.name, self._level, settings.step_n))
             times_s, values = times_s[missing:], values[missing:]
+        long, _ = self._resting.push(values, times_s, max(1, round(settings.rest_s * rate_hz)))
         means, times_s = self._mean.push(values, times_s, max(1, round(settings.mean_s * rate_hz)))
-        loads_n = means[:, 0] - self._level
+        loads_n, resting_n = means[:, 0] - self._level, np.full(len(means), np.nan)
+        resting_n[len(means) - min(len(means), len(long)) :] = long[-len(means) :, 0] - self._level
         self.readings = decisions(times_s, loads_n, math.nan)
         begin = 0
         while begin < len(loads_n):
             step_n = max(settings.step_n, settings.step_share * abs(self._told))
-            changed = np.flatnonzero(np.abs(loads_n[begin:] - self._told) > step_n)
+            steps = np.abs(loads_n[begin:] - self._told) > step_n
+            rests = np.abs(resting_n[begin:] - loads_n[begin:]) < RESTS * step_n
+            rests &= np.abs(resting_n[begin:] - self._told) > RESTED * step_n
+            changed = np.flatnonzero(steps | rests)
             if not len(changed):
                 break
             place = begin + int(changed[0])
-            self._told = float(loads_n[place])
+            self._told = float(loads_n[place] if steps[place - begin] else resting_n[place])
             events.append(LoadChanged(float(times_s[place]), self.name, self._told, step_n))
             begin = place + 1
         return events

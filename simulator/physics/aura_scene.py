@@ -241,7 +241,8 @@ class AuraScene:
     def at(self, ticks: Ints) -> Floats:
         """Rows of some recent milliseconds, shape (n, columns)."""
         oldest = max(self._first, self.tick - KEEP + 1)
-        return self._rows[np.minimum(np.maximum(ticks, oldest), self.tick) % KEEP]
+        found: Floats = self._rows[np.minimum(np.maximum(ticks, oldest), self.tick) % KEEP]
+        return found
 
     def motion(self, tool_m: Floats, rows: Floats, width_m: Floats) -> AuraMotion:
         """Where fingers and object are towards each other, n instants.

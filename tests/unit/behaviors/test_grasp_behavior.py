@@ -37,6 +37,7 @@ def grasping(**settings):
         "tightest_n": 40.0,
         "margin": 1.2,
         "boost": 1.5,
+        "moving_margin": 1.0,
         "hold_s": 5.0,
         "plateau_s": 0.0,
     }
@@ -101,13 +102,13 @@ def test_a_load_that_no_longer_grows_while_the_arm_rises_tells_the_friction_too(
     )
     assert not behavior.handle(Tick(13.06))
     assert behavior.handle(Tick(13.07)) == [harder(12.0)], "4 N of 10 N, at a margin of 1.2"
-    tell(behavior, load(13.1, 4.3))
+    tell(behavior, over(13.08), load(13.1, 4.3))
     assert not behavior.handle(Tick(13.3)), "it hangs: less than friction bears"
 
 
 def test_a_load_beyond_what_friction_bears_makes_the_jaws_press_harder_at_once():
     behavior = in_the_air()
-    assert behavior.handle(load(17.0, 5.9)) == [harder(1.5 * 15.0)], "98 % of 6 N: it is about to slip"
+    assert behavior.handle(load(17.0, 5.9)) == [harder(1.5 * 5.0 / 0.4)], "98 % of 6 N: it is about to slip"
     assert behavior.handle(load(17.01, 9.6)) == [harder(1.02 * 9.6 / 0.4)], (
         "not again at once, but what the load asks for"
     )
@@ -119,7 +120,7 @@ def test_a_grip_that_is_no_longer_needed_is_loosened_step_by_step():
     forces_n = []
     for k in range(200):
         forces_n += [command.force_n for command in behavior.handle(Tick(17.11 + 0.01 * k))]
-    assert forces_n[0] == pytest.approx(0.94 * 22.5)
+    assert forces_n[0] == pytest.approx(0.94 * 18.75)
     assert forces_n == sorted(forces_n, reverse=True)
     assert forces_n[-1] == pytest.approx(15.0)
 
@@ -140,6 +141,39 @@ def test_while_the_arm_shakes_it_no_slip_is_believed():
     assert behavior.state == "SHAKING"
     commands = [*behavior.handle(slip(15.25)), *behavior.handle(Tick(15.25))]
     assert not any(isinstance(command, Grip) for command in commands), "83 % of what friction bears"
+
+
+def test_a_slip_that_outlasts_what_the_jaws_themselves_do_is_believed():
+    behavior = in_the_air()
+    tell(behavior, load(17.0, 5.4), load(17.1, 5.0))
+    assert [len(behavior.handle(Tick(17.3 + 0.03 * k))) for k in range(3)] == [1, 1, 0], "less hard"
+    behavior.handle(slip(17.4))
+    assert not behavior.handle(Tick(17.4)), "by which the pad may have slipped a little"
+    commands = [command for k in range(20) for command in behavior.handle(Tick(17.4 + 0.01 * k))]
+    assert commands[-1].force_n > 15.0, "but it is not over"
+
+
+def test_a_load_that_jumps_makes_the_jaws_press_harder_before_anything_slips():
+    behavior = in_the_air()
+    assert behavior.handle(load(17.0, 5.3)) == [harder(1.2 * 5.3 / 0.4)], "it creeps"
+    assert behavior.handle(load(17.01, 5.65)) == [harder(1.5 * 5.0 / 0.4)]
+
+
+def test_while_the_arm_moves_it_it_is_gripped_for_what_the_motion_adds():
+    behavior, _ = grasping(moving_margin=1.5)
+    tell(behavior, load(12.9, 4.0), slip(13.0), Tick(13.0), over(13.05), load(13.2, 5.0))
+    assert harder(1.5 * 5.0 / 0.4) in behavior.handle(arm(14.0))
+    tell(behavior, arm(UP_S))
+    forces_n = [command.force_n for k in range(80) for command in behavior.handle(Tick(UP_S + 0.01 * k))]
+    assert forces_n[-1] == pytest.approx(1.2 * 5.0 / 0.4), "and no longer than that"
+
+
+def test_what_the_drives_friction_takes_or_adds_is_commanded_besides():
+    behavior, _ = grasping(jaws_n=0.5)
+    tell(behavior, load(12.9, 3.8))
+    assert [*behavior.handle(slip(13.0)), *behavior.handle(Tick(13.0))] == [harder(1.2 * 9.5 + 0.5)]
+    tell(behavior, over(13.05), load(13.1, 3.5))
+    assert [*behavior.handle(Tick(13.45)), *behavior.handle(Tick(13.5))][0] == harder(0.94 * 11.4 - 0.5)
 
 
 def test_the_shake_goes_up_and_down_and_ends_standing():
