@@ -18,20 +18,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.grasp import STEPS, drawn
+from benchmarks.grasp import drawn
 from benchmarks.results import kept, progress, save
 from benchmarks.soak import burners
 from config.script import run_trials
 from controller.recording.reader import Run
 from simulator.physics.held_kernel import GRAVITY_M_S2
 
-SEED, COUNT, PART = 64_000, 20, 5
+SEED, COUNT, PART = 64_000, 20, 4
 
+REFLEX = {"behavior.rule": "step", "behavior.plateau_s": "0.0", "behavior.relax_s": "60.0"}
 SHORT = {
     "behavior.center": "false",
     "behavior.lift_m": "0.01",
     "behavior.shake_m_s": "0.0",
     "behavior.hold_s": "0.5",
+    "behavior.width_stream": "gripper.force",  # what its drive reports of its current, in the width's place
 }
 
 QUIET_S, RESTS_S, OUT = 1.0, 0.05, 6.0
@@ -117,7 +119,7 @@ def _spread_ms(values_s: list[float]) -> Mapping[str, float]:
 def main(*, quick: bool = False) -> None:
     """Both parts, some objects at a time: an interrupted study goes on."""
     result: dict[str, Any] = {}
-    for name, settings in (("step upon slip", STEPS | SHORT), ("ours", {})):
+    for name, settings in (("step upon slip", REFLEX | SHORT), ("ours", {})):
         rows: list[Mapping[str, Any]] = []
         for first in range(0, PART if quick else COUNT, PART):
             rows += kept(f"grasp_wire_{name.replace(' ', '_')}_{first}", partial(grasped, first, settings))
