@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -196,10 +197,8 @@ def _draw(figures: Figures, run: Run, row: Row, recording: TrialRecording) -> st
         if friction:
             top.plot(times_s, load_n / float(friction), color=GOOD, lw=0.9, label="least force")
         below.plot(times_s, load_n, color=INK, lw=0.8)
-        slips_s = [float(event["t_s"]) for event in own if _acted(event)]
-        below.plot(
-            slips_s, np.interp(slips_s, times_s, load_n), "v", color=FALSE, label="slip told, acted on"
-        )
+        slips_s = list(_acted_s(own, first_s, last_s))
+        below.plot(slips_s, np.interp(slips_s, times_s, load_n), "v", color=FALSE, label="slip, acted on")
         _shade(drawing.axes, entered, last_s)
         top.set_ylabel("N")
         top.set_ylim(0.0, 1.15 * max(force for _, force in forces))
@@ -245,5 +244,11 @@ def _commanded(
     return [*found, (last_s, found[-1][1])] if found else [(first_s, 0.0), (last_s, 0.0)]
 
 
-def _acted(event: Mapping[str, Any]) -> bool:
-    return event.get("event") == "SlipStarted" and bool(event.get("commands"))
+def _acted_s(events: Sequence[Mapping[str, Any]], first_s: float, last_s: float) -> Iterator[float]:
+    """When the jaws were made to press harder by what is no load: at once, or when a slip had lasted."""
+    before_n = math.inf
+    for event in events:
+        for t_s, force_n in _commanded([event], first_s, last_s)[:1]:
+            if force_n > before_n and event.get("event") in ("SlipStarted", "Tick"):
+                yield t_s
+            before_n = force_n or before_n
