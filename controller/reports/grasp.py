@@ -97,7 +97,7 @@ def _shown(runs: Sequence[Run], run: Run, row: Row) -> Markup:
     return Markup(
         '<b><a href="?trial={key}" data-open="{key}">Trial {trial}</a></b>, the first in which a slip was told: {said}.'
         " Above: the commanded grip, what the pad feels of it, and the least force that would hold it: the finger's"
-        " load over true friction. Below: that load; triangles are slips that were told and acted on."
+        " load over true friction. Below: that load; triangles are slips that were acted on."
     ).format(key=key_of(runs, run, int(row["trial"])), trial=row["trial"], said=said_of(run, row))
 
 

@@ -58,7 +58,7 @@ GRASP = PATH | {
     "limits.grip_n",
     "detectors.slip_ours.threshold",
     "signals.pad.overload_n",
-    *(f"behavior.{key}" for key in ("lift_m", "weight_n", "grip_force_n", "tightest_n")),
+    *(f"behavior.{key}" for key in ("lift_m", "weight_n", "grip_force_n", "jaws_n", "tightest_n")),
     *(
         f"detectors.{side}_{what}"
         for side in ("left", "right")
