@@ -105,7 +105,7 @@ def grasped(first: int, settings: Mapping[str, str]) -> list[Mapping[str, Any]]:
             {
                 "outcome": made.get(trial, outcome.line),
                 "not_at_rest": list(outcome.not_at_rest),
-                "stages": stages(run, trial) if trial in made else None,
+                "stages": stages(run, trial) if trial in made and settings else None,
             }
             for trial in range(1, len(rows) + 1)
         ]
