@@ -63,7 +63,7 @@ class Night(NamedTuple):
     """A plan on the wire, and how it ended: class and sentence, "" where all holds."""
 
     seed: int
-    experiment: str
+    bench: str
     faults: str
     act: str
     code: int | None
@@ -72,16 +72,16 @@ class Night(NamedTuple):
     shown: int
 
 
-def act_of(seed: int, experiment: str) -> Act | None:
+def act_of(seed: int, bench: str) -> Act | None:
     """What is done to which process."""
     dice = random.Random(f"process {seed}")
-    victim = dice.choice(VICTIMS if experiment == "transient_arm" else VICTIMS[:2])
+    victim = dice.choice(VICTIMS if bench == "transient_arm" else VICTIMS[:2])
     act = Act(victim, dice.choice((signal.SIGKILL, signal.SIGSTOP)), dice.uniform(0.0, 5.0))
     return act if dice.random() < 0.5 else None
 
 
-def profile_of(seed: int, folder: Path) -> Path:
-    """The plan of a seed, as a profile of the emulated bench; what that cannot show is left out."""
+def profile_of(seed: int, folder: Path) -> tuple[str, Path]:
+    """The plan of a seed, as a profile of an emulated bench, and that one's name; what it cannot show is left out."""
     plan = drawn(seed, EXPERIMENTS)
     emulated = load_profile(f"emulated/{plan.experiment}", {})
     could = {(name, kind) for name, entry in emulated.devices.items() for kind in _kinds(entry.kind)}
@@ -93,7 +93,7 @@ def profile_of(seed: int, folder: Path) -> Path:
     text = replace(plan, settings=settings, faults=faults).toml()
     path = folder / "plan.toml"
     path.write_text(text.replace('extends = "mock/', 'extends = "emulated/'), encoding="utf-8")
-    return path
+    return plan.experiment, path
 
 
 def _kinds(driver: str) -> tuple[str, ...]:
@@ -107,9 +107,9 @@ def played(seed: int) -> Night:
     began_s = time.monotonic()
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
-        path = profile_of(seed, folder)
+        bench, path = profile_of(seed, folder)
         profile = load_profile(str(path), {})
-        act = act_of(seed, profile.experiment)
+        act = act_of(seed, bench)
         told = f"{act.victim} {act.signal.name} {act.after_s:.1f} s" if act else ""
         emulator = EmulatorProcess(assemble.emulator_scene(profile))
         try:
