@@ -124,7 +124,7 @@ def played(seed: int) -> Night:
         if not failure:
             failure = _resumed(profile, folder)
         faults = " ".join(f"{fault.device}:{fault.kind}" for fault in profile.faults)
-        return Night(seed, profile.experiment, faults, told, code, failure, time.monotonic() - began_s, shown)
+        return Night(seed, bench, faults, told, code, failure, time.monotonic() - began_s, shown)
 
 
 def watched(
