@@ -8,7 +8,7 @@ STUDIES = (
     "contact contact_steps onset curves table_1 campaigns costs"
 )
 MODULES = {"stop": "stop_latency", "page": "live_page"}
-BENCHMARKS = ("loop", "stop", "page", "grasp_wire", *STUDIES.split())
+BENCHMARKS = ("loop", "stop", "page", "left_alone", "grasp_wire", *STUDIES.split())
 
 
 def main(names: list[str]) -> int:
