@@ -128,7 +128,8 @@ def _leads(event: Mapping[str, Any]) -> bool:
 
 
 def payload(runs: Sequence[Run], room: int, first: Collection[str] = ()) -> str:
-    """Every trial's signals as JSON; in `room` bytes, or nearly; those of the keys `first` before all others.
+    """Every trial's signals as JSON; in `room` bytes, or nearly; those of the keys `first` before all others,
+    and whole.
 
     A curve of more points than fit keeps the least and the largest sample of each stretch of time: no peak is lost.
     Trials that do not fit even so are not in it: those that stand out of no column.
@@ -144,8 +145,9 @@ def payload(runs: Sequence[Run], room: int, first: Collection[str] = ()) -> str:
         decided = {str(event["detector"]) for event in events if _leads(event)} or {acting_of(run)}
         curves = list(_chosen(run, recording, decided))
         share = room / len(trials) / max(1, len(curves)) / BYTES_A_POINT
-        points = int(min(POINTS, max(LEAST_POINTS, share)))
-        signals = {key_of(runs, run, trial): _trial(run, trial, events, curves, points)}
+        key = key_of(runs, run, trial)
+        points = POINTS if key in first else int(min(POINTS, max(LEAST_POINTS, share)))
+        signals = {key: _trial(run, trial, events, curves, points)}
         texts.append(json.dumps(signals, separators=(",", ":"), ensure_ascii=False)[1:-1])
         used += len(texts[-1])
         if used > room:
