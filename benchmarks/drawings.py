@@ -246,8 +246,11 @@ def pictures() -> None:
             screen.goto(link)
             screen.locator("#verdict", has_text="1 of 3").wait_for(timeout=WAIT_MS)
             screen.wait_for_selector('body[data-state="APPROACH"]', timeout=WAIT_MS)
-            screen.wait_for_timeout(300)
-            screen.screenshot(path=PICTURES / "live_running.png")
+            running = screen.screenshot()
+            assert screen.locator("#state").inner_text() == "APPROACH", (
+                "this machine is too busy for the picture"
+            )
+            (PICTURES / "live_running.png").write_bytes(running)
             screen.get_by_role("button", name="Pause").click()
             screen.wait_for_selector('body[data-state="PAUSED"]')
             screen.wait_for_timeout(2000)
