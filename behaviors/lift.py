@@ -2,8 +2,8 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, Strict
 
@@ -12,7 +12,7 @@ from behaviors.grip import Gripping, GripSettings
 from behaviors.machine import Row, StatePlan, from_mover, on
 from behaviors.sonic import Place
 from drivers.core.messages import Command, Grip, Gripped, Stop, Twist
-from drivers.core.settings import DetectorName, StreamName
+from drivers.core.settings import DetectorName, Mismatch, Settings, StreamName
 
 _AIR = ("LIFTING", "SHAKING", "HOLDING")
 _UP = ("LOADING", *_AIR)
@@ -139,6 +139,22 @@ class LiftSettings(GripSettings):
 
     tightest_n: float = Field(default=14.0, gt=0.0, le=500.0)
     """How hard at the most; the guard's `grip_n` holds besides."""
+
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterator[Mismatch]:
+        """What a slip asks for in the air must not be refused there."""
+        yield from super().mismatches(path, profile)
+        limits: Any = profile.get(("limits",))
+        if limits is not None:
+            most_m_s = limits.movers.get(self.gripper, limits).speed_m_s
+            for key, most, name in (
+                ("tighten_speed_m_s", most_m_s, "speed_m_s"),
+                ("tightest_n", limits.grip_n, "grip_n"),
+            ):
+                if (asked := getattr(self, key)) > most:
+                    mistake = f" = {asked}: more than [limits] {name} = {most}; lower it to that"
+                    yield Mismatch(path, key, mistake)
 
 
 def lifting_plans(

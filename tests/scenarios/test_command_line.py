@@ -143,6 +143,8 @@ def test_what_check_prints_is_a_profile_again(verb, tmp_path):
         ("mock/slip", "behavior.sensors.dsa.stream=board.x", "[behavior.sensors.dsa] stream = board.x"),
         ("mock/transient", "limits.force_stream=board.lode_cell", "did you mean board.load_cell?"),
         ("mock/touch", "behavior.contact=nix", "no such detector to stop an approach that touches"),
+        ("mock/grasp", "behavior.tightest_n=80.0", "tightest_n = 80.0: more than [limits] grip_n = 60.0"),
+        ("mock/grasp", "behavior.tighten_speed_m_s=0.1", "more than [limits] speed_m_s = 0.06"),
     ],
 )
 def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(verb, name, setting, named):
