@@ -495,7 +495,7 @@ def _outdated(story: Any) -> Iterator[Violation]:
 
 def _late(story: Any) -> Iterator[Violation]:
     """A loop that comes too late while the axis moves is stopped."""
-    most_s = 1.5 * story.limits["late_s"]
+    most_s, turn_s = 1.5 * story.limits["late_s"], 1.0 / story.profile["loop"]["rate_hz"]
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
     for effect in story.effects:
         if effect["kind"] != "hang" or effect.get("amount", 0.2) < most_s:
@@ -505,11 +505,13 @@ def _late(story: Any) -> Iterator[Violation]:
                 continue
             before = [each for each in trial.samples if each[0] <= effect["effect_s"] + 1e-9][-2:]
             after = [each for each in trial.samples if each[0] >= effect["effect_s"] + most_s][:2]
-            places = [each["axis_m"] for _, each in (*before, *after) if "axis_m" in each]
-            # on its way before the turn, and still in the turn after it
-            moving = (
-                len(places) == 4 and abs(places[1] - places[0]) > 1e-6 and abs(places[3] - places[2]) > 1e-6
+            seen = [(t_s, each["axis_m"]) for t_s, each in (*before, *after) if "axis_m" in each]
+            # on its way in the turn before it, and still in the turn after it; turns that were taken as one say nothing
+            moving = len(seen) == 4 and all(
+                two[0] - one[0] < 3.0 * turn_s and abs(two[1] - one[1]) > 1e-6
+                for one, two in (seen[:2], seen[2:])
             )
+            moving = moving and effect["effect_s"] - seen[1][0] < 3.0 * turn_s
             if moving and outcomes.get(trial.number) not in ("guard", "fault", "aborted"):
                 what = f"a turn was {effect.get('amount', 0.2):g} s late; the outcome is {outcomes.get(trial.number)}"
                 yield Violation("SAFETY", "late", trial.number, effect["effect_s"], "", what)
