@@ -105,7 +105,11 @@ def check(story: Any) -> Iterator[Violation]:
         yield Violation(end, "raised", *_where(story), f"{type(story.error).__name__}: {story.error}")
         return
     for checker in CHECKERS:
-        yield from checker(story)
+        try:
+            yield from checker(story)
+        except (ValueError, KeyError, TypeError) as error:  # files that are not as they are described
+            what = f"{checker.__name__}: {type(error).__name__}: {error}"
+            yield Violation("DATA", "files", *_where(story), what)
 
 
 def _where(story: Any) -> tuple[int | None, float | None, str]:
