@@ -90,7 +90,8 @@ class LoadDetector(OnStream[LoadSettings]):
         long, _ = self._resting.push(values, times_s, max(1, round(settings.rest_s * rate_hz)))
         means, times_s = self._mean.push(values, times_s, max(1, round(settings.mean_s * rate_hz)))
         loads_n, resting_n = means[:, 0] - self._level, np.full(len(means), np.nan)
-        resting_n[len(means) - min(len(means), len(long)) :] = long[-len(means) :, 0] - self._level
+        both = min(len(means), len(long))
+        resting_n[len(means) - both :] = long[len(long) - both :, 0] - self._level
         self.readings = decisions(times_s, loads_n, math.nan)
         begin = 0
         while begin < len(loads_n):

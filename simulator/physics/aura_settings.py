@@ -63,6 +63,8 @@ SOFT = ("sponge", "cloth")
 
 
 Pair = Annotated[tuple[float, float], Strict(False)]
+HalfWaves = Annotated[int, Field(ge=0, le=4)]
+"""At least two pieces of a pad to each, of the nine across it for which a plate's echo is summed."""
 """One number for the right finger and one for the left."""
 
 PAD_WIDTH_M = 0.027
@@ -160,7 +162,7 @@ class AuraPlantSettings(Settings):
     """What comes back from a wide flat rigid wall at no distance. Assumption: a fifth of the imbalance, so that the
     undulations are seen in the raw envelope close to the object (Fig. 4a) and not from afar."""
 
-    plate: Annotated[tuple[int, int], Strict(False)] | None = None
+    plate: Annotated[tuple[HalfWaves, HalfWaves], Strict(False)] | None = None
     """Half waves in which the pad vibrates, across and along it, as a free plate does; (0, 0) moves as a whole. None:
     it sends and receives at a point."""
 

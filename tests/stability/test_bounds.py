@@ -61,7 +61,7 @@ def put(table: Any, path: Path, value: Any) -> Any:
     if not path:
         return value
     if isinstance(path[0], int):
-        there = list(table or (4e4, 4e4))
+        there = list(table or 2 * (4e4 if isinstance(value, float) else value,))
         return [*there[: path[0]], put(there[path[0]], path[1:], value), *there[path[0] + 1 :]]
     return table | {path[0]: put(table[path[0]], path[1:], value)}
 
