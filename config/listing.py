@@ -108,8 +108,10 @@ def _overview(every: Sequence[Listed]) -> list[str]:
         names = dict.fromkeys(
             each.name.partition("/")[2] if each.bench in BENCHES else each.name for each in of_it
         )
+        whole = [each.name for each in of_it if each.item == letter and each.bench not in BENCHES]
         if len(names) > 1:  # one line needs no heading
             lines.append(f"{letter}: {subject}" if letter else subject)
+        lines += [f"  {', '.join(whole)}: in one report"] if whole else []
         rows = []
         for name in names:
             same = [each for each in of_it if each.name in (name, *(f"{bench}/{name}" for bench in BENCHES))]
@@ -118,7 +120,8 @@ def _overview(every: Sequence[Listed]) -> list[str]:
                 bench[0] if any(each.bench == bench for each in same) else " " for bench in BENCHES
             )
             title = re.sub(r" \([A-D]\d[^)]*\)$", "", one.title)
-            rows.append((one.item, f"  {name:<26}{where}  {one.item:<4}{title}"))
+            if name not in whole:
+                rows.append((one.item, f"  {name:<26}{where}  {one.item:<4}{title}"))
         lines += [line for _, line in sorted(rows, key=lambda row: row[0])]
     return lines
 

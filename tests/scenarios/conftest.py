@@ -47,7 +47,7 @@ SHORTER = {
     "mock/grasp": {
         "behavior.open_speed_m_s": "0.05",
         "behavior.hold_s": "0.5",
-        "behavior.lift_speed_m_s": "0.1",
+        "behavior.lift_speed_m_s": "0.06",
         "behavior.shake_s": "0.8",
     },
 }

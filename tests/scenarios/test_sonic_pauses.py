@@ -64,10 +64,20 @@ def test_a_search_that_is_paused_everywhere_finds_the_middle_and_touches_nothing
     (measured,) = run_one(tmp_path, script, "mock/centering", row, code=EXIT_FAILED).trials
     braking = {"REVERSING", "TURNING", "STOPPING"}
     after_a_grip_that_was_not_broken_off = {"CONFIRMING", "HOLDING", "BACKING_OFF"}
-    assert paused_in(script) >= alive(Centering) - braking - after_a_grip_that_was_not_broken_off
+    turned = {"HALF_TURN"}
+    assert paused_in(script) >= alive(Centering) - braking - turned - after_a_grip_that_was_not_broken_off
     assert measured["outcome"] == "not_gripped", "a pause broke the grip off"
     assert measured["touched"] == 0
     assert abs(measured["error_m"]) < 0.0032, "docs: the level crossing of the matched filter"
+
+
+def test_a_search_that_is_paused_in_its_half_turn_begins_anew_and_finds_the_middle(tmp_path, script):
+    script.requests = {"HALF_TURN": [None] * PAUSE_AFTER + ["pause"], "PAUSED": ["resume"]}
+    row = {"object_x_m": 0.006, "speed_m_s": 0.03, "method": "ours"}
+    (measured,) = run_one(tmp_path, script, "mock/centering_turned", row).trials
+    assert paused_in(script) == {"HALF_TURN"}
+    assert (measured["outcome"], measured["touched"]) == ("centered", 0)
+    assert abs(measured["error_m"]) < 0.001
 
 
 @pytest.mark.parametrize("state", ["HOLDING", "RELEASING"])
