@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from behaviors.events import Onset
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
 from controller.detectors.onset import OnsetDetector, OnsetSettings
-from controller.replay import between
+from controller.replay import at_rail, between
 from controller.reports.counts import wilson
 from drivers.core.messages import SampleBlock
 
@@ -38,6 +38,12 @@ MARGIN_S, MOST_PASTED = 0.1, 40
 """Quiet ends so long before the first knock that is heard; and so many are offered."""
 
 MAINS_HZ = (50.0, 60.0)
+MAINS_OFF_HZ = 0.3
+"""How far mains, by a recorder's own clock, may seem to be off."""
+
+SLOW_HZ, VIBRATES = 2.0, 0.5
+"""Quiet vibrates where so large a share of what is faster than 2 Hz is within a tenth of one frequency."""
+
 DENSITY_HZ = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 
 
@@ -109,8 +115,10 @@ def certificate(
             f" {begin_s:.6g} to {end_s:.6g} s"
         )
     unit = recordings[0].blocks[0].unit or "unit"
+    said = {each.name: at_rail(each.blocks).removeprefix("; ") for each in recordings}
+    whose = _whose([x[np.isfinite(x)] for x in map(_values, quiet)], rate_hz)
     rows = list(_at_rest([_values(part) for part in quiet], rate_hz, unit))
-    gaps: list[str] = []
+    gaps = [*([whose] if whose else []), *(f"{name}: {rail}" for name, rail in said.items() if rail)]
     touches = [_touches(each, truth) for each in recordings]
     rows += _against_reference(recordings, touches, rate_hz)
     rows += _spectrum_of_touches(recordings, touches, quiet, rate_hz)
@@ -157,10 +165,12 @@ def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row
     away = np.concatenate([part - np.median(part) for part in finite])
     n = len(away)
     sigma = float(away.std())
-    spread = 1.0 / math.sqrt(2.0 * n)
-    interval = {"low": sigma * (1.0 - 1.96 * spread), "high": sigma * (1.0 + 1.96 * spread), "n": n}
-    yield row("noise, standard deviation", sigma, unit, "of a sample in quiet", **interval)
     longest = max(finite, key=len)
+    free = n / _alike(longest, round(rate_hz))
+    spread = 1.0 / math.sqrt(2.0 * free)
+    interval = {"low": sigma * max(0.0, 1.0 - 1.96 * spread), "high": sigma * (1.0 + 1.96 * spread), "n": n}
+    how = f"of a sample in quiet; as wide an interval as of {free:.3g} independent samples"
+    yield row("noise, standard deviation", sigma, unit, how, **interval)
     size = min(len(longest), max(64, round(2.0 * rate_hz)))
     hz, power = welch(longest, rate_hz, nperseg=size, detrend="constant")
     segments = max(1, 2 * len(longest) // size - 1)
@@ -175,7 +185,11 @@ def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row
                 "n": few,
             }
             yield row(
-                f"noise density at {at_hz:g} Hz", density, f"{unit}/√Hz", "median of half an octave", **width
+                f"noise density at {at_hz:g} Hz",
+                density,
+                f"{unit}/√Hz",
+                "median, half an octave to each side",
+                **width,
             )
     steps = np.concatenate([np.abs(np.diff(part)) for part in finite])
     moved = steps[steps > 0.0]
@@ -198,26 +212,69 @@ def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row
         count = int(np.sum(np.abs(away) > OUTLIER * robust))
         low, high = wilson(count, n)
         how = f"beyond {OUTLIER:g} robust standard deviations"
+        low = low if count else 0.0
         yield row("outliers, share of samples", count / n, "", how, low=low, high=high, n=n)
+    yield from _mains(longest, hz, power, rate_hz, unit)
+
+
+def _mains(longest: Floats, hz: Floats, power: Floats, rate_hz: float, unit: str) -> Iterator[Row]:
+    """Lines at 50 and 60 Hz, beside the spectrum of quiet."""
     for mains_hz in MAINS_HZ:
         if 2.5 * mains_hz < rate_hz and len(longest) > rate_hz:
-            turns = np.exp(-2j * math.pi * mains_hz / rate_hz * np.arange(len(longest)))
-            window = np.hanning(len(longest))
-            line = (
-                2.0 * abs(complex(((longest - longest.mean()) * window * turns).sum())) / float(window.sum())
-            )
+            line, beside_hz = _line(longest, mains_hz, rate_hz)
             near = (np.abs(hz - mains_hz) > 3.0) & (np.abs(hz - mains_hz) < 12.0)
             floor = (
                 math.sqrt(float(np.median(power[near])) * 3.0 * rate_hz / len(longest)) if near.any() else 0.0
             )
-            if line > 3.0 * floor:
-                yield row(
-                    f"mains at {mains_hz:g} Hz, amplitude", line, unit, "line above the noise beside it"
-                )
+            quantity = f"mains at {mains_hz:g} Hz, amplitude"
+            if line <= 3.0 * floor:
+                yield row(quantity, math.nan, unit, f"none above {3.0 * floor:.3g}")
+            elif abs(beside_hz) > MAINS_OFF_HZ:
+                yield row(quantity, math.nan, unit, f"hidden by a line at {mains_hz + beside_hz:.4g} Hz")
             else:
-                yield row(
-                    f"mains at {mains_hz:g} Hz, amplitude", math.nan, unit, f"none above {3.0 * floor:.3g}"
-                )
+                yield row(quantity, line, unit, "line above the noise beside it")
+
+
+def _alike(x: Floats, most: int) -> float:
+    """How many samples in a row count as one for the interval of a variance: the sum of the squared autocorrelation.
+
+    Source: Bartlett (1946), of a normal process; lags up to a second, or a tenth of the samples.
+    """
+    from scipy.signal import correlate
+
+    centred = x - x.mean()
+    found = correlate(centred, centred, "full", "fft")[len(x) - 1 :][: 1 + min(most, len(x) // 10)]
+    return 1.0 + 2.0 * float(((found[1:] / found[0]) ** 2).sum()) if found[0] > 0.0 else 1.0
+
+
+def _line(x: Floats, mains_hz: float, rate_hz: float) -> tuple[float, float]:
+    """Amplitude at a frequency, and how far from it the largest one within 6 Hz is, Hz."""
+    from scipy.signal import zoom_fft
+
+    window = np.hanning(len(x))
+    found = zoom_fft(
+        (x - x.mean()) * window, [mains_hz - 6.0, mains_hz + 6.0], 121, fs=rate_hz, endpoint=True
+    )
+    size = 2.0 * np.abs(found) / float(window.sum())
+    return float(size[60]), 0.1 * (int(np.argmax(size)) - 60)
+
+
+def _whose(quiet: Sequence[Floats], rate_hz: float) -> str:
+    """What is said of quiet in which something vibrates; "" where most of its power is not about one frequency."""
+    from scipy.signal import welch
+
+    longest = max(quiet, key=len)
+    hz, power = welch(longest, rate_hz, nperseg=min(len(longest), max(64, round(2.0 * rate_hz))))
+    power = np.where(hz > SLOW_HZ, power, 0.0)
+    at_hz = float(hz[int(np.argmax(power))])
+    about = np.abs(hz - at_hz) <= max(0.1 * at_hz, 2.0 * float(hz[1]))
+    share = float(power[about].sum() / power.sum()) if power.any() else 0.0
+    if share < VIBRATES:
+        return ""
+    return (
+        f"whose noise it is: {share:.0%} of the power in quiet is about {at_hz:.3g} Hz, as where something vibrates"
+        " or hums; noise, densities and thresholds are upper bounds for the sensor: record it at rest too"
+    )
 
 
 # --- touches -------------------------------------------------------------------------------------
@@ -455,7 +512,13 @@ def _unsaid(
     if len(quiet) < 3:
         yield f"how recordings differ: stretches of quiet: {len(quiet)}; record three, on other days and mountings"
     count = sum(map(len, touches))
-    if count < 20:
+    if not count and any(each.reference for each in recordings):
+        beyond = f"{REFERENCE_SIGMA:g} deviations of its first {REST_S:g} s"
+        yield f"touches: the reference shows none, for it is never beyond {beyond}"
+    elif not count and not heard:
+        name = recordings[0].name
+        yield f"touches: 0, and onset hears none in {name}; tap it with a second sensor, --reference COLUMN"
+    elif count < 20:
         yield f"touches: {count}; twenty tell a miss rate to 15 %: tap with a second sensor, --reference COLUMN"
     if not any(each["quantity"] == "latency" for each in rows):
         yield "latency and jitter: three taps seen by a second channel are needed, --reference COLUMN"

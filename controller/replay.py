@@ -376,7 +376,7 @@ def _check_values(path: Path, name: str, blocks: Sequence[SampleBlock]) -> str:
     lost = [block.times[~np.isfinite(block.physical).all(axis=1)] for block in blocks]
     count = sum(map(len, lost))
     if not count:
-        return _at_rail(blocks)
+        return at_rail(blocks)
     if count == sum(len(block) for block in blocks):
         raise ReplayError(
             f"{path}: {name}: no value is a finite number; is it the right column, is the sensor alive?"
@@ -385,7 +385,7 @@ def _check_values(path: Path, name: str, blocks: Sequence[SampleBlock]) -> str:
     return f"; {count} samples are no finite numbers, the first at {first_s:.6g} s"
 
 
-def _at_rail(blocks: Sequence[SampleBlock]) -> str:
+def at_rail(blocks: Sequence[SampleBlock]) -> str:
     """What is said of a converter that stands at an end of its range for `RAIL` samples in a row; "" where none does.
 
     A channel of a few values alone, as a switch, has no rails."""

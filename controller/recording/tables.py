@@ -130,7 +130,7 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
         named = ",".join("t_ms" if name == rising else name for name in names[:NAMED])
         raise ReplayError(
             f"{path}: which column? choose with --column; there are {listed}"
-            + (f"; {rising} rises: if it has the times, write as the first line {named}" if rising else "")
+            + (f"; {rising} {_how(table[rising])} times, write as the first line {named}" if rising else "")
         )
     for name in wanted:
         if name not in table:
@@ -169,6 +169,12 @@ def _rises(cells: NDArray[Any]) -> bool:
     """Whether a column could have the times."""
     number = np.issubdtype(cells.dtype, np.number) and len(cells) > 2
     return bool(number and (np.diff(cells) > 0).all())
+
+
+def _how(cells: NDArray[Any]) -> str:
+    """How a column rises, up to what it may be: a count of samples would give a rate of 1,000 Hz as milliseconds."""
+    counts = bool((np.diff(cells) == 1).all())
+    return "counts the samples: give --rate HZ; or, if these are" if counts else "rises: if it has the"
 
 
 def _odd(cells: NDArray[Any]) -> str:

@@ -93,6 +93,47 @@ def test_quiet_outside_of_the_recording_is_told_from_when_to_when_it_goes(verb, 
     assert "its times go from 10 to 12.99 s" in err
 
 
+def of_quiet(values, reference=None):
+    """The certificate of quiet alone."""
+    recorded = SensorRecording("log", block_of(values), () if reference is None else block_of(reference))
+    return certificate([recorded], Truth([]), {}, name="log")
+
+
+def test_what_vibrates_is_not_taken_for_a_sensors_noise():
+    """Narrow noise at 30 Hz, each half second about independent: its deviation is known to some ten percent alone."""
+    rng = np.random.default_rng(3)
+    t_s = np.arange(5_000) / RATE_HZ
+    sway = np.repeat(rng.standard_normal((2, 20)), 250, axis=1)
+    found = of_quiet(sway[0] * np.cos(60.0 * np.pi * t_s) + sway[1] * np.sin(60.0 * np.pi * t_s))
+    (said,) = (line for line in found["cannot_say"] if line.startswith("whose noise it is"))
+    assert float(re.findall(r"about (\S+) Hz", said)[0]) == pytest.approx(30.0, abs=2.0), (
+        "as wide as half a second makes"
+    )
+    row = next(row for row in found["rows"] if row["quantity"] == "noise, standard deviation")
+    assert row["low"] < 1.0 < row["high"], "the true deviation; white noise's interval would be within 2 %"
+    white = of_quiet(rng.standard_normal(len(t_s)))
+    assert not any(line.startswith("whose noise") for line in white["cannot_say"])
+    row = next(row for row in white["rows"] if row["quantity"] == "noise, standard deviation")
+    assert row["high"] - row["low"] == pytest.approx(2 * 1.96 / np.sqrt(2 * len(t_s)), rel=0.3)
+
+
+def test_a_line_beside_mains_is_not_taken_for_it():
+    rng = np.random.default_rng(4)
+    t_s = np.arange(1_000) / RATE_HZ
+    found = of_quiet(0.1 * np.sin(2.0 * np.pi * 60.55 * t_s) + 1e-3 * rng.standard_normal(len(t_s)))
+    (row,) = (row for row in found["rows"] if row["quantity"] == "mains at 60 Hz, amplitude")
+    assert row["value"] is None
+    assert float(re.findall(r"a line at (\S+) Hz", row["how"])[0]) == pytest.approx(60.55, abs=0.1)
+
+
+def test_a_rail_and_a_reference_without_touches_stand_on_the_certificate():
+    rng = np.random.default_rng(5)
+    values, reference = rng.standard_normal((2, 5_000))
+    found = of_quiet(np.minimum(np.where(np.arange(5_000) // 100 == 7, 9.0, values), 9.0), reference)
+    assert any("at its rail (9) in 100 samples" in line for line in found["cannot_say"])
+    assert any("the reference shows none" in line for line in found["cannot_say"])
+
+
 def test_events_before_any_quiet_are_named():
     _, force, _ = load_cell()
     detectors = {"force.threshold": lambda: make_detector("force.threshold", {})}

@@ -545,6 +545,16 @@ def test_tables_below_a_preamble_and_samples_side_by_side_are_read(tmp_path, nam
     assert found.times_s is None or found.times_s == pytest.approx(0.01 * np.arange(6))
 
 
+def test_a_column_that_counts_is_not_offered_as_times_alone(tmp_path):
+    (tmp_path / "a.csv").write_text(
+        "# data_rate = 2000.0 Hz\ncount,a_x,a_z\n0,0.1,1.0\n1,0.2,0.9\n2,0.1,1.1\n3,0.3,1.2\n"
+    )
+    with pytest.raises(
+        ReplayError, match="count counts the samples: give --rate HZ; or, if these are times, write"
+    ):
+        read_columns(tmp_path / "a.csv", None)
+
+
 def test_a_column_that_could_have_the_times_is_named_with_the_line_to_write(tmp_path):
     (tmp_path / "a.csv").write_text("START OF RUN\n" + "".join(f"d,{(-1) ** i},{10 * i}\n" for i in range(6)))
     with pytest.raises(ReplayError, match="2 rises: if it has the times, write as the first line 0,1,t_ms"):
