@@ -17,8 +17,8 @@ test: .venv/dev.stamp browser   ## the tests; what they need is compiled before;
 	$(BIN)/python -m config.precompile
 	$(MAKE) -s -j2 lines others
 
-others: .venv/dev.stamp         # five workers on two cores: tests on the wire wait half of their time
-	$(BIN)/python -m pytest -n 5 --dist loadscope --no-loadscope-reorder --durations=15 $(SAFETY:%=--ignore=%)
+others: .venv/dev.stamp         # four workers on two cores: tests on the wire wait half of their time
+	$(BIN)/python -m pytest -n 4 --dist loadscope --no-loadscope-reorder --durations=15 $(SAFETY:%=--ignore=%)
 
 lines: .venv/dev.stamp          ## the unit tests of guard, limits, loop and stop paths, which leave no line of these out
 	@mkdir -p build
