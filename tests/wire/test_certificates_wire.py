@@ -36,12 +36,12 @@ BENCHES = {
         (*(name for name in BETWEEN if name != "_forces"), "_alone", "_watchdogs", "_ended"),
         {"stop of stage", "limits.force_n"},
     ),
-    "emulated/pretouch": (BETWEEN, {"stop of gripper", "devices.gripper.watchdog_s", *ARM}),
     "emulated/weights": ((), {"limits.stuck_s", "devices.board.watchdog_s"}),
 }
-"""A profile of each kind of mover and of none: the cases that are left out, and some of what each must have shown."""
+"""A stage, first touches and no mover: the cases that are left out, and some of what each must have shown."""
 
 MORE = {
+    "emulated/pretouch": (BETWEEN, {"stop of gripper", "devices.gripper.watchdog_s", *ARM}),
     "emulated/locating": ((*BETWEEN, "_watchdogs"), {"stop of stage", "limits.blind_travel_m"}),
     "emulated/grasp": (
         BETWEEN,
