@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test lines others browser mutants check claims docs format bench recordings certificates soak-test fuzz swarm lerobot franka lock diagrams clean
+.PHONY: run test lines others browser mutants check claims docs format bench recordings soak-test fuzz swarm lerobot franka lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
@@ -73,9 +73,6 @@ soak-test: .venv/dev.stamp      ## emulated runs and the tests, idle and beside 
 	$(BIN)/python -m benchmarks.soak
 	$(BIN)/python -m benchmarks.wire_plans 0:100 --minutes 120
 	$(BIN)/python -m benchmarks.wire_plans --soak 20
-
-certificates: .venv/dev.stamp   ## what devices of the emulated benches that `make test` leaves out do by themselves: minutes, on a quiet machine
-	$(BIN)/python -m pytest tests/wire/certificates.py
 
 FUZZ_SECONDS ?= 600
 fuzz: .venv/dev.stamp           ## bytes of all kinds into every decoder, FUZZ_SECONDS each; findings stay in build/fuzz

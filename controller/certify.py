@@ -81,9 +81,6 @@ ATTEND_S = 0.02
 REST_S = 0.3
 """How long a mover is watched afterwards: creeping on, it would go farther than `STILL_M` in a third of that."""
 
-FIRST_S = 2.0
-"""How long its first sample is waited for (assumption: a device that was opened a moment ago, on a busy machine)."""
-
 STILL_M, STILL_JAWS_M = 1e-4, 2.5e-4
 """What stands still stays within this: above an arm's noise, and above a count of a gripper (0.19 mm)."""
 
@@ -942,15 +939,12 @@ class Certifier:
         before = rig.place()
         device.apply(Listen(name, frozenset({shown})))
         places_m: list[float] = []
-        latest_s = rig.clock.now() + FIRST_S + REST_S
         end_s = rig.clock.now() + REST_S
-        while (now_s := rig.clock.now()) < end_s:
-            rig.clock.wait_until(now_s + 0.01)
+        while rig.clock.now() < end_s:
+            rig.clock.wait_until(rig.clock.now() + 0.01)
             for block in device.read():
                 places_m += block.physical[:, 0].tolist() if block.stream == shown else []
             device.poll()
-            if not places_m:  # one that was opened a moment ago sends late
-                end_s = min(rig.clock.now() + REST_S, latest_s)
         device.apply(Listen(name, frozenset()))
         after = rig.place()
         self._end_m = places_m[-1] if places_m else math.nan

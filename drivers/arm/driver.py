@@ -70,6 +70,8 @@ class ArmDriver(Driver):
                 stop, it counts with another tool than the profile states, or the client is not installed.
         """
         self.close()
+        self._forget_session()
+        self._streams.begin()
         host = self._started(again=False)
         try:
             opened = self._opened(host)

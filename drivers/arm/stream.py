@@ -65,6 +65,10 @@ class Streams:
         self._track = StreamTrack(DeviceClock(MAX_DRIFT_PPM), settings.rate_hz)
         self._samples = {stream: Samples(info, np.float64) for stream, info in self.info.items()}
 
+    def begin(self) -> None:
+        """The arm was opened again: what the controller took meanwhile is not lost."""
+        self._track.begin()
+
     def take(self, rows: Sequence[ArmRow]) -> list[Lost]:
         """Take rows in order; what was lost between them, for each subscribed stream.
 

@@ -131,6 +131,10 @@ class Driver:
         """Begin with a valid command; the device is open."""
         raise NotImplementedError
 
+    def _forget_session(self) -> None:
+        """What an earlier session has left is nobody's: `open` begins without it."""
+        self._blocks, self._statuses = [], []
+
     # reporting
 
     def _report(self, status: Status) -> None:
@@ -187,7 +191,7 @@ class WireDriver(Driver, Generic[LinkT]):
             RefusedError: it does not take a setting.
         """
         self.close()
-        self._blocks, self._statuses = [], []  # left over from an earlier session
+        self._forget_session()
         self._forget()
         link = self._link = self._connect(self.name, self._settings, self._clock)
         try:

@@ -3,7 +3,7 @@
 What loop and guard do by a limit is shown on every mock bench (tests/scenarios/test_certify.py), and on one of these
 again: an emulated or a hardware profile has its mock twin's limits, but for those that the lab gives. What remains are
 the devices, each of which is some bench's with the same settings and the same bounds: what these and their processes do
-by themselves is shown here, and of the other devices by `make certificates`.
+by themselves is shown here.
 """
 
 import json
@@ -36,12 +36,6 @@ BENCHES = {
         (*(name for name in BETWEEN if name != "_forces"), "_alone", "_watchdogs", "_ended"),
         {"stop of stage", "limits.force_n"},
     ),
-    "emulated/weights": ((), {"limits.stuck_s", "devices.board.watchdog_s"}),
-}
-"""A stage, first touches and no mover: the cases that are left out, and some of what each must have shown."""
-
-MORE = {
-    "emulated/pretouch": (BETWEEN, {"stop of gripper", "devices.gripper.watchdog_s", *ARM}),
     "emulated/locating": ((*BETWEEN, "_watchdogs"), {"stop of stage", "limits.blind_travel_m"}),
     "emulated/grasp": (
         BETWEEN,
@@ -50,9 +44,10 @@ MORE = {
     "emulated/slip": ((*BETWEEN, "_watchdogs"), ARM),
     "emulated/pointer": ((*BETWEEN, "_watchdogs"), ARM),
     "emulated/transient_arm": ((*BETWEEN, "_watchdogs"), ARM),
+    "emulated/weights": ((), {"limits.stuck_s", "devices.board.watchdog_s"}),
 }
-"""Benches that have, with those above, every device of every emulated bench: `make certificates`, minutes on a quiet
-machine (tests/wire/certificates.py)."""
+"""Benches that have every device of every emulated bench between them: the cases that are left out, and some of what
+each must have shown."""
 
 BOUNDS = ("travel_m", "travel_min_m", "blind_travel_m", "speed_m_s", "reach_m", "reach_rad")
 
@@ -76,7 +71,7 @@ def profiles(bench):
 
 
 def test_each_device_of_each_emulated_bench_is_one_of_these():
-    shown = {device for name in BENCHES | MORE for device in devices_of(name)}
+    shown = {device for name in BENCHES for device in devices_of(name)}
     assert len(profiles("emulated")) > 15
     for name in profiles("emulated"):
         assert set(devices_of(name)) <= shown, name
@@ -95,7 +90,7 @@ def test_the_limits_of_each_profile_are_those_of_a_mock_bench_but_for_what_the_l
 
 @pytest.mark.parametrize("name", BENCHES)
 def test_every_limit_of_an_emulated_bench_acts(name, monkeypatch):
-    left_out, shown = (BENCHES | MORE)[name]
+    left_out, shown = BENCHES[name]
     for cases in left_out:
         monkeypatch.setattr(Certifier, cases, lambda *_: ())
     proofs = list(certifier_of(load_profile(name)).proofs())

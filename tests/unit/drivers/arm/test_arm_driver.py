@@ -176,6 +176,25 @@ def test_a_controller_that_sends_nothing_is_given_up_after_its_time(monkeypatch)
     assert desk.process.done == ["kill"]
 
 
+def test_one_that_is_opened_again_hands_out_nothing_of_before_and_nothing_between_is_lost(desk):
+    desk.arm.apply(Listen("arm", frozenset({"arm.force"})))
+    desk.turn()  # polled alone: the block waits to be read
+    lost = desk.arm.account()["rows_lost"]
+    desk.arm.close()
+    desk.clock.rest(5.0)
+    desk.inbox = [OPENED]
+    opened_s = desk.clock.now()
+    desk.arm.open()
+    desk.arm.apply(Listen("arm", frozenset({"arm.force"})))
+    assert (desk.arm.read(), desk.arm.poll()) == ([], [])
+    desk.clock.rest(0.01)
+    desk.process.inbox.append(desk.row())
+    (block,) = desk.arm.read()
+    assert block.t0_s > opened_s
+    assert desk.arm.poll() == []
+    assert desk.arm.account()["rows_lost"] == lost
+
+
 def test_closing_lets_the_process_stop_the_arm_once_and_refuses_what_follows(desk):
     desk.arm.apply(Listen("arm", frozenset({"arm.force"})))
     desk.arm.close()
