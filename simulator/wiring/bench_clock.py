@@ -23,10 +23,10 @@ SLACK_S = 0.004
 """How far bench time may go beyond the instant for which a thread waits, or at which it came back. Assumption: less
 than a turn of a loop of 200 Hz, more than a thread needs to wake up on a machine that is not busy."""
 
-PATIENCE_S = 2.0
+PATIENCE_S = 1.0
 """How long, in wall time, the bench waits for a thread that does not turn, not counting the time for which the emulator
-itself is held up. Assumption: longer than a busy machine holds one process up and serves another (beyond 1 s, a load of
-25 cost an arm 34 rows), and short enough for a watching person."""
+itself is held up. Assumption: longer than a busy machine holds one process up and
+serves another, and short enough for a watching person."""
 
 PREPARING_S = 20.0
 """How long it waits for a trial that is being prepared (assumption: nothing moves, and a plant may have to be made)."""
