@@ -14,6 +14,10 @@ reach 0.05 m/s, a stage's position is read every 50 ms, and a slow approach to t
 SETTLED_S = 0.1
 """After a trial's first sample, and after a tare, both begin so much later. Assumption: by then a tare has acted."""
 
+LATEST_S = 2.0
+"""How much later one of both may be than the other. Assumption: longer than any stream may be silent where something
+moves; at rest the samples of a sensor whose partner is silent would pile up."""
+
 
 class Followed:
     """Holds a mover's measured position against what it was commanded.
@@ -117,7 +121,9 @@ class Agreeing:
                     self._zero[side] = float(values[0])
                 changed = (values - self._zero[side]) * (self._settings.factor if side else 1.0)
                 times_s, before = self._waiting[side]
-                self._waiting[side] = np.append(times_s, block.times[used]), np.append(before, changed)
+                times_s, changed = np.append(times_s, block.times[used]), np.append(before, changed)
+                recent = times_s >= times_s[-1] - LATEST_S
+                self._waiting[side] = times_s[recent], changed[recent]
         (times_s, first), (others_s, second) = self._waiting
         if not len(times_s) or not len(others_s):
             return None

@@ -8,6 +8,7 @@ import pytest
 
 from controller.guard import BRAKING_S, Guard, GuardRefusal, GuardSettings
 from controller.limits import MoverLimits, shown_limits
+from controller.redundancy import LATEST_S
 from drivers.core.messages import (
     MOTION,
     Command,
@@ -945,3 +946,13 @@ def test_one_sensor_alone_is_not_compared_and_both_must_be_there():
     there = {name: StreamInfo(name, ("x",), "N") for name in ("board.load_cell", "stage.position")}
     with pytest.raises(GuardRefusal, match=r"limits.agree.force.streams = arm.force: the bench has no such"):
         watched.check_streams(there)
+
+
+def test_samples_of_one_do_not_pile_up_at_rest_while_the_other_is_silent_and_count_when_it_is_back():
+    watched = guard(**BOTH)
+    watched.check(1.0, loads(np.zeros(1000), np.zeros(1000)), moving=True)
+    for start in range(1000, 20_000, 1000):
+        watched.check(1.0, [force(np.ones(1000), start)], moving=False)
+    (agreeing,) = watched._agreeing
+    assert len(agreeing._waiting[0][0]) <= 1000 * LATEST_S + 1
+    assert watched.check(1.0, loads(np.ones(300), np.zeros(300), 20_000), moving=True) is not None
