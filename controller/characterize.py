@@ -159,8 +159,6 @@ def _times(blocks: Sequence[SampleBlock]) -> Floats:
 
 
 def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row]:
-    from scipy.signal import welch
-
     finite = [part[np.isfinite(part)] for part in parts]
     away = np.concatenate([part - np.median(part) for part in finite])
     n = len(away)
@@ -171,9 +169,7 @@ def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row
     interval = {"low": sigma * max(0.0, 1.0 - 1.96 * spread), "high": sigma * (1.0 + 1.96 * spread), "n": n}
     how = f"of a sample in quiet; as wide an interval as of {free:.3g} independent samples"
     yield row("noise, standard deviation", sigma, unit, how, **interval)
-    size = min(len(longest), max(64, round(2.0 * rate_hz)))
-    hz, power = welch(longest, rate_hz, nperseg=size, detrend="constant")
-    segments = max(1, 2 * len(longest) // size - 1)
+    hz, power, segments = _spectrum(longest, rate_hz)
     for at_hz in DENSITY_HZ:
         near = (hz > 0.7 * at_hz) & (hz < 1.4 * at_hz)
         if at_hz < 0.5 * rate_hz and near.any():
@@ -235,6 +231,15 @@ def _mains(longest: Floats, hz: Floats, power: Floats, rate_hz: float, unit: str
                 yield row(quantity, line, unit, "line above the noise beside it")
 
 
+def _spectrum(x: Floats, rate_hz: float) -> tuple[Floats, Floats, int]:
+    """Frequencies, the power density of quiet at each, and of how many overlapping stretches of two seconds."""
+    from scipy.signal import welch
+
+    size = min(len(x), max(64, round(2.0 * rate_hz)))
+    hz, power = welch(x, rate_hz, nperseg=size)
+    return hz, power, max(1, 2 * len(x) // size - 1)
+
+
 def _alike(x: Floats, most: int) -> float:
     """How many samples in a row count as one for the interval of a variance: the sum of the squared autocorrelation.
 
@@ -261,13 +266,10 @@ def _line(x: Floats, mains_hz: float, rate_hz: float) -> tuple[float, float]:
 
 def _whose(quiet: Sequence[Floats], rate_hz: float) -> str:
     """What is said of quiet in which something vibrates; "" where most of its power is not about one frequency."""
-    from scipy.signal import welch
-
-    longest = max(quiet, key=len)
-    hz, power = welch(longest, rate_hz, nperseg=min(len(longest), max(64, round(2.0 * rate_hz))))
+    hz, power, _ = _spectrum(max(quiet, key=len), rate_hz)
     power = np.where(hz > SLOW_HZ, power, 0.0)
     at_hz = float(hz[int(np.argmax(power))])
-    about = np.abs(hz - at_hz) <= max(0.1 * at_hz, 2.0 * float(hz[1]))
+    about = np.abs(hz - at_hz) <= max(0.1 * at_hz, 2.0 * float(hz[:2].sum()))
     share = float(power[about].sum() / power.sum()) if power.any() else 0.0
     if share < VIBRATES:
         return ""
