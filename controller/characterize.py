@@ -39,10 +39,10 @@ MARGIN_S, MOST_PASTED = 0.1, 40
 
 MAINS_HZ = (50.0, 60.0)
 MAINS_OFF_HZ = 0.3
-"""How far mains, by a recorder's own clock, may seem to be off."""
+"""How far mains, by a recorder's own clock, may seem to be off, Hz. Assumption: a grid's 0.2 and a clock of 0.1 %."""
 
 SLOW_HZ, VIBRATES = 2.0, 0.5
-"""Quiet vibrates where so large a share of what is faster than 2 Hz is within a tenth of one frequency."""
+"""Quiet vibrates where so large a share of what is faster than 2 Hz is within a tenth of one frequency (assumption)."""
 
 DENSITY_HZ = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 
@@ -391,7 +391,8 @@ def _detector(
         sure = "extrapolated" if found.extrapolated else "counted"
         how = f"{sure} from {found.recording_s:.3g} s of quiet; paste: threshold = {found.threshold:.4g}"
         if math.isfinite(found.checked_expected):
-            how += f"; left out: {found.checked_found:.0f} alarms for {found.checked_expected:.0f}"
+            told, expected = found.checked_found, found.checked_expected
+            how += f"; in pieces that were left out {told:.0f} alarms, {expected:.0f} expected"
         yield row(f"{at}: threshold", found.threshold, "", how, low=found.low, high=found.high, n=len(quiet))
         if kind == "force.threshold" and per_newton:
             least = [value / abs(per_newton) for value in (found.threshold, found.low, found.high)]

@@ -262,8 +262,8 @@ def _sound(found: Calibration, maxima: Floats, dead: bool) -> Calibration:
     moved = int(np.count_nonzero(maxima > 0.0))
     if not found.threshold > 0.0 or (found.extrapolated and moved <= _tail(len(maxima))):
         raise ValueError(
-            f"only {moved} of {len(maxima)} s hold anything that could be taken for an event: too quiet to ask for a "
-            "threshold; record more of what it shall bear (approaches, starts, stops), or keep its own"
+            f"only {moved} of {len(maxima)} pieces hold anything that could be taken for an event: too quiet to"
+            " ask for a threshold; record more of what it shall bear (approaches, starts, stops), or keep its own"
         )
     return found
 

@@ -226,7 +226,7 @@ def test_it_can_be_calibrated_on_a_recording_without_contact():
 @pytest.mark.parametrize("interval_s", [15.0, 3600.0])
 def test_a_quiet_recording_asks_for_no_threshold_and_is_not_called_dead(interval_s):
     quiet = REST + noise(120_000, 5e-5)
-    with pytest.raises(ValueError, match=r"of 120 s hold anything .* too quiet to ask for a threshold"):
+    with pytest.raises(ValueError, match=r"of 120 pieces hold anything .* too quiet to ask for a threshold"):
         calibrate(ours(), np.column_stack([quiet.real, quiet.imag]), RATE_HZ, interval_s)
     with pytest.raises(ValueError, match="is the sensor alive"):
         calibrate(ours(), np.full((120_000, 2), 0.09), RATE_HZ, interval_s)
