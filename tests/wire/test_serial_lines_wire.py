@@ -52,12 +52,13 @@ def test_what_the_twin_prints_is_read_through_a_wrap_of_its_clock(
     crank.turn(WRAPS_S + 0.5)
     crank.device.close()
     hz = given.get("rate_hz", 1000.0) or 100.0
+    typical = np.median if given.get("rate_hz", 1000.0) else np.mean  # arrivals come when the machine reads them
     for stream in crank.info.streams:
         blocks = crank.blocks_of(stream)
         times_s = np.concatenate([block.times for block in blocks])
         assert len(times_s) == pytest.approx((WRAPS_S + 0.5) * hz, rel=0.02)
         assert (np.diff(times_s) > 0.0).all()
-        assert np.median(np.diff(times_s)) == pytest.approx(1.0 / hz, rel=0.05)
+        assert typical(np.diff(times_s)) == pytest.approx(1.0 / hz, rel=0.05)
     assert not crank.of(Lost)
     assert crank.device.account()["malformed"] == 0
     assert crank.info.details["columns"] == (4 if "counter_column" in given else 3)
