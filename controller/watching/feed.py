@@ -311,29 +311,30 @@ class _Feed:
         await self._ending
         server.close()
         self._path.unlink(missing_ok=True)
-        if self._clients:
-            _, deaf = await asyncio.wait(self._clients, timeout=PUBLISH_S)
+        # whoever is being let in is served as well: a task of the library's, then one of ours
+        while others := asyncio.all_tasks() - {asyncio.current_task()}:
+            _, deaf = await asyncio.wait(others, timeout=PUBLISH_S)
             for client in deaf:
                 client.cancel()
-            await asyncio.gather(*deaf, return_exceptions=True)
 
     async def _attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve a client until it leaves, cannot be shown something, or the run ends."""
         task = asyncio.current_task()
         assert task is not None
         writer.transport.set_write_buffer_limits(0)  # nothing more is made before the last message is out
-        with closing(writer):
-            if len(self._clients) >= CLIENTS:
-                return
-            self._clients.add(task)
-            listening = asyncio.create_task(self._listen(reader, writer))
-            try:
-                await self._publish(listening, writer)
-            except Exception:  # it left; or a detector of the user's own: it ends neither run nor thread
-                return
-            finally:
-                listening.cancel()
-                self._clients.discard(task)
+        if len(self._clients) >= CLIENTS:
+            writer.transport.abort()
+            return
+        self._clients.add(task)
+        listening = asyncio.create_task(self._listen(reader, writer))
+        try:
+            await self._publish(listening, writer)
+        except (Exception, asyncio.CancelledError):
+            return  # it left, or is deaf; or a detector of the user's own: it ends neither run nor thread
+        finally:
+            listening.cancel()
+            self._clients.discard(task)
+            writer.transport.abort()  # what is to arrive has left; a deaf client's rest would keep the socket open
 
     async def _publish(self, listening: asyncio.Task[None], writer: asyncio.StreamWriter) -> None:
         client = _Client()

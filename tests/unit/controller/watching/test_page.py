@@ -1,9 +1,11 @@
 """Runs that are watched: by the page, and by a viewer."""
 
 import asyncio
+import gc
 import json
 import socket
 import struct
+import warnings
 from contextlib import closing
 from datetime import UTC, datetime
 from http.client import HTTPConnection
@@ -201,6 +203,20 @@ def test_a_client_that_only_looks_whether_a_run_is_there_gets_nothing(run, monke
         while not run.received():
             sleep(0.01)
     assert published == []
+
+
+def test_the_end_leaves_no_socket_open_whoever_is_there(run, monkeypatch):
+    monkeypatch.setattr(Watched, "news", lambda self, client: b"0" * 10_000_000 + b"\n")
+    with warnings.catch_warnings(record=True) as left_open:
+        warnings.simplefilter("always", ResourceWarning)
+        peers = [watcher(run) for _ in range(CLIENTS - 1)]  # none of them reads
+        assert all(peer.recv(1) for peer in peers)
+        coming = [watcher(run) for _ in range(CLIENTS)]
+        run.end()
+        gc.collect()
+    for peer in (*peers, *coming):
+        peer.close()
+    assert [str(one.message) for one in left_open if SOCKET in str(one.message)] == []
 
 
 def test_a_run_that_has_ended_is_not_alive(run):
