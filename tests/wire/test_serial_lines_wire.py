@@ -52,7 +52,8 @@ def test_what_the_twin_prints_is_read_through_a_wrap_of_its_clock(
     crank.turn(WRAPS_S + 0.5)
     crank.device.close()
     hz = given.get("rate_hz", 1000.0) or 100.0
-    typical = np.median if given.get("rate_hz", 1000.0) else np.mean  # arrivals come when the machine reads them
+    # lines without a time are dated when the machine reads them
+    typical = np.median if given.get("rate_hz", 1000.0) else np.mean
     for stream in crank.info.streams:
         blocks = crank.blocks_of(stream)
         times_s = np.concatenate([block.times for block in blocks])
