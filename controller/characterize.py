@@ -198,11 +198,9 @@ def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row
     second = round(rate_hz)
     means = [part[: len(part) // second * second].reshape(-1, second).mean(axis=1) for part in finite]
     long = [each for each in means if len(each) > 2]
-    if long:
-        slopes = [float(np.polyfit(np.arange(len(each)), each, 1)[0]) * 60.0 for each in long]
-        yield row(
-            "drift", float(np.median(slopes)), f"{unit}/min", "line through means of 1 s", n=len(slopes)
-        )
+    slopes = [float(np.polyfit(np.arange(len(each)), each, 1)[0]) * 60.0 for each in long]
+    how = "line through means of 1 s" if long else "it takes 3 s of quiet in a row"
+    yield row("drift", float(np.median(slopes or [math.nan])), f"{unit}/min", how, n=len(slopes))
     robust = 1.4826 * float(np.median(np.abs(away)))
     if robust > 0.0:
         count = int(np.sum(np.abs(away) > OUTLIER * robust))
@@ -314,6 +312,9 @@ def _against_reference(
             own = [found for found in onsets(near) if found > t_s - 0.05] if near else []
             late += [found - t_s for found in own[:1]]
     if len(late) < 3:
+        how = f"touches that a second channel shows: {len(late)}; three are needed"
+        yield row("latency", math.nan, "ms", how, n=len(late))
+        yield row("jitter", math.nan, "ms", how, n=len(late))
         return
     jitter = float(np.std(late, ddof=1))
     half = 1.96 * jitter / math.sqrt(len(late))
@@ -332,9 +333,10 @@ def _spectrum_of_touches(
     quiet: Sequence[Sequence[SampleBlock]],
     rate_hz: float,
 ) -> Iterator[Row]:
-    size = round(0.1 * rate_hz)
+    size, what = round(0.1 * rate_hz), "bandwidth of touches"
     rest = max((_values(part) for part in quiet), key=len)
     if size < 16 or len(rest) < 4 * size:
+        yield row(what, math.nan, "Hz", "it takes 160 samples a second and 0.4 s of quiet", n=0)
         return
     window = np.hanning(size)
 
@@ -348,12 +350,11 @@ def _spectrum_of_touches(
             part = _values(between(each.blocks, t_s, t_s + 0.1) or each.blocks[:1])
             if len(part) == size:
                 seen.append(power(part))
-    if seen:
-        hz = np.fft.rfftfreq(size, 1.0 / rate_hz)
-        above = hz[np.mean(seen, axis=0) > 4.0 * floor]
-        highest = float(above.max()) if len(above) else math.nan
-        how = "highest frequency at which a touch has four times the power of quiet"
-        yield row("bandwidth of touches", highest, "Hz", how, n=len(seen))
+    hz = np.fft.rfftfreq(size, 1.0 / rate_hz)
+    above = hz[np.mean(seen, axis=0) > 4.0 * floor] if seen else hz[:0]
+    highest = float(above.max()) if len(above) else math.nan
+    how = "highest frequency at which a touch has four times the power of quiet"
+    yield row(what, highest, "Hz", how if len(above) else f"none: {how}", n=len(seen))
 
 
 # --- detectors -----------------------------------------------------------------------------------
@@ -394,9 +395,12 @@ def _detector(
             told, expected = found.checked_found, found.checked_expected
             how += f"; in pieces that were left out {told:.0f} alarms, {expected:.0f} expected"
         yield row(f"{at}: threshold", found.threshold, "", how, low=found.low, high=found.high, n=len(quiet))
-        if kind == "force.threshold" and per_newton:
-            least = [value / abs(per_newton) for value in (found.threshold, found.low, found.high)]
-            how = "the threshold, as a force that lasts for its average"
+        if kind == "force.threshold":
+            newton = abs(per_newton) if per_newton else math.nan
+            least = [value / newton for value in (found.threshold, found.low, found.high)]
+            how = (
+                "the threshold, as a force that lasts for its average" if per_newton else "give --per-newton"
+            )
             yield row(f"{at}: smallest touch", least[0], "N", how, low=least[1], high=least[2])
         if events:
             yield from _delays(f"{at}: {word}", courses, found.threshold)
@@ -523,7 +527,7 @@ def _unsaid(
         yield f"touches: 0, and onset hears none in {name}; tap it with a second sensor, --reference COLUMN"
     elif count < 20:
         yield f"touches: {count}; twenty tell a miss rate to 15 %: tap with a second sensor, --reference COLUMN"
-    if not any(each["quantity"] == "latency" for each in rows):
+    if not any(each["quantity"] == "latency" and each["value"] is not None for each in rows):
         yield "latency and jitter: three taps seen by a second channel are needed, --reference COLUMN"
     if not truth.slips:
         yield "slip: none in it; drag it with an encoder and name when it slides, --slip T0:T1"
@@ -636,7 +640,7 @@ def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator
     yield f"{first['sensor']} | {second['sensor']}"
     for each in first["rows"]:
         other = others.get((each["quantity"], each["unit"]))
-        if other is None:
+        if other is None or each["value"] is other["value"] is None:
             continue
         one, two = each["value"], other["value"]
         ratio = f", x {two / one:.3g}" if one and two else ""

@@ -347,7 +347,8 @@ def _from_columns(
     unit = si_unit(chosen.name)
     t0_s = 0.0 if times_s is None else float(times_s[0])
     if times_s is None or rate_hz is not None:
-        return [SampleBlock(stream, 0, t0_s, values, rate_hz=rate_hz, unit=unit)], ""
+        remark = "" if asked_hz else f"; rate from {chosen.clock}"
+        return [SampleBlock(stream, 0, t0_s, values, rate_hz=rate_hz, unit=unit)], remark
     # periods and frequencies come one a cycle: even where they look regular they are no samples
     found = None if unit in ("s", "Hz") else regular(times_s, values)
     if found is None:

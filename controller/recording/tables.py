@@ -9,7 +9,7 @@ import re
 import struct
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile, ZipInfo
@@ -50,6 +50,23 @@ TIME = re.compile(
     re.IGNORECASE,
 )
 """Names of a column of times; without a unit they are seconds, or those of a calendar clock."""
+
+NUMBER, IS = r"\d[\d.,]*(?:e[-+]?\d+)?", r"""(?: is)?[\s:=,;"']+"""
+HZ, S = r"k?hz|k?s/s|k?sps|samples/s|1/s", "|".join(SCALES_S)
+AGAIN = r"(?!\w|\.\d| ?(?:baud|k?bit|bps|%))"
+RATE = r"\b(?:sampl\w*|scan|data) (?:rate|freq\w*)|\babtast(?:rate|frequenz)|\bs(?:ample)?rate|^\W*rate|\bfs"
+STATED = tuple(
+    re.compile(each)
+    for each in (
+        rf"(?:{RATE})(?: ?[(\[]?(?:in )?(?P<hz>{HZ})[)\]]?)?{IS}(?P<number>{NUMBER}) ?(?P<also_hz>{HZ})?{AGAIN}",
+        rf"\b(?:sampled|recorded|logged|acquired) (?:at|with) (?P<number>{NUMBER}) ?(?P<hz>{HZ})\b",
+        rf"^\W*(?P<number>{NUMBER}) ?(?P<hz>{HZ})\W*$",
+        rf"\b(?:sampl\w* (?:interval|period)|delta ?[tx]|dt)(?: ?[(\[]?(?P<step>{S})[)\]]?)?{IS}"
+        rf"(?P<number>{NUMBER}) ?(?P<also_step>{S})?{AGAIN}",
+    )
+)
+"""How a line above a table states the samples a second, or the time between two (LabVIEW's `Delta_X`): in lower case, a
+space for each `_`."""
 
 CALENDAR = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 """Times above the first number are counted since 1970 in units of so many seconds: each holds from 1973 to 5138."""
@@ -145,6 +162,31 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
         raise ReplayError(f"{path}: {wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
     values = np.column_stack([table[name].astype(np.float64) for name in wanted])
     return Chosen(wanted[0], values, *_times(path, clock, table))
+
+
+def _stated(chosen: Chosen, lines: Sequence[str]) -> Chosen:
+    """The same with the sample rate that some lines state, where it has no times and no two of them differ."""
+    said = {rate_hz: line.strip()[:60] for line in reversed(lines) if (rate_hz := _stated_hz(line))}
+    if chosen.times_s is not None or len(said) != 1:
+        return chosen
+    ((rate_hz, line),) = said.items()
+    return replace(chosen, rate_hz=rate_hz, clock=f"its line '{line}'")
+
+
+def _stated_hz(line: str) -> float:
+    """Samples a second that a line states; 0 where it states none."""
+    text = line.lower().replace("_", " ")
+    match = next((match for match in (each.search(text) for each in STATED) if match), None)
+    if match is None:
+        return 0.0
+    found = {name: part for name, part in match.groupdict().items() if part}
+    digits = found["number"].rstrip(".,")
+    grouped = re.fullmatch(r"\d{1,3}(,\d{3})+(\.\d+)?", digits)
+    number = float(digits.replace(",", "" if grouped else "."))
+    if "step" in match.groupdict():
+        step_s = number * SCALES_S[found.get("step") or found.get("also_step") or "s"]
+        return float(f"{1.0 / step_s:.9g}") if step_s else 0.0
+    return number * (1e3 if (found.get("hz") or found.get("also_hz") or "").startswith("k") else 1.0)
 
 
 def _unrolled(
@@ -266,7 +308,11 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
         reason = str(error).splitlines()[0]
         raise ReplayError(f"{path}: no table of numbers under one line of names: {reason}") from None
-    return _chosen(path, {name: table[name].to_numpy() for name in names}, column, count)
+    chosen = _chosen(path, {name: table[name].to_numpy() for name in names}, column, count)
+    ends = (" ,;\t", body[0].rstrip(" ,;\t") if body else "")
+    return _stated(
+        chosen, lines[: next((n for n, line in enumerate(lines) if line.rstrip(ends[0]) == ends[1]), 0)]
+    )
 
 
 def _below_preamble(path: Path, rows: Sequence[str]) -> Sequence[str]:
@@ -283,8 +329,10 @@ def _below_preamble(path: Path, rows: Sequence[str]) -> Sequence[str]:
         fields = len(rows[min(1, len(rows) - 1)].rstrip("\t").split("\t"))
         names = rows[0].split("\t")[:fields]  # "Comment" has no cells
         return ["\t".join(names), *(row.rstrip("\t") for row in rows[1:])]
-    alike = len(rows) > 1 and len(_fields(rows[0], _separator(rows[1]))) == len(_split(rows[1]))
-    if len(rows) <= PROOF or (alike and not _wordy(rows[1])):
+    if len(rows) <= PROOF:
+        return rows
+    first, *others = [len(_fields(row, _separator(rows[1]))) for row in rows[: 1 + PROOF]]
+    if first == len(_split(rows[1])) <= min(others) and not _wordy(rows[1]):
         return rows
     for place in range(min(PREAMBLE, len(rows) - PROOF + 1)):
         proof = [_split(row) for row in rows[place : place + PROOF]]
@@ -405,7 +453,7 @@ def _arrays(loaded: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, 
     for name, found in loaded.items():
         if isinstance(found, Mapping):
             yield from _arrays(found, f"{within}{name}.")
-        elif isinstance(found, np.ndarray):
+        elif isinstance(found, np.ndarray | float | int):
             yield f"{within}{name}", np.squeeze(found)
 
 
@@ -418,11 +466,12 @@ def _of_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], column: str | Non
         elif array.ndim == 2:
             tall = array if array.shape[0] >= array.shape[1] else array.T
             table |= {f"{name}.{place}": tall[:, place] for place in range(tall.shape[1])}
+    said = [f"{name} = {array}" for name, array in arrays.items() if not array.ndim]
     if not table:
         raise ReplayError(
             f"{path}: no array of one or two dimensions; it has {', '.join(arrays) or 'nothing'}"
         )
-    return _chosen(path, table, column, count)
+    return _stated(_chosen(path, table, column, count), said)
 
 
 def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
@@ -440,7 +489,7 @@ def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
         values = (values - 128.0) / 128.0
     elif np.issubdtype(samples.dtype, np.integer):
         values = values / float(np.iinfo(samples.dtype).max + 1)
-    return Chosen(f"channel {column or 0}", values, rate_hz=float(rate_hz), clock="the file's rate")
+    return Chosen(f"channel {column or 0}", values, rate_hz=float(rate_hz), clock="the file itself")
 
 
 def _read_flac(path: Path, column: str | None, count: int) -> Chosen:
@@ -454,7 +503,7 @@ def _read_flac(path: Path, column: str | None, count: int) -> Chosen:
         raise ReplayError(f"{path}: {samples.shape[1]} channels; choose one with --column 0")
     numbers = channel_numbers(f"{path}:", column or "0", samples.shape[1])
     return Chosen(
-        f"channel {column or 0}", samples[:, numbers], rate_hz=float(rate_hz), clock="the file's rate"
+        f"channel {column or 0}", samples[:, numbers], rate_hz=float(rate_hz), clock="the file itself"
     )
 
 

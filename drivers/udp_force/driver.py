@@ -24,6 +24,9 @@ from drivers.udp_force.codec import BoxSettings, ForceRecord
 LOOK_S = 0.1
 """How long one wait for a datagram lasts: closing may take so long (assumption)."""
 
+ON_THE_WAY_S = 0.05
+"""How long after a start records of the series before it may still come (assumption: a busy host's queue)."""
+
 PAGE = "http://{}/netftapi2.xml"
 """Where the box's settings are."""
 
@@ -137,6 +140,7 @@ class UdpForce(WireDriver[UdpLink]):
         self._streams: dict[str, SampleStream] = {}
         self._received_s = 0.0
         self._latest: int | None = None
+        self._old = False
         self._saturated = False
 
     def _identify(self, link: UdpLink) -> DeviceInfo:
@@ -218,17 +222,21 @@ class UdpForce(WireDriver[UdpLink]):
         elif isinstance(command, Listen) and command.streams != self._listening:
             for name in command.streams - self._listening:
                 self._streams[name].begin()
-            if not self._listening:
-                self._latest = None  # the box counts its records anew
-            self._listening, self._received_s = command.streams, self._clock.monotonic_s()
-            self._sent(command, self._link.send(codec.encode_request("start" if command.streams else "stop")))
+            turned, self._listening = bool(command.streams) != bool(self._listening), command.streams
+            if turned and command.streams:
+                self._old = (
+                    self._latest is not None
+                )  # the box counts anew; what it sent before may be on the way
+                self._received_s = self._clock.monotonic_s()
+            request = codec.encode_request("start" if command.streams else "stop")
+            self._sent(command, self._link.send(request) if turned else self._clock.monotonic_s())
 
     def _update(self, link: UdpLink) -> str | None:
         for arrival_s, data in link.receive():
             for record in self._records(data):
                 if fault := codec.faults_of(record.status):
                     return fault
-                if self._listening and self._in_order(record):
+                if self._listening and self._in_order(record, arrival_s):
                     self._received_s = arrival_s
                     self._take(record, arrival_s)
         for stream in self._streams.values():
@@ -237,9 +245,14 @@ class UdpForce(WireDriver[UdpLink]):
         silent = bool(self._listening) and silent_s > limit_s
         return f"no record in {limit_s:g} s; is the box powered, and its cable in?" if silent else None
 
-    def _in_order(self, record: ForceRecord) -> bool:
+    def _in_order(self, record: ForceRecord, arrival_s: float) -> bool:
         ahead = 1 if self._latest is None else (record.rdt - self._latest) % codec.MODULUS
-        if not 0 < ahead < codec.MODULUS // 2:
+        onwards = 0 < ahead < codec.MODULUS // 2
+        if self._old:
+            self._old = onwards and arrival_s - self._received_s < ON_THE_WAY_S
+            self._latest = record.rdt
+            return not self._old
+        if not onwards:
             self._disordered += 1
             return False
         self._latest = record.rdt

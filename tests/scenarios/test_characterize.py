@@ -99,6 +99,23 @@ def of_quiet(values, reference=None):
     return certificate([recorded], Truth([]), {}, name="log")
 
 
+def test_what_a_recording_cannot_tell_has_its_row_too():
+    """So that two certificates have the same rows."""
+    quiet = np.random.default_rng(6).standard_normal(1_000)
+    detectors = {"force.threshold": lambda: make_detector("force.threshold", {})}
+    found = certificate([SensorRecording("log", block_of(quiet))], Truth([]), detectors, name="log")
+    rows = {row["quantity"]: row for row in found["rows"]}
+    missing = {"latency", "jitter", "bandwidth of touches", "drift"}
+    missing |= {f"force.threshold at {rate} false alarms an hour: smallest touch" for rate in (1, 10, 100)}
+    assert {name for name in missing if rows[name]["value"] is None and rows[name]["how"]} == missing
+    told = certified()
+    known = {row["quantity"] for row in told["rows"] if row["value"] is not None}
+    assert known >= missing
+    lines = list(differences(found, told))
+    assert any(re.match(r"latency: – \| 4 ms$", line) for line in lines)
+    assert not any("– | –" in line for line in lines)
+
+
 def test_what_vibrates_is_not_taken_for_a_sensors_noise():
     """Narrow noise at 30 Hz, each half second about independent: its deviation is known to some ten percent alone."""
     rng = np.random.default_rng(3)

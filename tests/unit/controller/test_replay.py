@@ -527,6 +527,46 @@ def table(separator=",", rows=6):
 
 
 @pytest.mark.parametrize(
+    ("above", "rate_hz"),
+    [
+        ("# sample_rate_hz = 500\nforce", 500.0),
+        ("# Fs: 1e3\n# low pass 200 Hz, baud rate: 115200\nforce", 1000.0),
+        ("Sample Rate (Hz),2000\nDevice,4411\n\nforce", 2000.0),
+        ("% sampled at 10 kHz, gain 3", 10_000.0),
+        ("# Sampling rate: 1,000 Hz\nforce", 1000.0),
+        ("# dt = 0.5 ms\nforce", 2000.0),
+        ("Delta_X\t0.001\n***End_of_Header***\nforce\tComment", 1000.0),
+    ],
+)
+def test_a_rate_that_stands_above_a_table_without_times_is_taken_and_told(tmp_path, above, rate_hz):
+    path, notes = tmp_path / "log.txt", []
+    path.write_text(above + "\n" + "".join(f"{n % 7}.5\n" for n in range(100)))
+    (block,) = read_blocks(path, "sensor", notes=notes)
+    assert block.rate_hz == pytest.approx(rate_hz)
+    assert "rate from its line" in notes[0]
+    (asked,) = read_blocks(path, "sensor", rate_hz=50.0)
+    assert asked.rate_hz == 50.0
+
+
+@pytest.mark.parametrize(
+    "above", ["# 500 Hz\n# 1000 Hz", "# low pass 200 Hz", "# baud rate: 9600", "# rate: 0 Hz"]
+)
+def test_what_states_no_rate_or_two_leaves_it_to_the_user(tmp_path, above):
+    path = tmp_path / "log.txt"
+    path.write_text(above + "\nforce\n" + "".join(f"{n % 7}.5\n" for n in range(100)))
+    with pytest.raises(ReplayError, match="--rate HZ"):
+        read_blocks(path, "sensor")
+
+
+def test_a_rate_beside_the_arrays_of_a_file_is_taken(tmp_path):
+    np.savez(tmp_path / "log.npz", force=np.arange(100.0), fs=2000)
+    savemat(tmp_path / "log.mat", {"force": np.arange(100.0), "info": {"sample_rate": 2000.0}})
+    for name in ("log.npz", "log.mat"):
+        (block,) = read_blocks(tmp_path / name, "sensor")
+        assert block.rate_hz == 2000.0
+
+
+@pytest.mark.parametrize(
     ("name", "text", "column"),
     [
         ("preamble.csv", "Cell logger 2\nSerial: 5, channel 3\n2 Nov 2024\nt_s,force\ns,N\n" + table(), "force"),

@@ -128,6 +128,32 @@ def test_records_that_are_missing_are_lost_and_late_ones_are_not_taken() -> None
     assert crank.device.account() == {"malformed": 0, "disordered": 1}
 
 
+def test_records_that_were_on_the_way_when_it_was_started_again_are_not_taken_for_new_ones() -> None:
+    class Late(Box):
+        sent = 0
+
+        def receive(self, data: bytes, t_s: float) -> bytes:
+            late = b"".join(self.record(self.sent + n) for n in (1, 2)) if self.sent and data[3] else b""
+            self.sent = self.k
+            return late + super().receive(data, t_s)
+
+    crank = opened(Late())
+    crank.listen("ft.normal")
+    crank.turn(0.3)
+    crank.listen()
+    crank.device.apply(Listen("ft", frozenset({"ft.normal"})))
+    crank.blocks.clear()
+    crank.turn(0.5)
+    assert not crank.of(Failed)
+    assert not crank.of(Lost)
+    assert sum(map(len, crank.blocks)) == pytest.approx(500, abs=2)
+    crank.listen(*STREAMS)
+    crank.turn(0.1)
+    assert crank.blocks_of("ft.force")
+    assert not crank.of(Failed)
+    assert crank.device.account()["disordered"] == 0
+
+
 def test_saturation_is_reported_once_each_time_and_an_error_of_the_box_ends_it() -> None:
     def change(k: int, record: ForceRecord) -> ForceRecord:
         status = 0x80020000 if k in (50, 51, 90) else 0x90000000 if k == 200 else 0x80010000
