@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from types import FrameType, SimpleNamespace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from config.costs import cost
 from drivers.core.errors import PROGRAM, lacking
@@ -100,7 +100,7 @@ class Silent:
         """No request."""
         return None
 
-    def _nothing(self, *_: object) -> None:
+    def _nothing(self, *_: Any, **__: Any) -> None:
         pass
 
     suspend = state = campaign_started = trial_started = trial_ended = campaign_ended = _nothing

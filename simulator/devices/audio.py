@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,8 @@ from drivers.audio.oscillator import WHOLE
 from drivers.audio.settings import FINGERS, RATE_HZ
 from drivers.core.errors import CodecError
 from drivers.core.settings import Settings
+from simulator.devices.faults import break_by
 from simulator.physics.bench import Bench, part
-
-Fault = Literal["drop", "silent", "refuse", "restart", "clip"]
 
 
 class EmulatedAudioSettings(Settings):
@@ -59,10 +58,7 @@ class EmulatedAudio:
         self._line = bytearray()
         self._outbox = bytearray()
         self._on = False
-        self._silent = False
         self._refusals = 0
-        self._drops = 0
-        self._clip = False
         self._next = 0
         self._offset = settings.start_frame
         self._sweep_end: int | None = None
@@ -109,30 +105,23 @@ class EmulatedAudio:
         self._line.clear()
         self._outbox.clear()
 
-    def inject(self, kind: Fault, t_s: float, packets: int = 1) -> None:
+    def inject(self, kind: str, t_s: float) -> None:
         """Break something at `t_s`.
 
         Args:
-            kind: "drop" affects the next packets; "refuse" the next drive; "silent" is for good; "restart" sets the
-                converter's counter back; "clip" drives both fingers to full scale, for good.
-            packets: How many packets, for a fault of packets.
+            kind: "refuse" affects the next drive; "restart" sets the converter's counter back.
 
         Raises:
             ValueError: a recorder cannot break in that way.
         """
         self._run(t_s)
-        if kind == "drop":
-            self._drops += packets
-        elif kind == "refuse":
-            self._refusals += 1
-        elif kind == "silent":
-            self._silent = True
-        elif kind == "restart":
-            self._offset = -self._next
-        elif kind == "clip":
-            self._clip = True
-        else:
-            raise ValueError(f"a recorder knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
+        break_by(kind, {"refuse": self._refuse_next, "restart": self._begin_anew}, "a recorder")
+
+    def _refuse_next(self) -> None:
+        self._refusals += 1
+
+    def _begin_anew(self) -> None:
+        self._offset = -self._next
 
     # time
 
@@ -147,18 +136,15 @@ class EmulatedAudio:
             self._put(SoundMessage(self._sweep_end + self._offset, {"event": "swept"}))
             self._sweep_end = None
         while self._on and self._next + size <= over:
-            if self.lossy or self._drops:
-                self._drops = max(0, self._drops - 1)
+            if self.lossy:
                 self.dropped += size
             else:
                 self._put(Sound(self._next + self._offset, self._counts(self._next, size)))
             self._next += size
 
     def _counts(self, first: int, n: int) -> NDArray[np.int32]:
-        counts = self._bench.carrier(first, n, drift_ppm=self._settings.drift_ppm)[
-            :, : self._settings.channels
-        ]
-        return np.where(counts >= 0, 2**23 - 1, -(2**23)).astype(np.int32) if self._clip else counts
+        counts: NDArray[np.int32] = self._bench.carrier(first, n, drift_ppm=self._settings.drift_ppm)
+        return counts[:, : self._settings.channels]
 
     # commands
 
@@ -216,8 +202,7 @@ class EmulatedAudio:
         self._put(SoundMessage(self._frame(t_s) + self._offset, content))
 
     def _put(self, frame: Sound | SoundMessage) -> None:
-        if not self._silent:
-            self._outbox += encode(frame)
+        self._outbox += encode(frame)
 
     def _take(self) -> bytes:
         out, self._outbox = bytes(self._outbox), bytearray()

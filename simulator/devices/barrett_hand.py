@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,9 @@ from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
+from simulator.devices.faults import break_by
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.bench import Bench, part
-
-Fault = Literal["silent", "saturate"]
 
 
 def counts(forces_n: NDArray[np.float64], settings: FingerStrainSettings) -> NDArray[np.int64]:
@@ -40,14 +39,10 @@ class EmulatedBarrettHand:
         self._settings = settings
         self._ready_s = dict.fromkeys(codec.FINGERS, math.inf if asleep else -math.inf)
         self._source = source
-        self._silent = False
-        self._saturated = False
 
     def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
         """Take a frame at `t_s`; returns what its nodes answer at once."""
         self._source.advance(t_s)
-        if self._silent:
-            return []
         for finger, ready_s in self._ready_s.items():
             if frame == codec.encode_wake(finger) and ready_s == math.inf:
                 self._ready_s[finger] = t_s + WAKES_S
@@ -77,24 +72,10 @@ class EmulatedBarrettHand:
         return []
 
     def inject(self, kind: str, t_s: float) -> None:
-        """Break something at `t_s`.
-
-        Args:
-            kind: "silent" is for good; "saturate" puts every gauge at its lower end, for good.
-
-        Raises:
-            ValueError: it cannot break in that way.
-        """
-        if kind == "silent":
-            self._silent = True
-        elif kind == "saturate":
-            self._saturated = True
-        else:
-            raise ValueError(f"a hand knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
+        """It has no faults beside its line's."""
+        break_by(kind, {}, "a hand")
 
     def _reading(self, finger: int, t_s: float) -> int:
-        if self._saturated:
-            return 0
         return int(counts(self._source.forces_n(finger, np.array([t_s])), self._settings)[0])
 
 

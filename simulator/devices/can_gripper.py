@@ -1,8 +1,8 @@
 """An emulated SSG-48: CAN frames on the motion of a drive; no bus, no clock."""
 
 import math
-from collections.abc import Mapping
-from typing import Any, Literal, get_args
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from pydantic import Field
 
@@ -23,11 +23,10 @@ from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
 from drivers.core.settings import Settings
 from drivers.gripper.state import GripperState
+from simulator.devices.faults import break_by
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.bench import part
 from simulator.physics.jaws_drive import JawsDrive
-
-Fault = Literal["stall", "overheat", "reboot", "silent"]
 
 
 class EmulatedCanGripperSettings(Settings):
@@ -75,7 +74,6 @@ class EmulatedCanGripper:
         self._fed_s: float | None = None
         self._heartbeat_s = self._settings.heartbeat_s or math.inf
         self._sent_s: float | None = None
-        self._silent = False
 
     def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
         """Take a frame at `t_s`; returns what it answers at once."""
@@ -84,7 +82,7 @@ class EmulatedCanGripper:
             node, order = decode_order(frame)
         except CodecError:
             return []
-        if node != self._settings.node or self._silent:
+        if node != self._settings.node:
             return []
         if isinstance(order, DriveOrder) or order == POLL or order.code in QUERIES:
             self._fed_s = t_s
@@ -94,7 +92,7 @@ class EmulatedCanGripper:
     def step(self, t_s: float) -> list[CanFrame]:
         """What it sends by `t_s` on its own: its heartbeat."""
         self._run(t_s)
-        if self._silent or self._sent_s is None or t_s - self._sent_s < self._heartbeat_s:
+        if self._sent_s is None or t_s - self._sent_s < self._heartbeat_s:
             return []
         return [self._sent(GripperMessage(GripperCode.HEARTBEAT), t_s)]
 
@@ -103,23 +101,22 @@ class EmulatedCanGripper:
 
         Args:
             kind: "stall" jams the jaws where they are until the next calibration, "overheat" is a fault that
-                can be cleared, "reboot" a power failure, "silent" is for good.
+                can be cleared, "reboot" a power failure.
 
         Raises:
             ValueError: it cannot break in that way.
         """
         self._run(t_s)
-        if kind == "stall":
-            self._source.jam()
-        elif kind == "overheat":
-            self._break("over temperature")
-        elif kind == "reboot":
-            self._power_up()
-            self._source.power_up()
-        elif kind == "silent":
-            self._silent = True
-        else:
-            raise ValueError(f"a gripper knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
+        ways: Mapping[str, Callable[[], object]] = {
+            "stall": self._source.jam,
+            "overheat": lambda: self._break("over temperature"),
+            "reboot": self._lose_power,
+        }
+        break_by(kind, ways, "a gripper")
+
+    def _lose_power(self) -> None:
+        self._power_up()
+        self._source.power_up()
 
     def _run(self, t_s: float) -> None:
         """Let time pass, and the watchdog trip where it is due."""

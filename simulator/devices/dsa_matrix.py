@@ -1,8 +1,8 @@
 """Emulated tactile matrices behind a DSACON32-M: packets on whatever their texels feel; no port, no clock."""
 
 import math
-from collections.abc import Mapping
-from typing import Any, Literal, get_args
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,8 @@ from drivers.core.errors import CodecError
 from drivers.core.settings import Settings
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
-from simulator.devices.faults import FRAME_FAULTS, FrameFaults
+from simulator.devices.faults import break_by
 from simulator.physics.bench import Bench, part
-
-Fault = Literal["drop", "flip", "truncate", "silent", "refuse", "reboot"]
 
 BITS_PER_BYTE = 10
 """On the line: 8 data bits, a start and a stop bit."""
@@ -82,8 +80,6 @@ class EmulatedDsaMatrix:
         self._threshold = settings.threshold_counts
         self._rate_hz, self._rle = 0, False
         self._tick = 0
-        self._silent = False
-        self._spoil = FrameFaults()
         self._refusals = 0
 
     def receive(self, data: bytes, t_s: float) -> bytes:
@@ -103,28 +99,24 @@ class EmulatedDsaMatrix:
         self._run(t_s)
         return self._take(t_s)
 
-    def inject(self, kind: str, t_s: float, frames: int = 1) -> None:
+    def inject(self, kind: str, t_s: float) -> None:
         """Break something at `t_s`.
 
         Args:
-            kind: "drop", "flip" (one bit) and "truncate" affect the next frames; "refuse" answers the next
-                command with an error; "silent" is for good; "reboot" is a power failure.
-            frames: How many frames, for a fault of frames.
+            kind: "refuse" answers the next command with an error; "reboot" is a power failure.
 
         Raises:
             ValueError: it cannot break in that way.
         """
         self._run(t_s)
-        if kind in FRAME_FAULTS:
-            self._spoil.add(kind, frames)
-        elif kind == "refuse":
-            self._refusals += 1
-        elif kind == "silent":
-            self._silent = True
-        elif kind == "reboot":
-            self._power_up(t_s, 0, booted=False)
-        else:
-            raise ValueError(f"matrices know no fault {kind!r}; they know {', '.join(get_args(Fault))}")
+        ways: Mapping[str, Callable[[], object]] = {
+            "refuse": self._refuse_next,
+            "reboot": lambda: self._power_up(t_s, 0, booted=False),
+        }
+        break_by(kind, ways, "a matrix controller")
+
+    def _refuse_next(self) -> None:
+        self._refusals += 1
 
     # time
 
@@ -164,8 +156,7 @@ class EmulatedDsaMatrix:
         packet = encode_packet(codec.encode_answer(codec.Frame(time_ms, self._rle, texels)))
         if self._free_s - host_s > len(packet) * BITS_PER_BYTE / self._settings.baud:
             return
-        if sent := self._spoil.sent(packet):
-            self._send(sent, host_s)
+        self._send(packet, host_s)
 
     # the line
 
@@ -177,7 +168,7 @@ class EmulatedDsaMatrix:
     def _take(self, t_s: float) -> bytes:
         sent = b"".join(data for due_s, data in self._outbox if due_s <= t_s)
         self._outbox = [(due_s, data) for due_s, data in self._outbox if due_s > t_s]
-        return b"" if self._silent else sent
+        return sent
 
     # commands
 

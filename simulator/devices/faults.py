@@ -389,40 +389,26 @@ class Keys:
         return self._last or ("resume" if resumes else None)
 
 
+def break_by(kind: str, ways: Mapping[str, Callable[[], object]], device: str) -> None:
+    """Break a device in one of the ways that it has of its own; what befalls its line is `corrupted`.
+
+    Args:
+        device: What it is, to begin a sentence with.
+
+    Raises:
+        ValueError: it has no such way.
+    """
+    if kind not in ways:
+        raise ValueError(f"{device} has no fault {kind!r} of its own; it has {', '.join(ways) or 'none'}")
+    ways[kind]()
+
+
 def inject_begun(faults: FaultSchedule, device: Any, trial_s: float, t_s: float) -> None:
     """Tell a device at `t_s` what has begun by `trial_s`; one that cannot do it does not."""
     for kind in INJECTED:
         if faults.begun(trial_s, kind) is not None:
             with suppress(ValueError):
                 device.inject(kind, t_s)
-
-
-FRAME_FAULTS = ("drop", "flip", "truncate")
-
-
-class FrameFaults:
-    """What happens to the next frames that a device sends: dropped, one bit flipped, or truncated."""
-
-    def __init__(self) -> None:
-        self._next: list[str] = []
-        self._flips = 0
-
-    def add(self, kind: str, frames: int) -> None:
-        """So many more."""
-        self._next += [kind] * frames
-
-    def sent(self, frame: bytes, delimiter: int = 0) -> bytes:
-        """What is sent of a frame; no bit is flipped in its `delimiter`, the last bytes."""
-        kind = self._next.pop(0) if self._next else None
-        if kind == "drop":
-            return b""
-        if kind == "truncate":
-            return frame[: len(frame) // 2]
-        if kind == "flip":
-            self._flips += 1
-            byte, bit = divmod(37 * self._flips % (8 * (len(frame) - delimiter)), 8)
-            return frame[:byte] + bytes([frame[byte] ^ 1 << bit]) + frame[byte + 1 :]
-        return frame
 
 
 def corrupted(faults: FaultSchedule, out: bytes, t_s: float, whole: bool = False) -> bytes:

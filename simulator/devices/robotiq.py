@@ -1,17 +1,16 @@
 """An emulated Robotiq gripper behind its URCap's socket: lines on the motion of a drive; no socket, no clock."""
 
 import json
-from collections.abc import Mapping
-from typing import Any, Literal, get_args
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from drivers.can_gripper.units import FORCE_N_PER_MA, TICKS_PER_M
 from drivers.core.links import LineBuffer
 from drivers.gripper.state import GripFinding
 from drivers.robotiq import codec
 from drivers.robotiq.settings import RobotiqSettings
+from simulator.devices.faults import break_by
 from simulator.physics.bench import part
-
-Fault = Literal["stall", "overheat", "reboot", "silent"]
 
 MAX_LINE = 200
 """Longest line that is kept, in bytes (assumption)."""
@@ -45,7 +44,6 @@ class EmulatedRobotiq:
         self._units = settings.units()
         self._source = source = part(bench, "jaws", "gripper")
         self._lines = LineBuffer(MAX_LINE)
-        self._silent = False
         self._fault = 0
         active = int(source.calibrated)
         self._set = {**dict.fromkeys(SETTABLE, 0), "ACT": active, "GTO": active}
@@ -54,8 +52,7 @@ class EmulatedRobotiq:
     def receive(self, data: bytes, t_s: float) -> bytes:
         """Take bytes at `t_s`; what it answers at once."""
         self._source.advance(t_s)
-        answers = b"".join(self._answer(line.decode("ascii", "replace")) for line in self._lines.feed(data))
-        return b"" if self._silent else answers
+        return b"".join(self._answer(line.decode("ascii", "replace")) for line in self._lines.feed(data))
 
     def step(self, t_s: float) -> bytes:
         """It sends nothing on its own."""
@@ -67,24 +64,26 @@ class EmulatedRobotiq:
 
         Args:
             kind: "stall" jams the jaws where they are until the next activation, "overheat" is a fault that an
-                activation clears, "reboot" a power failure, "silent" is for good.
+                activation clears, "reboot" a power failure.
 
         Raises:
             ValueError: it cannot break in that way.
         """
         self._source.advance(t_s)
-        if kind == "stall":
-            self._source.jam()
-        elif kind == "overheat":
-            self._fault = 8
-            self._source.sleep()
-        elif kind == "reboot":
-            self._set.update(ACT=0, GTO=0)
-            self._source.power_up()
-        elif kind == "silent":
-            self._silent = True
-        else:
-            raise ValueError(f"a Robotiq knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
+        ways: Mapping[str, Callable[[], object]] = {
+            "stall": self._source.jam,
+            "overheat": self._overheat,
+            "reboot": self._lose_power,
+        }
+        break_by(kind, ways, "a Robotiq")
+
+    def _overheat(self) -> None:
+        self._fault = 8
+        self._source.sleep()
+
+    def _lose_power(self) -> None:
+        self._set.update(ACT=0, GTO=0)
+        self._source.power_up()
 
     def _answer(self, line: str) -> bytes:
         match line.split():

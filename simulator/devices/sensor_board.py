@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from drivers.sensor_board.codec import (
     encode,
 )
 from drivers.sensor_board.framing import BoardFrameDecoder
-from simulator.devices.faults import FRAME_FAULTS, FrameFaults
+from simulator.devices.faults import break_by
 from simulator.physics.bench import Bench, StreamSpec, part
 
 INT32 = np.iinfo(np.int32)
@@ -115,11 +115,6 @@ class Channel:
         return seq
 
 
-Fault = Literal["drop", "flip", "truncate", "silent", "refuse", "busy", "reboot", "restart"]
-
-ANSWER_FAULTS = {"refuse": ReplyStatus.REFUSED, "busy": ReplyStatus.BUSY}
-
-
 LONGEST_BLOCK_S = 0.05
 """No frame of a regular stream waits longer for its samples: after 0.1 s of silence a stream is stale. Assumption."""
 
@@ -176,8 +171,6 @@ class EmulatedSensorBoard:
         self._clock: BoardClock | None = None
         self._watchdog_s = math.inf
         self._fed_s = 0.0
-        self._silent = False
-        self._spoil = FrameFaults()
         self._answers: list[ReplyStatus] = []
         self._orders: Mapping[int, Callable[[int, BoardClock], bool]] = {
             BoardCode.HELLO: self._hello,
@@ -209,30 +202,24 @@ class EmulatedSensorBoard:
         self._run(t_s)
         return self._take()
 
-    def inject(self, kind: Fault, t_s: float, frames: int = 1) -> None:
+    def inject(self, kind: str, t_s: float) -> None:
         """Break something at `t_s`.
 
         Args:
-            kind: "drop", "flip" (one bit) and "truncate" (the delimiter goes too) affect the next sample
-                frames; "refuse" and "busy" answer the next command; "silent" is for good; "reboot" is a
-                power failure, after which nothing is on; "restart" sets clock, counters and zeros back
-                while the streams go on.
-            frames: How many frames, for a fault of frames.
+            kind: "refuse" and "busy" answer the next command; "reboot" is a power failure, after which nothing is on;
+                "restart" sets clock, counters and zeros back while the streams go on.
 
         Raises:
             ValueError: this board cannot break in that way.
         """
         self._run(t_s)
-        if kind in FRAME_FAULTS:
-            self._spoil.add(kind, frames)
-        elif kind in ANSWER_FAULTS:
-            self._answers.append(ANSWER_FAULTS[kind])
-        elif kind == "silent":
-            self._silent = True
-        elif kind in ("reboot", "restart"):
-            self._restart(t_s, keep=kind == "restart")
-        else:
-            raise ValueError(f"a sensor board knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
+        ways: Mapping[str, Callable[[], object]] = {
+            "refuse": lambda: self._answers.append(ReplyStatus.REFUSED),
+            "busy": lambda: self._answers.append(ReplyStatus.BUSY),
+            "reboot": lambda: self._restart(t_s, keep=False),
+            "restart": lambda: self._restart(t_s, keep=True),
+        }
+        break_by(kind, ways, "a sensor board")
 
     # time
 
@@ -274,7 +261,8 @@ class EmulatedSensorBoard:
         first_tick = channel.tick - len(channel.waiting)
         values, channel.waiting = channel.waiting[:samples], channel.waiting[samples:]
         seq = channel.number_block(samples)
-        self._send(BoardSamples(channel.number, seq, clock.tick_us(first_tick, rate_hz), values.reshape(-1)))
+        shown_us = clock.tick_us(first_tick, rate_hz)
+        self._outbox += encode(BoardSamples(channel.number, seq, shown_us, values.reshape(-1)))
 
     def _send_events(self, channel: Channel, clock: BoardClock) -> None:
         times_s, values = self._source.events(channel.spec.name)
@@ -283,17 +271,13 @@ class EmulatedSensorBoard:
         for start in range(0, len(counts), self._settings.block_samples):
             part = slice(start, start + self._settings.block_samples)
             seq = channel.number_block(len(counts[part]))
-            self._send(BoardSamples(channel.number, seq, int(shown_us[start]), counts[part], shown_us[part]))
+            message = BoardSamples(channel.number, seq, int(shown_us[start]), counts[part], shown_us[part])
+            self._outbox += encode(message)
 
     # the line
 
-    def _send(self, message: BoardSamples) -> None:
-        """Put a sample frame on the line, spoilt where a fault waits for one."""
-        self._outbox += self._spoil.sent(encode(message), delimiter=1)
-
     def _take(self) -> bytes:
-        sent = b"" if self._silent else bytes(self._outbox)
-        self._outbox.clear()
+        sent, self._outbox = bytes(self._outbox), bytearray()
         return sent
 
     # commands

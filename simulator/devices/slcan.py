@@ -6,7 +6,8 @@ BEL alone.
 """
 
 from collections.abc import Callable
-from typing import Any, Final, Literal, get_args
+from contextlib import suppress
+from typing import Any, Final
 
 from drivers.core.can_frame import MAX_DATA_BYTES, MAX_ID, CanFrame
 
@@ -16,8 +17,6 @@ REFUSED: Final = b"\a"
 
 MAX_LINE: Final = 30
 """Longest line that is kept, in bytes: a frame with an extended identifier has 27 (manual)."""
-
-Spoiler = Literal["malformed", "truncated", "bell"]
 
 
 class EmulatedSlcan:
@@ -31,7 +30,6 @@ class EmulatedSlcan:
         self._nodes = nodes
         self._rest = b""
         self._open = False
-        self._spoilers: list[Spoiler] = []
         self._version = {"V": b"V1013\r", "N": b"NE001\r"}
 
     def receive(self, data: bytes, t_s: float) -> bytes:
@@ -46,28 +44,18 @@ class EmulatedSlcan:
         return b"".join(map(self._line, frames)) if self._open else b""
 
     def inject(self, kind: str, t_s: float) -> None:
-        """Break something at `t_s`.
-
-        Args:
-            kind: "malformed" and "truncated" affect the next frame to the host, "bell" refuses the host's
-                next frame; all else is the nodes'.
+        """Break something at `t_s`: of the nodes, those that can.
 
         Raises:
-            ValueError: neither the adapter nor any node can break in that way.
+            ValueError: no node can break in that way.
         """
-        for spoiler in get_args(Spoiler):
-            if kind == spoiler:
-                self._spoilers.append(spoiler)
-                return
         broken = 0
         for node in self._nodes:
-            try:
+            with suppress(ValueError):
                 node.inject(kind, t_s)
                 broken += 1
-            except ValueError:
-                continue
         if not broken:
-            raise ValueError(f"nothing on this bus knows a fault {kind!r}")
+            raise ValueError(f"nothing on this bus has a fault {kind!r}")
 
     def _obey(self, line: bytes, t_s: float) -> bytes:
         text = line.decode("ascii", errors="replace")
@@ -85,7 +73,7 @@ class EmulatedSlcan:
         if head in orders:
             return orders[head](rest)
         frame = _frame(text) if self._open else None
-        if frame is None or self._spoilt("bell"):
+        if frame is None:
             return REFUSED
         answers = [answer for node in self._nodes for answer in node.receive(frame, t_s)]
         return SENT + b"".join(map(self._line, answers))
@@ -100,20 +88,9 @@ class EmulatedSlcan:
         self._open = False
         return OK
 
-    def _spoilt(self, kind: Spoiler) -> bool:
-        if kind not in self._spoilers:
-            return False
-        self._spoilers.remove(kind)
-        return True
-
     def _line(self, frame: CanFrame) -> bytes:
         head = f"{'r' if frame.remote else 't'}{frame.id:03X}{len(frame.data)}"
-        line = head + frame.data.hex().upper()
-        if self._spoilt("malformed"):
-            line = line[0] + "?" + line[2:]
-        if frame.data and self._spoilt("truncated"):
-            line = line[:-2]
-        return line.encode("ascii") + OK
+        return f"{head}{frame.data.hex().upper()}".encode("ascii") + OK
 
 
 def _frame(text: str) -> CanFrame | None:

@@ -1,10 +1,9 @@
 """An emulated linear stage: Zaber ASCII on the motion of a `StageAxis`; no port, no clock."""
 
 import tomllib
-from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 from pydantic import Field
 
@@ -12,10 +11,9 @@ from drivers.core.errors import CodecError
 from drivers.core.links import LineBuffer
 from drivers.core.settings import Settings
 from drivers.zaber_stage import codec
+from simulator.devices.faults import break_by
 from simulator.physics.bench import Bench
 from simulator.physics.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
-
-Fault = Literal["lose", "bad_lrc", "corrupt", "late", "silent", "refuse", "stall", "interrupt", "disable"]
 
 CONSTANTS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("zaber_constants.toml").read_text("utf-8"))
 """Settings that can be read and never change."""
@@ -25,8 +23,6 @@ OF_THE_DEVICE = ("comm.", "deviceid", "system.", "version")
 
 STORAGE = (7, 30)
 """The first firmware with storage (Zaber Motion Library, `DeviceStorage`)."""
-
-REPLY_FAULTS = ("lose", "bad_lrc", "corrupt", "late")
 
 DATA = 2**31 - 1
 """Greatest number of a command (Zaber ASCII protocol: 32 bits, signed)."""
@@ -51,8 +47,6 @@ class EmulatedZaberStageSettings(Settings):
     """Speed of homing in m/s (assumption)."""
     homed: bool = False
     """True where it has been homed before the program starts."""
-    late_s: float = Field(default=0.15, gt=0.0, le=60.0)
-    """How much later a reply comes under the fault "late", in seconds."""
 
 
 class EmulatedZaberStage:
@@ -78,9 +72,7 @@ class EmulatedZaberStage:
         self._storage: dict[str, str] = {}
         self._on_plan = on_plan
         self._lines = LineBuffer(codec.MAX_LINE)
-        self._outbox: list[tuple[float, bytes]] = []
-        self._faults: deque[Fault] = deque()
-        self._silent = False
+        self._alerts: list[bytes] = []
         self._refuses_next = False
         self._stalls_next = False
         self._moving = False
@@ -144,23 +136,16 @@ class EmulatedZaberStage:
         return b"".join(self._answer(line, t_s) for line in self._lines.feed(data))
 
     def step(self, t_s: float) -> bytes:
-        """What it sends by `t_s` on its own: alerts, and replies that were held back."""
+        """What it sends by `t_s` on its own: alerts."""
         self._settle(t_s)
-        due = b"".join(line for due_s, line in self._outbox if due_s <= t_s)
-        self._outbox = [(due_s, line) for due_s, line in self._outbox if due_s > t_s]
-        return b"" if self._silent else due
+        sent, self._alerts = b"".join(self._alerts), []
+        return sent
 
-    def mend(self) -> None:
-        """End what was injected and lasts or waits; the flags stay until they are cleared."""
-        self._faults.clear()
-        self._silent = self._refuses_next = self._stalls_next = False
-
-    def inject(self, kind: Fault, t_s: float) -> None:
+    def inject(self, kind: str, t_s: float) -> None:
         """Break something at `t_s`.
 
         Args:
-            kind: "lose", "bad_lrc", "corrupt" and "late" affect the next reply, "silent" all that follow;
-                "refuse" (STATUSBUSY) the next movement; "stall" (FS) stops a movement dead, the next one
+            kind: "refuse" (STATUSBUSY) the next movement; "stall" (FS) stops a movement dead, the next one
                 where it stands still; "interrupt" (NI) ends a movement as a hand on the knob does;
                 "disable" (FD) takes the motor's power.
 
@@ -168,19 +153,19 @@ class EmulatedZaberStage:
             ValueError: it cannot break in that way.
         """
         self._settle(t_s)
-        if kind in REPLY_FAULTS:
-            self._faults.append(kind)
-        elif kind == "silent":
-            self._silent = True
-        elif kind == "refuse":
-            self._refuses_next = True
-        elif kind == "interrupt":
-            self._stop([], t_s)
-        elif kind == "disable":
-            self._break_down("FD", t_s)
-        elif kind != "stall":
-            raise ValueError(f"a stage knows no fault {kind!r}; it knows {', '.join(get_args(Fault))}")
-        elif self._moving:
+        ways: Mapping[str, Callable[[], object]] = {
+            "refuse": self._refuse_next,
+            "stall": lambda: self._stall(t_s),
+            "interrupt": lambda: self._stop([], t_s),
+            "disable": lambda: self._break_down("FD", t_s),
+        }
+        break_by(kind, ways, "a stage")
+
+    def _refuse_next(self) -> None:
+        self._refuses_next = True
+
+    def _stall(self, t_s: float) -> None:
+        if self._moving:
             self._break_down("FS", t_s)
         else:
             self._stalls_next = True
@@ -200,7 +185,7 @@ class EmulatedZaberStage:
         address = self._values["comm.address"]
         reply = codec.StageReply(address, request.axis, request.id, accepted, self._moving, flag, data)
         checksum = self._values["comm.checksum"] == 1
-        return b"" if self._silent else self._spoil(codec.encode_message(reply, checksum=checksum), t_s)
+        return codec.encode_message(reply, checksum=checksum)
 
     def _obey(self, request: codec.StageRequest, t_s: float) -> str:
         if request.axis not in (0, 1):
@@ -270,21 +255,6 @@ class EmulatedZaberStage:
         if self._moving:
             self._break_down("NI", t_s)
         return "0"
-
-    def _spoil(self, reply: bytes, t_s: float) -> bytes:
-        """The reply as the injected faults leave it."""
-        fault = self._faults.popleft() if self._faults else None
-        if fault == "lose":
-            return b""
-        if fault == "late":
-            self._outbox.append((t_s + self._settings.late_s, reply))
-            return b""
-        if fault == "corrupt":
-            return reply[:4] + bytes(byte ^ 0x80 for byte in reply[4:-2]) + reply[-2:]
-        if fault == "bad_lrc":
-            body = reply.strip(b"@\r\n").partition(b":")[0]
-            return b"@%b:%02X\r\n" % (body, codec.lrc(body) ^ 0x01)
-        return reply
 
     def _driver(self, arguments: list[str], t_s: float) -> str:
         if arguments == ["enable"]:
@@ -407,7 +377,7 @@ class EmulatedZaberStage:
             flag = next((name for name in codec.FLAGS if name in self._flags), codec.NO_FLAG)
             alert = codec.StageReply(self._values["comm.address"], 1, None, True, False, flag, "", lead="!")
             checksum = self._values["comm.checksum"] == 1
-            self._outbox.append((self._axis.arrival_s, codec.encode_message(alert, checksum=checksum)))
+            self._alerts.append(codec.encode_message(alert, checksum=checksum))
 
 
 class _RejectedError(Exception):

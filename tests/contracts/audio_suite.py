@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from drivers.core.messages import Chirp, Excite, Home, Listen, Lost, Reached, Saturated, Sent, Status, Tone
+from drivers.core.messages import Chirp, Excite, Home, Listen, Lost, Reached, Saturated, Sent, Tone
 from tests.contracts.crank import TURN_S, Crank
 from tests.contracts.sensor_suite import SensorContract
 
@@ -74,12 +74,6 @@ class SteadyFingers:
 
 class AudioTrial(Crank):
     """An audio device called `audio`."""
-
-    def until(self, kind: type[Status], seconds: float = 5.0) -> Any:
-        end_s = self.clock.now() + seconds
-        while not self.of(kind) and self.clock.now() < end_s:
-            self.turn(TURN_S)
-        return self.of(kind)[0]
 
     def record(self, frames: int, seconds: float = 5.0) -> None:
         """Turn until so many frames have come."""

@@ -1,4 +1,4 @@
-"""One device by itself, with a hand to turn the loop's crank."""
+"""Devices without a loop, and a hand to turn its crank."""
 
 from typing import Any
 
@@ -24,6 +24,7 @@ class Crank:
 
     def __init__(self, device: Any, clock: Any, opens: bool = True) -> None:
         self.device = device
+        self.devices = [device]
         self.clock = clock
         if opens:
             self.info = device.open()
@@ -34,14 +35,15 @@ class Crank:
         end_s = self.clock.now() + seconds
         while self.clock.now() < end_s:
             self.clock.wait_until(self.clock.now() + self.turn_s)
-            self.blocks += self.device.read()
-            self.statuses += self.device.poll()
+            for device in self.devices:
+                self.blocks += device.read()
+                self.statuses += device.poll()
 
     def listen(self, *streams: str) -> None:
         self.device.apply(Listen(self.device.name, frozenset(streams)))
 
     def blocks_of(self, stream: str) -> list[SampleBlock]:
-        return [block for block in self.blocks if block.stream == stream]
+        return [block for block in self.blocks if block.stream == stream and len(block)]
 
     def of(self, kind: type[Status]) -> list[Any]:
         return [status for status in self.statuses if isinstance(status, kind)]
@@ -52,13 +54,13 @@ class Crank:
         self.statuses = [status for status in self.statuses if not isinstance(status, kind)]
         return taken
 
-    def until(self, kind: type[Status], seconds: float = 10.0) -> Any:
-        """The next status of a kind."""
+    def until(self, kind: type[Status], seconds: float = 10.0, device: str = "") -> Any:
+        """The next status of a kind; of any device where none is named."""
         end_s = self.clock.now() + seconds
         while self.clock.now() < end_s:
             self.turn(self.turn_s)
             for status in self.statuses:
-                if isinstance(status, kind):
+                if isinstance(status, kind) and device in ("", status.device):
                     self.statuses.remove(status)
                     return status
-        raise AssertionError(f"no {kind.__name__} in {seconds} s, but {self.statuses}")
+        raise AssertionError(f"no {kind.__name__} {device} in {seconds} s, but {self.statuses}")

@@ -16,7 +16,6 @@ from drivers.core.messages import (
     MoveAt,
     MoveTo,
     Reached,
-    SampleBlock,
     Sent,
     SetTendon,
     Standstill,
@@ -24,45 +23,26 @@ from drivers.core.messages import (
     Stop,
     Tare,
 )
+from tests.contracts.crank import Crank
 
-TURN_S = 0.005
 
-
-class Bench:
-    """A rig with its devices open, and a hand to turn the loop's crank."""
+class Bench(Crank):
+    """A rig with its devices open."""
 
     def __init__(self, rig: Any) -> None:
+        super().__init__(None, rig.clock, opens=False)
         self.rig = rig
+        self.devices = list(rig.devices.values())
         self.infos = {name: device.open() for name, device in rig.devices.items()}
-        self.blocks: list[SampleBlock] = []
-        self.statuses: list[Status] = []
 
-    def turn(self, seconds: float) -> None:
-        end_s = self.rig.clock.now() + seconds
-        while self.rig.clock.now() < end_s:
-            self.rig.clock.wait_until(self.rig.clock.now() + TURN_S)
-            for device in self.rig.devices.values():
-                self.blocks += device.read()
-                self.statuses += device.poll()
-
-    def until(self, kind: type[Status], device: str, seconds: float = 10.0) -> Any:
-        end_s = self.rig.clock.now() + seconds
-        while self.rig.clock.now() < end_s:
-            self.turn(TURN_S)
-            for status in self.statuses:
-                if isinstance(status, kind) and status.device == device:
-                    self.statuses.remove(status)
-                    return status
-        raise AssertionError(f"no {kind.__name__} of {device} in {seconds} s, but {self.statuses}")
+    def until(self, kind: type[Status], device: str) -> Any:  # type: ignore[override]
+        return super().until(kind, device=device)
 
     def apply(self, command: Any) -> Any:
         return self.rig.devices[command.device].apply(command)
 
-    def blocks_of(self, stream: str) -> list[SampleBlock]:
-        return [block for block in self.blocks if block.stream == stream and len(block)]
-
     def close(self) -> None:
-        for device in self.rig.devices.values():
+        for device in self.devices:
             device.close()
         self.rig.close()
 

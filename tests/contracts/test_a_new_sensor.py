@@ -8,11 +8,11 @@ import pytest
 
 from simulator.look_ahead import Snapshot
 from tests.contracts.crank import Crank
+from tests.contracts.sensor_suite import SensorContract
 from tests.data.force_sensor.device import MockForceSensor
 from tests.data.force_sensor.driver import ForceSensor, ForceSensorSettings, encode
 from touchbench import (
     CodecError,
-    CommandError,
     Failed,
     Fault,
     FaultSchedule,
@@ -95,14 +95,17 @@ def test_a_number_that_is_none_is_counted_and_does_not_end_the_loop() -> None:
     assert one.account() == {"malformed": 1}
 
 
+class TestForceSensor(SensorContract):
+    stream = FORCE
+    senseless = (MoveTo("scale", 0.0, 0.01), Listen("scale", frozenset({"scale.torque"})))
+
+
 def test_it_identifies_itself_and_what_it_sends(bench: Crank) -> None:
     assert (bench.info.model, bench.info.serial) == ("FS1", "0042")
     assert bench.info.streams[FORCE].unit == "N"
 
 
 def test_samples_are_numbered_dated_and_scaled(bench: Crank) -> None:
-    bench.turn(0.1)
-    assert bench.blocks == []
     bench.listen(FORCE)
     bench.turn(2.0)
     assert len(bench.of(Sent)) == 1
@@ -113,16 +116,6 @@ def test_samples_are_numbered_dated_and_scaled(bench: Crank) -> None:
         assert after.t0_s > before.t0_s
     assert blocks[-1].physical[-1, 0] == pytest.approx(1.5)
     assert not bench.of(Lost)
-
-
-def test_nothing_comes_any_more_once_it_is_unsubscribed(bench: Crank) -> None:
-    bench.listen(FORCE)
-    bench.turn(0.1)
-    bench.listen()
-    bench.turn(0.1)
-    bench.blocks.clear()
-    bench.turn(0.1)
-    assert bench.blocks == []
 
 
 def test_lost_samples_are_reported() -> None:
@@ -148,12 +141,6 @@ def test_one_that_is_not_there_is_reported_as_silent() -> None:
         SilentError, match=r"^scale: no answer in 2 s while asking who is at mock; is it powered"
     ):
         device.open()
-
-
-def test_a_command_that_is_not_for_it_is_refused_in_one_line(bench: Crank) -> None:
-    for command in (MoveTo("scale", 0.0, 0.01), Listen("scale", frozenset({"scale.torque"}))):
-        with pytest.raises(CommandError, match=r"^scale: "):
-            bench.device.apply(command)
 
 
 def test_one_that_is_opened_again_hands_out_nothing_of_before(bench: Crank) -> None:

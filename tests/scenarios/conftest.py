@@ -1,12 +1,12 @@
 """Whole campaigns on the mock bench, in virtual time."""
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from config import assemble
+from config.jobs import Silent
 from config.profile import Profile, load_profile
 from controller.campaign import Campaign, Outcome
 from controller.recording.reader import Run, open_run
@@ -55,7 +55,7 @@ SHORTER = {
 
 
 @dataclass
-class Script:
+class Script(Silent):
     """An operator who requests what the test wants, when the trial is where the test wants it."""
 
     requests: dict[str, list[str]] = field(default_factory=dict)
@@ -69,14 +69,8 @@ class Script:
     def state(self, name: str, t_s: float) -> None:
         self.seen.append((name, t_s))
 
-    def campaign_started(self, title: str, trials: int, folder: Path) -> None: ...
-
-    def trial_started(self, trial: int, factors: Any) -> None: ...
-
     def trial_ended(self, trial: int, outcome: str, row: Any) -> None:
         self.rows.append((trial, outcome, dict(row)))
-
-    def campaign_ended(self, line: str) -> None: ...
 
 
 @dataclass

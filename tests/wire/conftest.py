@@ -125,13 +125,9 @@ class Wired:
     driver: Any
 
     def __init__(self, serve: Serve, device: Any, hurry: bool = False) -> None:
-        self.far, self.clock = device, serve.clock
+        self.clock = serve.clock
         self.port = serve(Hurried(device) if hurry else device)
         self.lock = serve.lock(self.port)
-
-    def inject(self, kind: str, *how: int) -> None:
-        with self.lock:
-            self.far.inject(kind, self.clock.monotonic_s(), *how)
 
 
 @pytest.fixture

@@ -35,10 +35,6 @@ class Server:
         with self.lock:
             self.faults.add(Fault(device="audio", kind=kind, at_s=self.clock.monotonic_s(), for_s=for_s))
 
-    def inject(self, kind: str, packets: int = 1) -> None:
-        with self.lock:
-            self.recorder.inject(kind, self.clock.monotonic_s(), packets)
-
 
 @pytest.fixture
 def connect(serve: Any) -> Iterator[Callable[..., AudioTrial]]:
@@ -90,7 +86,8 @@ def test_what_the_fault_lose_takes_is_counted_exactly(server: Server, bench: Aud
 
 
 def test_a_refused_drive_is_reported(server: Server, bench: AudioTrial) -> None:
-    server.inject("refuse")
+    with server.lock:
+        server.recorder.inject("refuse", server.clock.monotonic_s())
     bench.device.apply(TONE)
     refused = bench.until(Refused)
     assert refused.command == TONE

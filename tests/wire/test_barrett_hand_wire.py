@@ -8,10 +8,9 @@ import pytest
 from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.core.errors import SilentError
-from drivers.core.messages import Failed, Lost
 from simulator.devices.barrett_hand import EmulatedBarrettHand
 from simulator.devices.slcan import EmulatedSlcan
-from tests.contracts.hand_suite import F1, F2, F3, FORCES_N, HandBench, HandContract
+from tests.contracts.hand_suite import FORCES_N, HandBench, HandContract
 from tests.steady import SteadyForces
 from tests.wire.conftest import Serve, Wired
 
@@ -52,17 +51,6 @@ def test_open_reads_every_finger(bench: HandBench) -> None:
     assert bench.device.open().details["woken"] == (), "it is awake"
     # 2 kg over 2048 counts: 1 N is 104.4 of them.
     assert readings == {11: 2104, 12: 1791, 13: 3880}
-
-
-def test_a_spoilt_line_is_one_lost_sample_of_one_finger(wire: Wire, bench: HandBench) -> None:
-    bench.listen(F1, F2, F3)
-    bench.turn(0.2)
-    wire.inject("malformed")
-    bench.turn(0.5)
-    assert bench.device.account()["malformed"] == 1
-    assert {lost.stream for lost in bench.of(Lost)} & {F1, F2, F3}
-    assert bench.of(Failed) == []
-    assert bench.blocks_of(F1)[-1].physical[-1, 0] == pytest.approx(1.0, abs=0.005)
 
 
 def test_a_finger_that_is_not_there_is_named(serve: Any) -> None:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.core.messages import Failed, Lost
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
 from simulator.physics.fingertip_settings import Matrix
@@ -55,13 +54,3 @@ def test_raw_frames_of_70_cells_fill_the_line_75_times_a_second(serve: Any) -> N
         assert bench.blocks[-1].values[-1, 69] == 3450
     finally:
         wire.driver.close()
-
-
-def test_spoilt_frames_are_lost_and_nothing_else(wire: Wire, bench: MatrixBench) -> None:
-    bench.listen(TEXELS)
-    for kind in ("drop", "flip", "truncate"):
-        bench.turn(0.2)
-        wire.inject(kind)
-    bench.turn(0.4)
-    assert 3 <= sum(lost.samples for lost in bench.of(Lost)) <= 8
-    assert bench.of(Failed) == []

@@ -87,26 +87,6 @@ def test_a_poor_clocks_drift_is_recovered_from_its_arrivals(serve: Serve) -> Non
         assert bench.lateness_s(FORCE) < 5e-3
 
 
-def test_loss_is_counted_to_the_sample_under_drops_flips_and_truncations(serve: Serve) -> None:
-    with opened(serve) as bench:
-        bench.listen(FORCE, ACCELERATION)
-        bench.turn(0.2)
-        for kind in ("drop", "flip", "truncate") * 3:
-            bench.inject(kind, 1)
-            bench.turn(0.1)
-        bench.turn(0.2)
-        bench.listen()
-        bench.turn(0.1)
-        lost = bench.of(Lost)
-        for stream in (FORCE, ACCELERATION):
-            missing = sum(status.samples for status in lost if status.stream == stream)
-            came = sum(map(len, bench.blocks_of(stream)))
-            assert came + missing == bench.source.sampled[stream.partition(".")[2]]
-        # Each fault costs a frame of ten, and each lost delimiter its neighbour, unless that is a reply.
-        assert 90 <= sum(status.samples for status in lost) <= 120
-        assert bench.of(Failed) == []
-
-
 def test_a_closed_driver_leaves_nothing_on(serve: Serve) -> None:
     with opened(serve) as bench:
         bench.device.apply(Excite("board", True))

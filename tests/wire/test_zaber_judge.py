@@ -12,11 +12,10 @@ from zaber_motion import (
     MovementFailedException,
     MovementInterruptedException,
     NoValueForKeyException,
-    RequestTimeoutException,
 )
 from zaber_motion.ascii import Axis, Connection
 
-from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings, Fault
+from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
 from simulator.physics.stage_axis import StageAxis
 from simulator.wiring.bench_clock import BenchClock
 
@@ -41,7 +40,7 @@ class Court:
         self,
         axis: Axis,
         connection: Connection,
-        inject: Callable[[Fault], None],
+        inject: Callable[[str], None],
         truth: StageAxis,
         clock: BenchClock,
     ) -> None:
@@ -51,7 +50,7 @@ class Court:
         self.truth = truth
         self.clock = clock
 
-    def during(self, movement: Callable[[], None], kind: Fault) -> None:
+    def during(self, movement: Callable[[], None], kind: str) -> None:
         """Inject a fault while a movement that waits for its end is on its way."""
         timer = threading.Timer(0.1, self.inject, [kind])
         timer.start()
@@ -67,7 +66,7 @@ def court(serve: Serve) -> Iterator[Court]:
     stage = EmulatedZaberStage(EmulatedZaberStageSettings(), truth)
     port = serve(stage)
 
-    def inject(kind: Fault) -> None:
+    def inject(kind: str) -> None:
         with serve.lock(port):
             stage.inject(kind, serve.clock.monotonic_s())
 
@@ -134,17 +133,6 @@ def test_a_stall_is_a_failed_movement(court: Court) -> None:
 def test_a_hand_on_the_knob_is_an_interrupted_movement(court: Court) -> None:
     with pytest.raises(MovementInterruptedException):
         court.during(lambda: court.axis.move_absolute(40000), "interrupt")
-
-
-@pytest.mark.parametrize("kind", ["lose", "bad_lrc", "corrupt", "late"])
-def test_a_spoilt_reply_is_a_time_out_and_the_next_call_works(court: Court, kind: Fault) -> None:
-    court.connection.default_request_timeout = 100  # below the 150 ms of a late reply
-    court.inject(kind)
-    with pytest.raises(RequestTimeoutException):
-        court.axis.get_position()
-    court.connection.default_request_timeout = TIMEOUT_MS
-    court.clock.rest(0.2)
-    assert court.axis.get_position() == 0.0
 
 
 def test_the_library_takes_the_emulated_checksums(court: Court) -> None:

@@ -39,13 +39,13 @@ def bench(serve: Any) -> Iterator[Callable[..., Bench]]:
 
 def test_after_a_failed_opening_the_port_is_free_again(serve: Any) -> None:
     wire = Wire()
-    wire.device.inject("silent", 0.0)
+    wire.silent = True
     port = serve(wire)
     stage = ZaberStage("stage", ZaberStageSettings(port=port, reply_timeout_s=0.2), serve.clock)
     with pytest.raises(SilentError):
         stage.open()
     with serve.lock(port):
-        wire.device.mend()
+        wire.silent = False
     assert stage.open().mover
     stage.close()
     stage.close()

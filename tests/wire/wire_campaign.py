@@ -4,31 +4,24 @@ from pathlib import Path
 from typing import Any
 
 from config.assemble import build_rig, plan_campaign
+from config.jobs import Silent
 from controller.campaign import Campaign, Outcome
 
 QUICK = {"behavior.settle_s": "1.0"}
 
 
-class Hand:
+class Hand(Silent):
     """Does something to the bench when a trial enters a state; shows nothing."""
 
     def __init__(self, deeds: dict[str, Any]) -> None:
         self.deeds = deeds
         self.seen: list[str] = []
 
-    def poll(self) -> str | None:
-        return None
-
     def state(self, name: str, t_s: float) -> None:
         self.seen.append(name)
         deed = self.deeds.pop(name, None)
         if deed is not None:
             deed()
-
-    def campaign_started(self, title: str, trials: int, folder: Path) -> None: ...
-    def trial_started(self, trial: int, factors: Any) -> None: ...
-    def trial_ended(self, trial: int, outcome: str, row: Any) -> None: ...
-    def campaign_ended(self, line: str) -> None: ...
 
 
 def run(profile: Any, emulator: Any, out: Path, deeds: dict[str, Any] | None = None) -> tuple[Outcome, Hand]:

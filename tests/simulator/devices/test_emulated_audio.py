@@ -129,8 +129,3 @@ def test_a_sweep_is_reported_at_its_end() -> None:
     host.run(1.51, 0.001)
     assert host.messages[-1].content == {"event": "swept"}
     assert host.messages[-1].frame - 45 * 96_000_000 == 144_000
-
-
-def test_a_fault_that_it_does_not_know_is_refused() -> None:
-    with pytest.raises(ValueError, match="a recorder knows no fault 'stall'"):
-        Host().recorder.inject("stall", 0.0)  # type: ignore[arg-type]

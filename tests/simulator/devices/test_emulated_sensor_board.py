@@ -257,26 +257,6 @@ def test_garbage_is_not_answered_and_does_not_feed_the_watchdog() -> None:
     assert not line.source.excited
 
 
-@pytest.mark.parametrize("kind", ["drop", "flip"])
-def test_a_spoilt_frame_costs_its_own_samples(kind: Any) -> None:
-    line = Line(drift_ppm=0.0)
-    line.status(BoardCode.START, 1 << FORCE)
-    messages = line.run(0.1)
-    line.board.inject(kind, line.t_s, frames=2)
-    messages += line.run(0.1)
-    assert samples(messages, FORCE).size == 200 - 20
-    assert (line.decoder.bad_crc + line.decoder.bad_cobs >= 2) == (kind == "flip")
-
-
-def test_a_truncated_frame_takes_its_neighbour_along() -> None:
-    line = Line(drift_ppm=0.0)
-    line.status(BoardCode.START, 1 << FORCE)
-    messages = line.run(0.1)
-    line.board.inject("truncate", line.t_s)
-    messages += line.run(0.1)
-    assert samples(messages, FORCE).size == 200 - 20
-
-
 @pytest.mark.parametrize(("kind", "status"), [("refuse", ReplyStatus.REFUSED), ("busy", ReplyStatus.BUSY)])
 def test_an_injected_answer_comes_once_and_the_command_has_no_effect(kind: Any, status: int) -> None:
     line = Line()
@@ -284,14 +264,6 @@ def test_an_injected_answer_comes_once_and_the_command_has_no_effect(kind: Any, 
     assert line.status(BoardCode.EXCITE, 1) == status
     assert not line.source.excited
     assert line.status(BoardCode.EXCITE, 1) == ReplyStatus.OK
-
-
-def test_a_silent_board_says_nothing_more() -> None:
-    line = Line()
-    line.status(BoardCode.START, 1 << FORCE)
-    line.board.inject("silent", line.t_s)
-    assert line.run(0.2) == []
-    assert line.ask(BoardCode.HELLO) == []
 
 
 def test_after_a_reboot_nothing_is_on() -> None:
@@ -311,11 +283,6 @@ def test_a_restart_under_way_sets_clock_and_counter_to_zero() -> None:
     line.board.inject("restart", line.t_s)
     first = line.run(0.02)[0]
     assert (first.seq, first.t_us) == (0, 1000)
-
-
-def test_a_fault_that_the_board_does_not_know_is_an_error() -> None:
-    with pytest.raises(ValueError, match="knows no fault 'stall'; it knows drop"):
-        Line().board.inject("stall", 0.0)  # type: ignore[arg-type]
 
 
 def test_steps_of_any_length_say_the_same() -> None:

@@ -9,7 +9,6 @@ import pytest
 from drivers.core.clock import VirtualClock
 from drivers.core.messages import (
     Failed,
-    Grip,
     Gripped,
     Listen,
     Lost,
@@ -22,21 +21,12 @@ from drivers.core.messages import (
 )
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.mocks.can_gripper import MockCanGripper, MockCanGripperSettings
-from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
-
-SCENE = JawsSettings(objects={"mug": GripObject(width_m=0.040)})
-GRIP = Grip("gripper", 0.030, 0.1, 20.0)
+from tests.contracts.gripper_suite import GRIP, calibrated_jaws
 
 
 def run(turn_s: float, *faults: dict[str, Any], seconds: float = 1.0) -> tuple[list[Status], Any, float]:
     """Grip a mug; statuses, the widths received, and the force at the end."""
-    drive = JawsDrive(SCENE)
-    drive.advance(0.0)
-    drive.calibrate()
-    drive.advance(3.0)
-    drive.go(0.0, 20_000.0, 300.0)
-    drive.advance(6.0)
-    drive.restart()
+    drive = calibrated_jaws()
     drive.jaws.place("mug")
     clock = VirtualClock()
     schedule = FaultSchedule([Fault(device="gripper", **fault) for fault in faults])
@@ -75,15 +65,10 @@ def test_faults_are_reported(kind: str, status: type[Status]) -> None:
 
 
 def test_stops_in_the_next_trial_keep_what_was_gripped_in_the_last() -> None:
-    drive = JawsDrive(SCENE)
-    drive.advance(0.0)
-    drive.calibrate()
-    drive.advance(3.0)
-    drive.go(0.0, 20_000.0, 300.0)
-    drive.advance(6.0)
+    drive = calibrated_jaws()
     drive.jaws.place("mug")
     drive.go(0.8, 20_000.0, 433.0)
-    drive.advance(9.0)
+    drive.advance(3.0)
     drive.restart()
     clock = VirtualClock()
     gripper = MockCanGripper("gripper", MockCanGripperSettings(), clock, SimpleNamespace(jaws=drive))

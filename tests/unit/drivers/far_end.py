@@ -12,6 +12,21 @@ RESTS_MAX = 30_000
 """Of a driver that waits for its device, 1 ms each: a test waits for less than half a minute."""
 
 
+def spoilt(kind: str, pieces: int = 1) -> Callable[[bytes], bytes]:
+    """For `FarEnd.hush`: the next pieces that a device sends are dropped, have one bit flipped, or are truncated."""
+    left = iter(range(pieces))
+
+    def hush(data: bytes) -> bytes:
+        if not data or next(left, None) is None:
+            return data
+        if kind == "flip":
+            middle = len(data) // 2
+            return data[:middle] + bytes([data[middle] ^ 4]) + data[middle + 1 :]
+        return data[: len(data) // 2] if kind == "truncate" else b""
+
+    return hush
+
+
 class FarEnd:
     """What a link is to a driver, and time, which passes in small steps.
 

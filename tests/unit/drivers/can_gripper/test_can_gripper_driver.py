@@ -145,6 +145,7 @@ def test_closing_a_gripper_that_has_failed_writes_nothing(bench: Bench) -> None:
     [
         ("silent", SilentError, "no answer in 2 s .*powered with 24 V, node 0"),
         ("another node", ProtocolError, "frames of others .*is the gripper node 0"),
+        ("no gripper", ProtocolError, "3 malformed ones came, .*is the gripper node 0"),
         ("unplugged", PortError, "the bus was taken away"),
     ],
 )
@@ -153,9 +154,11 @@ def test_a_bus_without_the_gripper_is_refused(
 ) -> None:
     bench = make_bench()
     if fault == "silent":
-        bench.inject("silent")
+        bench.bus.hush = lambda frame: None
     elif fault == "another node":
         bench.bus.hush = lambda frame: replace(frame, id=frame.id | 0x80)
+    elif fault == "no gripper":
+        bench.bus.hush, bench.bus.malformed = lambda frame: None, 3
     else:
         bench.bus.fault = line
     with pytest.raises(error, match=line):

@@ -39,9 +39,6 @@ class Bench(MatrixBench):
         settings = DsaMatrixSettings(port="/dev/dsa", **driver)
         super().__init__(DsaMatrix("dsa", settings, clock, self.far.connect), clock, opens=False)
 
-    def inject(self, kind: str) -> None:
-        self.far.device.inject(kind, self.far.t_s)
-
     def frames(self) -> int:
         return sum(map(len, self.blocks))
 

@@ -15,6 +15,7 @@ from simulator.physics.fingertip_settings import Matrix
 from tests.contracts.matrix_suite import MatrixContract, steady
 from tests.refusals import refused
 from tests.unit.drivers.dsa_matrix.conftest import Bench
+from tests.unit.drivers.far_end import spoilt
 
 TEXELS = "dsa.taxels"
 ALL = Listen("dsa", frozenset({TEXELS}))
@@ -124,7 +125,7 @@ def test_frames_that_the_controller_drops_are_reported_as_lost(make_bench: Make)
 def test_a_spoilt_frame_is_one_lost_frame_or_takes_its_neighbour_along(bench: Bench, kind: str) -> None:
     bench.device.apply(ALL)
     bench.turn(0.5)
-    bench.inject(kind)
+    bench.far.hush = spoilt(kind)
     bench.turn(1.0)
     lost = sum(status.samples for status in bench.take(Lost))
     assert 1 <= lost <= 2
@@ -249,7 +250,7 @@ def test_answers_that_cannot_be_read_are_counted_and_the_frames_beside_them_take
     bench.far.arrive(encode_packet(MatrixPacket(codec.Id.FRAME, b"\0")) * 2)
     of_another_shape = codec.Frame(0, False, np.zeros(69, np.uint16))
     bench.far.arrive(encode_packet(codec.encode_answer(of_another_shape)))
-    bench.inject("flip")
+    bench.far.hush = spoilt("flip")
     bench.turn(0.5)
     assert bench.frames() - frames == pytest.approx(24, abs=2)
     account = bench.device.account()
@@ -264,14 +265,17 @@ def test_answers_that_cannot_be_read_are_counted_and_the_frames_beside_them_take
 def test_a_controller_that_sends_nothing_more_has_failed_once(bench: Bench, kind: str) -> None:
     bench.device.apply(ALL)
     bench.turn(0.5)
-    bench.inject(kind)
+    if kind == "silent":
+        bench.far.hush = lambda data: b""
+    else:
+        bench.far.device.inject(kind, bench.far.t_s)
     bench.turn(3.0)
     (failed,) = bench.take(Failed)
     assert "no frame in 1 s" in failed.reason
 
 
 def test_a_refusal_is_a_failure(bench: Bench) -> None:
-    bench.inject("refuse")
+    bench.far.device.inject("refuse", bench.far.t_s)
     bench.device.apply(ALL)
     bench.turn(0.3)
     assert "feature not supported" in bench.take(Failed)[0].reason

@@ -26,6 +26,7 @@ from drivers.core.messages import (
 from drivers.sensor_board.codec import BoardCode, BoardReply, BoardSamples, CommandFrame, decode, encode
 from drivers.sensor_board.framing import BoardFrameDecoder, frame
 from tests.refusals import refused
+from tests.unit.drivers.far_end import spoilt
 from tests.unit.drivers.sensor_board.conftest import Bench, Source
 
 FORCE = "board.load_cell"
@@ -391,7 +392,7 @@ def test_loss_is_counted_to_the_sample(make_bench: MakeBench, faults: list[tuple
     bench.device.apply(listen(FORCE, ACCELERATION))
     blocks, statuses = bench.run(0.1)
     for kind, frames in faults:
-        bench.board.inject(kind, bench.host.t_s, frames)
+        bench.host.hush = spoilt(kind, frames)
         more = bench.run(0.1)
         blocks += more[0]
         statuses += more[1]
@@ -473,7 +474,7 @@ def test_an_irregular_stream_may_be_silent(bench: Bench, monkeypatch: pytest.Mon
 
 
 def test_a_board_that_is_silent_without_a_subscriber_is_noticed_by_its_watchdog_replies(bench: Bench) -> None:
-    bench.board.inject("silent", bench.host.t_s)
+    bench.host.hush = lambda data: b""
     (failed,) = of(Failed, bench.run(2.0)[1])
     assert "no reply to watchdog" in failed.reason
 
@@ -593,7 +594,7 @@ def test_frames_that_fit_no_stream_are_counted_and_those_beside_them_taken(make_
     assert bench.device.account()["malformed"] == 2
     assert len(blocks) == pytest.approx(10, abs=1)
     assert of(Lost, statuses) == []
-    bench.board.inject("flip", bench.host.t_s)
+    bench.host.hush = spoilt("flip")
     bench.run(0.1)
     account = bench.device.account()
     assert account["malformed"] == 2

@@ -13,21 +13,47 @@ STEP_M = 0.49609375e-6
 EVERYTHING = frozenset({"stage.position"})
 
 
+LATE_S = 0.15
+
+SPOILT: dict[str, Callable[[bytes], bytes]] = {
+    "lose": lambda reply: b"",
+    "late": lambda reply: b"",
+    "bad_lrc": lambda reply: reply[:-3] + bytes([reply[-3] ^ 1]) + reply[-2:],
+    "corrupt": lambda reply: reply[:4] + bytes(byte ^ 0x80 for byte in reply[4:-2]) + reply[-2:],
+}
+"""What becomes of a reply on its way; a late one comes `LATE_S` later."""
+
+
 class Wire:
-    """The emulated stage; records what it receives."""
+    """The emulated stage; records what it receives.
+
+    Attributes:
+        spoils: What becomes of its next reply, of `SPOILT`; "" is nothing.
+        silent: Nothing that it sends arrives.
+    """
 
     def __init__(self, **settings: Any) -> None:
         self.axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
         self.device = EmulatedZaberStage(EmulatedZaberStageSettings(**settings), self.axis)
         self.received = b""
         self.deaf_to = b"\0"
+        self.spoils = ""
+        self.silent = False
+        self._late: list[tuple[float, bytes]] = []
 
     def receive(self, data: bytes, t_s: float) -> bytes:
         self.received += data
-        return b"" if self.deaf_to in data else self.device.receive(data, t_s)
+        reply = b"" if self.deaf_to in data else self.device.receive(data, t_s)
+        if reply and self.spoils:
+            if self.spoils == "late":
+                self._late.append((t_s + LATE_S, reply))
+            reply, self.spoils = SPOILT[self.spoils](reply), ""
+        return b"" if self.silent else reply
 
     def step(self, t_s: float) -> bytes:
-        return self.device.step(t_s)
+        sent = self.device.step(t_s) + b"".join(reply for due_s, reply in self._late if due_s <= t_s)
+        self._late = [(due_s, reply) for due_s, reply in self._late if due_s > t_s]
+        return b"" if self.silent else sent
 
     def lines(self) -> list[str]:
         """The lines that it received, without device, axis, id and checksum."""

@@ -30,7 +30,6 @@ from drivers.core.messages import (
 from drivers.zaber_stage.codec import LONGEST_S, meaning
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
-from simulator.devices.zaber_stage import Fault
 from simulator.mocks.base import MemoryLine
 from tests.unit.drivers.zaber_stage.stage_bench import EVERYTHING, STEP_M, StageBench, Wire
 
@@ -47,7 +46,7 @@ class Bench(StageBench):
         self.line = MemoryLine(wire, clock)
         super().__init__(driver(self.line, **settings), clock, wire)
 
-    def inject(self, kind: Fault) -> None:
+    def inject(self, kind: str) -> None:
         self.wire.device.inject(kind, self.clock.now())
 
     @property
@@ -121,7 +120,7 @@ def test_a_stage_that_a_dead_host_left_moving_is_stopped_at_opening() -> None:
 
 def test_silence_is_reported_with_what_to_check() -> None:
     wire = Wire()
-    wire.device.inject("silent", 0.0)
+    wire.silent = True
     with pytest.raises(SilentError, match=r"^stage: no reply in 2.00 s .*powered.*device 1 on its line\?$"):
         driver(MemoryLine(wire, VirtualClock()), reply_timeout_s=0.2).open()
 
@@ -220,7 +219,7 @@ def test_a_stage_without_storage_is_left_as_it_was_found_too() -> None:
 
 def test_closing_does_not_wait_long_for_a_stage_that_is_silent() -> None:
     b = Bench(reply_timeout_s=0.2)
-    b.inject("silent")
+    b.wire.silent = True
     before_s = b.clock.now()
     b.stage.close()
     assert b.clock.now() - before_s < 0.25
@@ -282,7 +281,7 @@ def test_a_newer_stop_takes_the_place_of_one_that_is_not_answered() -> None:
 def test_a_place_from_before_a_stop_is_no_standstill() -> None:
     b = Bench(retry_s=1.0)
     b.stage.apply(Listen("stage", EVERYTHING))
-    b.inject("late")
+    b.wire.spoils = "late"
     b.turn_for_lines(1)
     b.stage.apply(Stop("stage"))
     assert b.expect(Standstill).t_s >= 0.15, "the place asked for before came 0.15 s late"
@@ -337,7 +336,7 @@ def test_a_stop_whose_answer_is_lost_is_sent_again() -> None:
     b.begin(MoveAt("stage", 0.005, 0.02))
     # Else the answer to another question is the one that is lost.
     b.turn_until(lambda: not b.stage._dialogue._open)
-    b.inject("lose")
+    b.wire.spoils = "lose"
     b.stage.apply(Stop("stage"))
     b.expect(Standstill)
     assert b.wire.lines().count("stop") >= 2
@@ -367,7 +366,7 @@ def test_an_unanswered_question_is_a_reported_jump_in_the_sequence() -> None:
     b = Bench()
     b.stage.apply(Listen("stage", EVERYTHING))
     b.turn_until(lambda: len(b.blocks) > 2)
-    b.inject("lose")
+    b.wire.spoils = "lose"
     lost = b.expect(Lost)
     b.turn_for_lines(3)
     b.blocks += b.stage.read()
@@ -377,11 +376,11 @@ def test_an_unanswered_question_is_a_reported_jump_in_the_sequence() -> None:
 
 
 @pytest.mark.parametrize("kind", ["bad_lrc", "corrupt", "late"])
-def test_a_spoilt_or_late_reply_is_passed_over_like_a_lost_one(kind: Fault) -> None:
+def test_a_spoilt_or_late_reply_is_passed_over_like_a_lost_one(kind: str) -> None:
     b = Bench(retry_s=0.05)
     b.stage.apply(Listen("stage", EVERYTHING))
     b.turn_until(lambda: len(b.blocks) > 2)
-    b.inject(kind)
+    b.wire.spoils = kind
     assert b.expect(Lost).samples >= 1
     b.turn_for_lines(20)
     assert not [status for status in b.statuses if isinstance(status, Failed)]
@@ -509,7 +508,7 @@ def test_silence_is_a_failure_that_names_what_went_on_and_the_port() -> None:
     b = Bench(reply_timeout_s=0.3)
     b.begin(MoveAt("stage", 0.002, 0.02))
     b.turn_until(lambda: b.stage._motion is not None)
-    b.inject("silent")
+    b.wire.silent = True
     reason = b.expect(Failed).reason
     assert reason == "no reply in 0.30 s while moving to 0.02 m; is the cable in /dev/stage?"
     b.stage.apply(MoveTo("stage", 0.0, 0.01))
@@ -524,7 +523,7 @@ def test_a_stage_that_falls_silent_is_noticed_with_and_without_a_command(
     b.wire.axis.place(b.clock.now(), 0.005)
     if command is not None:
         b.begin(command)
-    b.inject("silent")
+    b.wire.silent = True
     assert f"while {doing}" in b.expect(Failed).reason
 
 
