@@ -234,12 +234,6 @@ def test_what_cannot_be_is_refused(code: int, argument: int, status: int) -> Non
     assert Line().status(code, argument) == status
 
 
-def test_a_tendon_position_reaches_the_source() -> None:
-    line = Line()
-    line.status(BoardCode.TENDON, -1_250)
-    assert line.source.tendon_m == pytest.approx(-1.25e-3)
-
-
 def test_an_unknown_command_is_answered_as_unknown() -> None:
     line = Line()
     answer = line.board.receive(b"\0" + frame(b"\x80\x09\x05"), line.t_s)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.zaber_stage.codec import MICROSTEP_M, lrc
+from drivers.zaber_stage.codec import MICROSTEP_M
 from simulator.devices.zaber_stage import CONSTANTS, EmulatedZaberStage, EmulatedZaberStageSettings
 from simulator.physics.stage_axis import StageAxis
 
@@ -71,13 +71,6 @@ def test_a_wrong_checksum_another_address_or_another_protocol_is_dropped_silentl
     assert stage().receive(line, 0.0) == b""
 
 
-def test_replies_carry_a_checksum_once_that_is_set() -> None:
-    device = stage()
-    ask(device, "set comm.checksum 1", axis=0)
-    body, tail = ask(device, "get pos").strip("@\r\n").split(":")
-    assert int(tail, 16) == lrc(body.encode())
-
-
 @given(st.lists(st.integers(min_value=0, max_value=120), max_size=8))
 def test_the_answers_are_the_same_wherever_the_bytes_are_split(cuts: list[int]) -> None:
     stream = b"/1 1 01 get pos\n/1 1 02 move abs 1000\n\r\n/1 1 03 fly\n/1 1 04 get maxspeed\n/1 1 05 stop\n"
@@ -97,13 +90,6 @@ def test_a_move_is_busy_until_the_axis_stands_and_notifies_the_plant_of_its_plan
     assert " BUSY " in ask(device, "", 1.0 + 0.999 * duration_s)
     assert " IDLE " in ask(device, "", 1.0 + 1.001 * duration_s)
     assert ask(device, "get pos", 5.0).split()[-1] == "10000"
-
-
-def test_a_velocity_runs_to_the_travel_limit_and_no_further() -> None:
-    device = stage()
-    ask(device, "set limit.max 8000")
-    ask(device, "move vel 8389")
-    assert ask(device, "get pos", 100.0) == "@01 1 07 OK IDLE -- 8000\r\n"
 
 
 def test_a_stop_brakes_and_reports_that_the_movement_was_interrupted() -> None:
