@@ -1,14 +1,14 @@
 """Close on an object until both fingers feel it, release: a part of a trial (Rupavatharam et al., IV.A.2)."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from pydantic import Field
 
 from behaviors.machine import Row, StatePlan, on
 from behaviors.sonic import CONTACTS, SonicBehavior, SonicSettings
 from drivers.core.messages import Grip, Gripped, Release
-from drivers.core.settings import StreamName
+from drivers.core.settings import Mismatch, Settings, StreamName
 
 WIDER_M = 0.001
 """By how much jaws may hold wider than the object can be. Assumption: what their width and the mover's position are
@@ -35,6 +35,17 @@ class GripSettings(SonicSettings):
 
     hold_s: float = Field(default=1.0, ge=0.0, le=600.0)
     """How long the object is held."""
+
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterator[Mismatch]:
+        """What the gripper would refuse in the trial is refused before it."""
+        yield from super().mismatches(path, profile)
+        least_n, most_n = getattr(profile.get(("devices", self.gripper)), "forces_n", (0.0, math.inf))
+        if not least_n <= self.grip_force_n <= most_n:
+            range_n = f"{least_n:.3g} to {most_n:.3g} N"
+            mistake = f" = {self.grip_force_n}: {self.gripper} presses with {range_n}; write one of those"
+            yield Mismatch(path, "grip_force_n", mistake)
 
 
 def gripping_plans(

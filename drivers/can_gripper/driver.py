@@ -66,6 +66,11 @@ class CanGripperSettings(CanPort):
     object_hold_s: float = Field(default=0.03, ge=0.0, le=1.0)
     """How long something must hold the jaws to be an object: a start at full current looks like one for some ms."""
 
+    @property
+    def forces_n(self) -> tuple[float, float]:
+        """Least and greatest force that may be asked for."""
+        return units.FORCE_MIN_N, self.max_force_n
+
     @model_validator(mode="after")
     def _fed_in_time(self) -> Self:
         slowest_s = max(self.idle_interval_s, self.poll_interval_s) + self.reply_timeout_s

@@ -135,13 +135,13 @@ class Robotiq(WireDriver[SerialLink]):
         return True
 
     def _valid(self, command: Command) -> Command:
-        model = MODELS[self._settings.model]
-        least_m_s, most_n = model.speed_m_s[0], model.force_n[1]
-        max_force_n = min(most_n, self._settings.max_force_n or most_n)
+        least_m_s = MODELS[self._settings.model].speed_m_s[0]
         if isinstance(command, Grip | Release) and 0.0 < command.speed_m_s < least_m_s - ROUNDING_M:
             reason = f"it cannot go as slowly as {command.speed_m_s:g} m/s"
             raise CommandError(self.name, f"applying {command}", reason, f"choose {least_m_s:g} m/s or more")
-        return self._units.checked(self.name, command, self._settings.max_speed_m_s, max_force_n)
+        return self._units.checked(
+            self.name, command, self._settings.max_speed_m_s, self._settings.forces_n[1]
+        )
 
     def read(self) -> Sequence[SampleBlock]:
         """Widths that have arrived since the last call."""

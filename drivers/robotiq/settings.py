@@ -44,6 +44,12 @@ class RobotiqSettings(SerialPort):
             )
         return self
 
+    @property
+    def forces_n(self) -> tuple[float, float]:
+        """Least and greatest force that may be asked for."""
+        least_n, most_n = MODELS[self.model].force_n
+        return least_n, min(most_n, self.max_force_n or most_n)
+
     def units(self) -> RobotiqUnits:
         """Counts of this gripper with these fingers."""
         model = MODELS[self.model]

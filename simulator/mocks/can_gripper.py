@@ -10,6 +10,7 @@ from pydantic import Field
 from drivers.can_gripper.codec import DriveOrder
 from drivers.can_gripper.units import (
     FORCE_MAX_N,
+    FORCE_MIN_N,
     FORCE_N_PER_MA,
     LONGEST_S,
     POSITION_COUNTS,
@@ -56,6 +57,11 @@ class MockCanGripperSettings(Settings):
 
     object_hold_s: float = Field(default=0.03, ge=0.0, le=1.0)
     """How long something must hold the jaws to be an object, as in the real driver."""
+
+    @property
+    def forces_n(self) -> tuple[float, float]:
+        """Least and greatest force that may be asked for, as of the real driver."""
+        return FORCE_MIN_N, self.max_force_n
 
 
 class MockCanGripper(MockDriver):

@@ -4,8 +4,12 @@ import pytest
 
 from behaviors.events import LoadChanged, Resumed, SlipEnded, SlipStarted, Tick
 from behaviors.grasp import Grasp, GraspSettings
+from behaviors.grip import GripSettings
 from behaviors.search import SearchFactors
+from drivers.can_gripper.driver import CanGripperSettings
 from drivers.core.messages import Grip, Gripped, MovePose, Release, Stop, Twist
+from drivers.robotiq.settings import RobotiqSettings
+from simulator.mocks.can_gripper import MockCanGripperSettings
 from tests.unit.behaviors.driving import arm, jaws, lost, seen, still, tell, touch
 
 NAMES = frozenset({"left_ours", "right_ours", "left_contact", "right_contact", "slip", "load"})
@@ -251,3 +255,23 @@ def test_a_slip_before_the_lift_is_no_slip_of_the_object():
     assert behavior.state == "CLOSING"
     assert "slip" in behavior.plan.detectors, "it has learned in the rest what noise is"
     assert not behavior.handle(slip(11.5))
+
+
+@pytest.mark.parametrize(
+    ("gripper", "force_n", "says"),
+    [
+        (CanGripperSettings(port="can0"), 6.5, "gripper presses with 6.93 to 60.1 N"),
+        (CanGripperSettings(port="can0", max_force_n=20.0), 21.0, "6.93 to 20 N"),
+        (MockCanGripperSettings(), 6.5, "6.93 to 60.1 N"),
+        (RobotiqSettings(port="socket://10.0.0.1:63352", model="hand-e"), 19.0, "20 to 185 N"),
+    ],
+)
+def test_a_force_that_the_gripper_refuses_is_no_match(gripper, force_n, says):
+    def found(**settings):
+        return [*GripSettings(**settings).mismatches(("behavior",), {("devices", "gripper"): gripper})]
+
+    [mismatch] = found(grip_force_n=force_n)
+    assert mismatch.key == "grip_force_n"
+    assert says in mismatch.mistake
+    assert not found(grip_force_n=20.0)
+    assert not [*GripSettings(grip_force_n=force_n).mismatches(("behavior",), {})]
