@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from behaviors.events import Event
+from behaviors.events import Approached, Event, Forecast
 from behaviors.machine import Behavior
 from controller.console import PAUSED
 from controller.detectors.protocol import Detector, quantity_of
@@ -83,7 +83,13 @@ class LiveView:
     def lines(self, width: int = 80) -> list[str]:
         """The signal's line, no wider than that, and the margins'; nothing for what has not arrived."""
         margins = (f"{name} {value:.2f} of {limit:.1f} {unit}" for name, value, limit, unit in self.margins())
-        return [line for line in (self._signal_or_why_not(width), "  ".join(margins)) if line]
+        lines = (self._signal_or_why_not(width), "  ".join(margins), self._foreseen())
+        return [line for line in lines if line]
+
+    def _foreseen(self) -> str:
+        """What the approach under way will do at a touch, or what the last one did."""
+        newest = (event for event in reversed(self._events) if isinstance(event, Forecast | Approached))
+        return next(map(as_text, newest), "")
 
     def _signal_or_why_not(self, width: int) -> str:
         name = next(iter(self.deciding()), "")

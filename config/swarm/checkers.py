@@ -87,6 +87,16 @@ EXITS = (0, 1, 2, 3, 4, 130)
 """Exit codes that the reference of the command line documents."""
 
 
+ENDING = ("GuardStopped", "Failed", "Stalled")
+"""Events that end a trial, whatever its behavior makes of them."""
+
+AT_ONCE_S = 2.0 * 2.0 + 1.0
+"""How long a trial that nothing leads out of may take to its end: movers are looked at twice, for two seconds."""
+
+TOUCHES_N, BEFORE_S = 1e-3, 0.02
+"""What is a touch for certain, and how long before it is told: a turn of the slowest loop."""
+
+
 class Violation(NamedTuple):
     """What does not hold."""
 
@@ -196,17 +206,45 @@ def _outcomes(story: Any) -> Iterator[Violation]:
 def _ended(story: Any) -> Iterator[Violation]:
     """A trial that the guard stopped, or in which a device failed or stalled, ends as that: never as anything else."""
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
-    expected = {"GuardStopped": "guard", "Failed": "fault", "Stalled": "fault"}
     for event in story.events():
         number = event.get("trial")
         # what comes after the end, while everything is seen to stand still, ends no trial any more
-        if event.get("event") in expected and event["state"] not in ("DONE", "FAILED"):
+        if event.get("event") in (*ENDING, "Refused") and event["state"] not in ("DONE", "FAILED"):
             if outcomes.get(number) not in ("guard", "fault", "aborted"):
                 what = (
                     f"{event['event']}: {event.get('reason', '')[:80]}; the outcome is {outcomes.get(number)}"
                 )
                 yield Violation("DATA", "ended", number, event["t_s"], event["state"], what)
             return
+
+
+def _touched(story: Any) -> Iterator[Violation]:
+    """A contact is of a touch, and none that came after the touch is called false."""
+    outcomes = {int(row["trial"]): row for row in story.rows if row.get("detect_s")}
+    for trial in story.trials:
+        row = outcomes.get(trial.number)
+        forces = [(t_s, abs(each["force_n"])) for t_s, each in trial.samples if "force_n" in each]
+        if row is None or not forces or forces[0][1] > TOUCHES_N:
+            continue
+        told_s, touched_s = (
+            float(row["detect_s"]),
+            next((t_s for t_s, n in forces if n > TOUCHES_N), math.inf),
+        )
+        if row["outcome"] == "contact" and told_s < touched_s - BEFORE_S and not _of_loop(story, trial):
+            what = f"contact told at {told_s:.3f} s, there was none before {touched_s:.3f} s"
+            yield Violation("DATA", "touched", trial.number, told_s, state_at(trial, told_s), what)
+        if row["outcome"] == "false_contact" and touched_s < told_s - BEFORE_S:
+            what = f"called a false contact, told at {told_s:.3f} s; it touched at {touched_s:.3f} s"
+            yield Violation("DATA", "touched", trial.number, told_s, state_at(trial, told_s), what)
+
+
+def _spared(story: Any) -> Iterator[Violation]:
+    """Where nothing is wrong but a pause, no trial is given up."""
+    if {effect["kind"] for effect in story.effects} <= {"pause"} and story.exit_code in (0, 1):
+        for row in story.rows:
+            if row["outcome"] == "aborted":
+                what = f"nothing is wrong with the bench, and it ended as {row['outcome']}"
+                yield Violation("LIVENESS", "spared", int(row["trial"]), None, "", what)
 
 
 def _named(story: Any) -> Iterator[Violation]:
@@ -448,16 +486,22 @@ def _lied(story: Any, trial: Any, t_s: float) -> bool:
 def _ended_s(story: Any, number: int) -> float | None:
     """When the trial was ended by the guard or a failure."""
     for event in story.events():
-        if event.get("trial") == number and event.get("event") in ("GuardStopped", "Failed", "Stalled"):
+        if event.get("trial") == number and event.get("event") in ENDING:
             return float(event["t_s"])
     return None
 
 
 def _soon(story: Any) -> Iterator[Violation]:
     """A trial that the guard or a failure ended is over within the time that a way out may take."""
+    heeded = dict[int, bool]()
+    for event in story.events():
+        if event.get("event") in ENDING:
+            leads = event["next"] != event["state"] or bool(event.get("commands"))
+            heeded.setdefault(event["trial"], leads)
     for trial in story.trials:
         ended_s = _ended_s(story, trial.number)
-        if ended_s is not None and trial.samples and trial.samples[-1][0] > ended_s + WAY_OUT_S:
+        most_s = WAY_OUT_S if heeded.get(trial.number) else AT_ONCE_S
+        if ended_s is not None and trial.samples and trial.samples[-1][0] > ended_s + most_s:
             over_s = trial.samples[-1][0]
             if not any(effect["device"] in ("loop", "keys") for effect in story.effects):
                 what = f"it was ended at {ended_s:.3f} s and was over at {over_s:.3f} s"
@@ -655,7 +699,7 @@ def _of_loop(story: Any, trial: Any) -> bool:
 
 
 CHECKERS = (
-    *(_exit, _rows, _outcomes, _ended, _named, _required, _events, _recorded, _left),
+    *(_exit, _rows, _outcomes, _ended, _touched, _spared, _named, _required, _events, _recorded, _left),
     *(_still, _range, _stops, _force, _grip, _blind),
     *(_soon, _pauses, _outdated, _late, _unseen),
 )

@@ -10,12 +10,11 @@ from pathlib import Path
 
 from config.profile import load_profile
 from config.swarm import checkers
+from config.swarm.cells import Cell
 from config.swarm.checkers import Violation
 from config.swarm.plan import SCENES, Plan, drawn, known, possible
 from config.swarm.play import Story, memory, play
 from drivers.core.clock import monotonic_s
-
-Cell = tuple[str, str, str, str]
 
 SHRINKING_RUNS = 200
 """Most runs that make a failing plan smaller."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from config.faults import as_toml
 from config.profile import Profile, load_profile
 from config.source import flatten, nest
+from config.swarm.cells import MOVING, NEEDS, PLANS, Cell, had
 
 Settings = Mapping[str, Any]
 
@@ -22,13 +23,6 @@ TRIALS_MAX = 3
 
 STRIDE = 1_000_003
 """From a led seed's cell to the next one's: a prime beyond the number of cells, so that each has its turn."""
-
-MOVING = frozenset((
-    "APPROACH", "APPROACHING", "PLACING", "NUDGING", "RETRACTING", "ENTERING", "LEAVING", "OPENING", "CLOSING",
-    "SEEKING_FORWARD", "SEEKING_BACKWARD", "CENTERING", "DESCENDING", "PRESSING", "LOADING", "ROLLING", "SLIPPING",
-    "LIFTING", "SHAKING", "LOWERING",
-))  # fmt: skip
-"""States in which something moves: every second led seed goes there, for what goes wrong then does harm."""
 
 BENCH_WIDE = ("loop", "keys", "disk")
 """What goes wrong and is no device: see `simulator.devices.faults.OF_THE_BENCH`."""
@@ -44,11 +38,15 @@ class Excerpt(NamedTuple):
         weight: How often, beside the others.
         short: Settings that keep its trials short.
         drawn: Bounds between which settings are drawn; log-uniform where both are above 0.
+        extends: The profile `mock/…`, where it has another name.
+        behavior: Of the swarm's own, in place of the profile's.
     """
 
     weight: int
     short: Settings
     drawn: Mapping[str, tuple[float, float]]
+    extends: str = ""
+    behavior: str = ""
 
 
 _FINGER = {
@@ -66,21 +64,30 @@ _SONIC: Settings = {
     "loop.rate_hz": 50.0,
 }
 
+_TRANSIENT: Settings = {
+    "behavior.settle_s": 1.0,
+    "behavior.motion_timeout_s": 12.0,
+    "detectors.contact.threshold_sigma": 8.0,
+    "detectors.ours": "none",
+}
+
 SCENES: Mapping[str, Excerpt] = {
     "transient": Excerpt(
         8,
-        {
-            "behavior.settle_s": 1.0,
-            "behavior.motion_timeout_s": 12.0,
-            "detectors.contact.threshold_sigma": 8.0,
-            "detectors.ours": "none",
-        },
+        _TRANSIENT,
         {
             **_FINGER,
             "behavior.hold_s": (0.05, 0.4),
             "plant.noise_scale": (0.3, 1.5),
             "detectors.contact.threshold_sigma": (4.0, 100.0),
         },
+    ),
+    "reckless": Excerpt(
+        4,
+        _TRANSIENT,
+        {**_FINGER, "detectors.contact.threshold_sigma": (4.0, 100.0)},
+        "transient",
+        "config.swarm.reckless:Reckless",
     ),
     "first_contact": Excerpt(
         4,
@@ -99,12 +106,7 @@ SCENES: Mapping[str, Excerpt] = {
     ),
     "transient_arm": Excerpt(
         5,
-        {
-            "behavior.settle_s": 1.0,
-            "behavior.motion_timeout_s": 12.0,
-            "detectors.contact.threshold_sigma": 8.0,
-            "detectors.ours": "none",
-        },
+        _TRANSIENT,
         {**_FINGER, "behavior.hold_s": (0.05, 0.4)},
     ),
     "pretouch": Excerpt(2, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),
@@ -127,7 +129,8 @@ SCENES: Mapping[str, Excerpt] = {
         {"behavior.swing_s": (0.2, 1.0), "behavior.record_s": (0.1, 0.5)},
     ),
 }
-"""By experiment, each of the profile `mock/NAME`. Those with few trials a CPU second are drawn seldom."""
+"""By name, each of the profile `mock/NAME` if it does not say another. Those with few trials a CPU second are drawn
+seldom."""
 
 
 @dataclass(frozen=True)
@@ -150,13 +153,15 @@ class Plan:
     def toml(self, comment: str = "") -> str:
         """As a profile."""
         grid = {key: [self.trials[0][key]] for key in known(self.experiment).grid}
+        scene = SCENES[self.experiment]
         rows = ", ".join(
             _table({key: value for key, value in row.items() if key not in grid}) for row in self.trials
         )
         return "\n".join(
             [
                 f"# {comment or f'seed {self.seed} of the swarm'}",
-                f'extends = "mock/{self.experiment}"',
+                f'extends = "mock/{scene.extends or self.experiment}"',
+                *([f'experiment = "{scene.behavior}"'] if scene.behavior else []),
                 *(f"{section} = {_table(table)}" for section, table in nest(self.settings.items()).items()),
                 f'trials = {{ order = "listed", repeats = 1, list = [{rows}], grid = {_table(grid)} }}',
                 f"faults = {as_toml(self.faults)}",
@@ -192,6 +197,7 @@ class Known(NamedTuple):
         states: In which a fault may begin.
         faults: What can go wrong: device and kind.
         used: Devices that a trial opens, by its factors.
+        had: See `config.swarm.cells.had`.
     """
 
     profile: Profile
@@ -200,17 +206,20 @@ class Known(NamedTuple):
     states: Sequence[str]
     faults: Sequence[tuple[str, str]]
     used: Mapping[tuple[Any, ...], frozenset[str]]
+    had: Mapping[tuple[str, str], frozenset[str]]
 
 
 @cache
 def known(experiment: str) -> Known:
     """What is drawn from, of an experiment."""
-    from config.assemble import used_by
+    from config.assemble import plan_campaign, used_by
     from controller.own_modules import found
     from controller.registry import experiment_of, row
     from simulator.devices.faults import OF_THE_BENCH
 
-    profile = load_profile(f"mock/{experiment}", {})
+    scene = SCENES[experiment]
+    own = {"experiment": scene.behavior} if scene.behavior else {}
+    profile = load_profile(f"mock/{scene.extends or experiment}", own)
     trials = profile.trials(0)
     needs = [(trial, needed.devices) for _, trial, needed in used_by(profile, trials)]
     used = {tuple(trial.factors.items()): devices & profile.devices.keys() for trial, devices in needs}
@@ -221,6 +230,8 @@ def known(experiment: str) -> Known:
     faults += [(name, kind) for name, kinds in OF_THE_BENCH.items() for kind in kinds]
     grid = list(dict(flatten(profile.source.data.get("trials", {}).get("grid", {}))))
     states = found(experiment_of(profile.experiment).made).states
+    different = {(devices, *_words(trial.factors)): trial for trial, devices in needs}
+    planned = plan_campaign(profile, list(different.values())[:PLANS], 0).trials
     return Known(
         profile,
         [dict(trial.factors) for trial in trials],
@@ -228,18 +239,24 @@ def known(experiment: str) -> Known:
         [str(state) for state in states],
         faults,
         used,
+        had(list(planned)),
     )
 
 
+def _words(factors: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield from ((key, value) for key, value in factors.items() if isinstance(value, str))
+
+
 @cache
-def possible() -> tuple[tuple[str, str, str, str], ...]:
-    """Every cell of the coverage: experiment, state, device, kind of fault."""
+def possible() -> tuple[Cell, ...]:
+    """The cells of the coverage that can be: what a kind of fault needs is there in that state, by `NEEDS`."""
     return tuple(
         (name, state, device, kind)
         for name in SCENES
         for state in known(name).states
         if state not in ("DONE", "FAILED")
         for device, kind in known(name).faults
+        if kind not in NEEDS or known(name).had.get((state, device), frozenset()) & {*NEEDS[kind]}
     )
 
 

@@ -1,5 +1,6 @@
 """How a run was run: from its manifest, nothing left out."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -37,9 +38,27 @@ def facts_of(run: Run) -> list[tuple[str, str]]:
         ("clock", _CLOCK.get(str(manifest.get("clock")), str(manifest.get("clock", "?")))),
         ("ended", status + reason),
         ("outcomes", counted(manifest.get("outcomes") or {}, run.successes)),
+        ("forecast", _foreseen(run)),
     ]
     rest = {name: value for name, value in manifest.items() if name not in _SHOWN_ELSEWHERE}
     return facts + [(name, text) for name, text in _flat(rest) if text]
+
+
+def _foreseen(run: Run) -> str:
+    """What was forecast of the approaches, and what they did; "none" where no stiffness or no force limit was known."""
+    foreseen = [event for event in run.events if event["event"] == "Forecast"]
+    did = [event for event in run.events if event["event"] == "Approached"]
+    if not foreseen or not did:
+        return "none"
+
+    def most(events: Sequence[Mapping[str, Any]], key: str) -> str:
+        known = [value for event in events if math.isfinite(value := event.get(key) or 0.0)]
+        return f"{max(known, default=math.nan):.3g}"
+
+    return (
+        f"{len(foreseen)} approaches; of a touch {most(foreseen, 'most_n')} N at the most, {most(did, 'pressed_n')} N"
+        f" pressed; {most(foreseen, 'travel_m')} m at the most after the stop, {most(did, 'travel_m')} m gone"
+    )
 
 
 _ENDS = {

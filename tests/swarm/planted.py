@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from config.swarm.hunt import Hunt, deep_of, examined
 from config.swarm.plan import drawn
 
-QUICK = ("transient", "static", "transient_arm")
+QUICK = ("transient", "static", "transient_arm", "reckless")
 """Experiments of which a seed costs a tenth of a second."""
 
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from behaviors.events import Approached, Forecast
 from controller.detectors.protocol import Quantity
 from controller.guard import GuardSettings
 from controller.live_view import BARS, SPARKS, LiveView, sparkline
@@ -42,6 +43,14 @@ def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margin
     assert sum(letter in BARS for letter in wide) == SPARKS
     assert signal.endswith("28 Hz  contact 28.02 of 28.13")
     assert margins == "force 0.04 of 2.0 N  travel 3.10 of 12.0 mm"
+
+
+def test_what_an_approach_will_do_is_shown_until_it_has_done_it():
+    events = [Forecast(0.1, "stage", 0.004, 0.0003, None, 1.5)]
+    view = LiveView(TrialRecording(1), {}, GuardSettings(travel_m=0.012), events=events)
+    assert view.lines() == ["stage: forecast, speed 4 mm/s, travel 0.3 mm, most 1.5 N"]
+    events.append(Approached(0.9, "stage", 0.0002, 0.15))
+    assert view.lines() == ["stage: approached, travel 0.2 mm, pressed 0.15 N"]
 
 
 def test_what_decides_is_shown_whatever_the_profiles_order():

@@ -1,3 +1,4 @@
+import math
 import re
 import shutil
 import subprocess
@@ -5,6 +6,7 @@ import sys
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,6 +26,7 @@ from controller.reports.first_screen import headline_of
 from controller.reports.hero import hero_of
 from controller.reports.papers import headlines
 from controller.reports.report import build_report, build_report_with_summary
+from controller.reports.run_account import facts_of
 from controller.reports.section import Kind, Printed, Result
 from controller.reports.settings import settings_table
 from controller.reports.transient import section
@@ -630,3 +633,17 @@ def test_a_grasp_opens_with_grip_over_least_force(tmp_path):
     found = headline_of("grasp", [replace(run, trials=rows)], [], None)
     assert (found.ours, found.of) == ("1.35", "median of 6; less is better")
     assert found.interval == "1.1 to 1.6", "of six the least and the largest: 96.9 %"
+
+
+def test_what_was_forecast_of_approaches_stands_beside_what_they_did():
+    events = [
+        {"event": "Forecast", "travel_m": 0.0003, "peak_n": None, "most_n": 1.5},
+        {"event": "Approached", "travel_m": 0.0002, "pressed_n": 0.15},
+        {"event": "Forecast", "travel_m": 0.0001, "peak_n": None, "most_n": 0.5},
+        {"event": "Approached", "travel_m": math.nan, "pressed_n": 0.1},
+    ]
+    facts = dict(facts_of(SimpleNamespace(manifest={}, successes=None, events=events)))
+    assert facts["forecast"] == (
+        "2 approaches; of a touch 1.5 N at the most, 0.15 N pressed; 0.0003 m at the most after the stop, 0.0002 m gone"
+    )
+    assert dict(facts_of(SimpleNamespace(manifest={}, successes=None, events=[])))["forecast"] == "none"

@@ -1,0 +1,45 @@
+"""A behavior that the swarm alone runs: it makes nothing of what ended its trial, and then drives on.
+
+Shipped behaviors stop their movers themselves: with them alone, a loop or a guard that does not would not show.
+"""
+
+from behaviors.machine import StatePlan, from_mover, on
+from behaviors.transient import Transient, TransientFactors, TransientSettings
+from controller.measures.transient import COLUMNS, measure
+from drivers.core.messages import MoveAt
+
+__all__ = ["COLUMNS", "OUTCOMES", "Reckless", "TransientFactors", "TransientSettings", "measure"]
+
+OUTCOMES = {"contact": True, "no_contact": False, "false_contact": False}
+
+HEEDLESS_S = 0.5
+"""How long it does nothing: more than a mover takes to brake."""
+
+_MOVING = ("HOMING", "STARTING", "APPROACH", "RETRACTING")
+_RESTING = ("SETTLING", "BASELINE", "STOPPING", "HOLDING")
+_BROKEN = ("guard_stopped", "failed", "stalled")
+
+
+class Reckless(Transient):
+    """An approach until contact. What ends it is not heeded for a while; then it goes farther in."""
+
+    def _plan(self) -> dict[str, StatePlan]:
+        on_the_way = StatePlan(self.settings.motion_timeout_s, measures=self._measured)
+        return {
+            **super()._plan(),
+            "HEEDLESS": StatePlan(HEEDLESS_S, measures=self._measured),
+            "DRIVING_ON": on_the_way,
+        }
+
+    def enter_DRIVING_ON(self) -> None:
+        """Farther in."""
+        self.command(MoveAt(self.settings.mover, self.settings.position_speed_m_s, self._limit_m))
+
+    table = (
+        *Transient.table,
+        *(on(trigger, _MOVING, "HEEDLESS") for trigger in _BROKEN),
+        *(on(trigger, _RESTING, None) for trigger in _BROKEN),
+        on("deadline", "HEEDLESS", "DRIVING_ON"),
+        on("reached", "DRIVING_ON", "FAILED", from_mover),
+        on("resumed", ["HEEDLESS", "DRIVING_ON"], "FAILED"),
+    )
