@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import shutil
 import tempfile
 import threading
@@ -49,6 +50,7 @@ class TrueTrial:
         end_s: When its row was written.
         outcome: In that row.
         moving: Places that still changed then, m/s.
+        touched_s: When the finger was touched first, bench time; infinite: never; None where there is no finger.
     """
 
     number: int
@@ -57,6 +59,7 @@ class TrueTrial:
     end_s: float = 0.0
     outcome: str = ""
     moving: Mapping[str, float] = field(default_factory=dict)
+    touched_s: float | None = None
 
 
 @dataclass
@@ -187,6 +190,9 @@ class Onlooker:
             for each_s in np.arange(since_s + HALT_STEP_S, min(t_s, since_s + HALT_S), HALT_STEP_S).tolist():
                 samples.append((each_s, {"axis_m": mover.position(each_s)}))
         samples.append((t_s, self._places(t_s)))
+        if hasattr(self._bench, "contacts"):
+            touches_s = [touch_s for touch_s, made in self._bench.contacts if made]
+            self.trials[-1].touched_s = min(touches_s, default=math.inf)
 
     def campaign_ended(self, line: str) -> None:
         """See `Console`: the movers are looked at a moment later, before another trial or the end of the process."""
