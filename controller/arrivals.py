@@ -106,7 +106,7 @@ class Arrivals:
             since_s, limit_s, urgent = self._limit_s(stream, seen_s)
             if t_s - since_s - (0.0 if urgent else late_s) > limit_s:
                 reason = (
-                    f"{self._named(stream)} is silent for {t_s - seen_s:.3f} s, since {seen_s:.3f} s"
+                    f"{self.named(stream)} is silent for {t_s - seen_s:.3f} s, since {seen_s:.3f} s"
                     f" (limits.stale_s = {self._stale_s:g}); {REMEDY}"
                 )
                 return Failed(t_s, self._device(stream), reason)
@@ -147,7 +147,8 @@ class Arrivals:
         )
         return Failed(last_s, self._device(block.stream), reason)
 
-    def _named(self, stream: str) -> str:
+    def named(self, stream: str) -> str:
+        """A stream, and of which others it is made."""
         made_of = self._sources.get(stream)
         return f"{stream} (of {', '.join(made_of)})" if made_of else stream
 

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from behaviors.events import (
     Approached,
+    BaselineRefused,
     Detected,
     Event,
     Forecast,
@@ -524,11 +525,18 @@ class Loop:
                         events = detector.push(block)
                     except ValueError as error:
                         raise UnfitStreamError(f"{detector.name}: {error}") from error
-                    found += events
+                    found += [self._named(event, detector) for event in events]
                     read = readings_of(detector)
                     if len(read):
                         readings.append((detector.name, read, [event.t_s for event in events]))
         return found, readings
+
+    def _named(self, event: Detected, detector: Detector) -> Detected:
+        """Of what a refused baseline was: the device that is wrong is to be found in the reason."""
+        if not isinstance(event, BaselineRefused):
+            return event
+        of = ", ".join(map(self._guard.arrivals.named, detector.inputs))
+        return replace(event, reason=f"{of}: {event.reason}")
 
     def _record_readings(self, readings: Iterable[tuple[str, Floats, list[float]]]) -> None:
         for reading in readings:

@@ -228,8 +228,12 @@ def _touched(story: Any) -> Iterator[Violation]:
 
 
 def _spared(story: Any) -> Iterator[Violation]:
-    """Where nothing is wrong but a pause, no trial is given up."""
-    if {effect["kind"] for effect in story.effects} <= {"pause"} and story.exit_code in (0, 1):
+    """Where nothing is wrong but a pause, no trial is given up, but for what cannot be slipped over twice."""
+    if (
+        story.plan.experiment != "slip"
+        and {effect["kind"] for effect in story.effects} <= {"pause"}
+        and story.exit_code in (0, 1)
+    ):
         for row in story.rows:
             if row["outcome"] == "aborted":
                 what = f"nothing is wrong with the bench, and it ended as {row['outcome']}"

@@ -56,13 +56,15 @@ _FINGER = {
     "limits.force_n": (0.03, 2.0),
 }
 _SONIC: Settings = {
-    "behavior.clear_m": 0.01,
     "behavior.handling_speed_m_s": 0.05,
     "behavior.open_speed_m_s": 0.05,
     "behavior.hold_s": 0.2,
     "behavior.motion_timeout_s": 12.0,
     "loop.rate_hz": 50.0,
 }
+
+_NEAR: Settings = {**_SONIC, "behavior.clear_m": 0.01, "behavior.baseline_s": 1.0}
+"""What stands between the fingers would be held while the jaws find their ends: not where they close on it."""
 
 _TRANSIENT: Settings = {
     "behavior.settle_s": 1.0,
@@ -109,8 +111,8 @@ SCENES: Mapping[str, Excerpt] = {
         _TRANSIENT,
         {**_FINGER, "behavior.hold_s": (0.05, 0.4)},
     ),
-    "pretouch": Excerpt(2, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),
-    "touch": Excerpt(1, {**_SONIC, "behavior.baseline_s": 1.0}, {"limits.stale_s": (0.06, 0.2)}),
+    "pretouch": Excerpt(2, _NEAR, {"limits.stale_s": (0.06, 0.2)}),
+    "touch": Excerpt(1, _NEAR, {"limits.stale_s": (0.06, 0.2)}),
     "centering": Excerpt(1, _SONIC, {"behavior.grip_force_n": (7.0, 14.0)}),
     "grasp": Excerpt(1, {**_SONIC, "behavior.lift_speed_m_s": 0.03}, {"behavior.grip_force_n": (7.0, 12.0)}),
     "slip": Excerpt(

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from behaviors.events import Contact, GuardStopped, Paused, Resumed, Tick
+from behaviors.events import BaselineRefused, Contact, GuardStopped, Paused, Resumed, Tick
 from behaviors.machine import Behavior, Row, StatePlan, on
 from controller import loop as loop_module
 from controller.guard import Guard, GuardRefusal, GuardSettings
@@ -1218,6 +1218,12 @@ def test_a_pause_from_before_the_trial_is_kept_until_a_request_comes(bench, rest
         assert bench.shown[:2] == [("PAUSED", 0.0), ("REST", 0.0)]
     assert restless == [loop_module.KEY_INTERVAL_S] * 3
     assert bench.behavior.outcome == outcome
+
+
+def test_a_baseline_that_is_refused_says_of_which_stream(bench):
+    bench.detector.push = lambda block: [BaselineRefused(block.t0_s, "contact", 1.0, 0.5, "no variance")]
+    bench.run()
+    assert bench.behavior.reason == "contact baseline refused: board.force: no variance"
 
 
 # --- beyond the second tier of force, and what was forecast

@@ -114,3 +114,7 @@ def test_brackets_that_reach_too_far_are_refused() -> None:
 def test_a_watchdog_that_one_lost_answer_would_trip_is_refused() -> None:
     with pytest.raises(ValidationError, match="one lost answer would open the grip"):
         CanGripperSettings(port="can0", watchdog_s=0.25)
+
+
+def test_forces_that_may_be_asked_for_are_the_drives_least_and_the_settings_most():
+    assert CanGripperSettings(port="can0", max_force_n=20.0).forces_n == (pytest.approx(150 * 0.0462), 20.0)
