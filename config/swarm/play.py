@@ -8,6 +8,7 @@ import math
 import shutil
 import tempfile
 import threading
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -274,7 +275,9 @@ def played(
         campaign = replace(campaign, trials=_noted(campaign.trials, story.measured))
         rig = build_rig(profile, devices=campaign.devices)
         try:
-            outcome = Campaign(campaign, witness.attach(rig), witness, folder / "runs", before).run()
+            with warnings.catch_warnings():  # a person would read them amid the run, and know no more
+                warnings.simplefilter("error", RuntimeWarning)
+                outcome = Campaign(campaign, witness.attach(rig), witness, folder / "runs", before).run()
         finally:
             witness.rest()
         story.folder, story.exit_code, story.line = outcome.folder, outcome.exit_code, outcome.line
