@@ -426,8 +426,9 @@ def _left(story: Any) -> Iterator[Violation]:
 # --- safety ----------------------------------------------------------------------------------------
 
 
-def _beyond_reach(story: Any, trial: Any, device: str = "mover") -> float:
-    """From when on nobody reaches the mover: its line is cut, or it answers late; infinite where that never is."""
+def _beyond_reach(story: Any, trial: Any, device: str = "mover", from_s: float = 0.0) -> float:
+    """From when on nobody reaches the mover: its line is cut, or it answers late, or the loop is; infinite where that
+    never is. A turn that was late once, before `from_s`, does not count."""
     mover = story.profile["behavior"].get(device)
     kinds = ("silent", "unplug", "lose", "corrupt", "late", "refuse", "double")
     times = [
@@ -439,6 +440,7 @@ def _beyond_reach(story: Any, trial: Any, device: str = "mover") -> float:
         effect["effect_s"]
         for effect in story.effects
         if effect["trial"] == trial.number and effect["device"] == "loop"
+        if "every_s" in effect or effect["effect_s"] >= from_s
     ]
     return min(times, default=math.inf)
 
@@ -558,9 +560,37 @@ def _late(story: Any) -> Iterator[Violation]:
                 yield Violation("SAFETY", "late", trial.number, effect["effect_s"], "", what)
 
 
+def _at_once(story: Any) -> Iterator[Violation]:
+    """In the turn in which the guard or a failure ends a trial its mover is told to stop, whatever follows."""
+    mover, half_turn_s = story.profile["behavior"].get("mover"), 0.5 / story.profile["loop"]["rate_hz"]
+    told_s: dict[int, list[float]] = {}
+    for event in story.events():
+        if event.get("event") == "Sent" and event["command"].startswith(f"Stop({mover}"):
+            told_s.setdefault(event["trial"], []).append(event["t_s"])
+    trials = {trial.number: trial for trial in story.trials}
+    for event in story.events():
+        trial = trials.get(event.get("trial", 0))
+        if trial is None or event.get("event") not in ("GuardStopped", "Failed") or not mover:
+            continue
+        if (
+            event["state"] in ("DONE", "FAILED")
+            or _beyond_reach(story, trial, from_s=event["t_s"]) < math.inf
+        ):
+            continue
+        if not any(abs(t_s - event["t_s"]) < half_turn_s for t_s in told_s.get(trial.number, ())):
+            what = f"{event['event']} at {event['t_s']:.4f} s, and {mover} was not told to stop then"
+            yield Violation("SAFETY", "at once", trial.number, event["t_s"], event["state"], what)
+
+
 def _unseen(story: Any) -> Iterator[Violation]:
-    """Where a mover cannot be asked any more at the end, the line says that nobody saw it standing still."""
+    """Where a mover cannot be asked any more at the end, the line says that nobody saw it standing still; and where
+    nothing was wrong with it, the line does not."""
     mover = story.profile["behavior"].get("mover")
+    wrong = {effect["device"] for effect in story.effects}
+    if mover and f"NOT seen standing still: {mover}" in story.line and not wrong & {mover, "loop", "disk"}:
+        yield Violation(
+            "SAFETY", "unseen", *_where(story), f"nothing was wrong with {mover}; it says: {story.line}"
+        )
     for effect in story.effects:
         gone = effect["kind"] in ("silent", "unplug") and "for_s" not in effect and effect["device"] == mover
         last = story.trials[-1].number == effect["trial"] if story.trials else False
@@ -575,11 +605,8 @@ def _stops(story: Any) -> Iterator[Violation]:
         ended_s = _ended_s(story, trial.number)
         if ended_s is None:
             continue
-        wrong = {effect["device"] for effect in story.effects if effect["trial"] == trial.number}
-        if "loop" in wrong:
-            continue
         for place, device, sign in (("axis_m", "mover", 1.0), ("width_m", "gripper", -1.0)):
-            if _beyond_reach(story, trial, device) < math.inf:
+            if _beyond_reach(story, trial, device, ended_s) < math.inf:
                 continue
             farthest = -math.inf
             for t_s, places in trial.samples:
@@ -694,7 +721,7 @@ def _of_loop(story: Any, trial: Any) -> bool:
 CHECKERS = (
     *(_exit, _rows, _outcomes, _ended, _touched, _spared, _named, _required, _events, _recorded, _left),
     *(_still, _range, _stops, _force, _grip, _blind),
-    *(_soon, _pauses, _outdated, _late, _unseen),
+    *(_soon, _pauses, _outdated, _late, _at_once, _unseen),
 )
 
 # --- two stories -----------------------------------------------------------------------------------

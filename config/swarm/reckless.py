@@ -15,13 +15,13 @@ OUTCOMES = {"contact": True, "no_contact": False, "false_contact": False}
 HEEDLESS_S = 0.5
 """How long it does nothing: more than a mover takes to brake."""
 
-_MOVING = ("HOMING", "STARTING", "APPROACH", "RETRACTING")
-_RESTING = ("SETTLING", "BASELINE", "STOPPING", "HOLDING")
+_ON = ("APPROACH", "RETRACTING")
+_DEAF = ("HOMING", "STARTING", "SETTLING", "BASELINE", "STOPPING", "HOLDING")
 _BROKEN = ("guard_stopped", "failed", "stalled")
 
 
 class Reckless(Transient):
-    """An approach until contact. What ends it is not heeded for a while; then it goes farther in."""
+    """An approach until contact. What ends it is not heeded, or for a while: then it goes farther in."""
 
     def _plan(self) -> dict[str, StatePlan]:
         on_the_way = StatePlan(self.settings.motion_timeout_s, measures=self._measured)
@@ -37,8 +37,8 @@ class Reckless(Transient):
 
     table = (
         *Transient.table,
-        *(on(trigger, _MOVING, "HEEDLESS") for trigger in _BROKEN),
-        *(on(trigger, _RESTING, None) for trigger in _BROKEN),
+        *(on(trigger, _ON, "HEEDLESS") for trigger in _BROKEN),
+        *(on(trigger, _DEAF, None) for trigger in _BROKEN),
         on("deadline", "HEEDLESS", "DRIVING_ON"),
         on("reached", "DRIVING_ON", "FAILED", from_mover),
         on("resumed", ["HEEDLESS", "DRIVING_ON"], "FAILED"),

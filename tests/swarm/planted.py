@@ -15,6 +15,7 @@ import time
 from importlib import import_module
 from typing import Any, NamedTuple
 
+from behaviors.machine import _machine
 from config.swarm.hunt import Hunt, deep_of, examined
 from config.swarm.plan import drawn
 
@@ -112,6 +113,7 @@ def plant(defect: Planted) -> None:
     for other in list(sys.modules.values()):  # a function is imported by its name
         if owner is module and getattr(other, name, None) is not None and other is not module:
             setattr(other, name, scope[name])
+    _machine.cache_clear()  # behaviors that were made have the methods from before
 
 
 def found(seeds: int, seconds: float) -> dict[str, Any]:
