@@ -203,8 +203,11 @@ def _outcomes(story: Any) -> Iterator[Violation]:
 def _ended(story: Any) -> Iterator[Violation]:
     """A trial that the guard stopped, or in which a device failed or stalled, ends as that: never as anything else."""
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
+    full = any(effect["device"] == "disk" for effect in story.effects)
     for event in story.events():
         number = event.get("trial")
+        if full and number not in outcomes:
+            return
         # what comes after the end, while everything is seen to stand still, ends no trial any more
         if event.get("event") in (*ENDING, "Refused") and event["state"] not in ("DONE", "FAILED"):
             if outcomes.get(number) not in ("guard", "fault", "aborted"):
