@@ -307,25 +307,34 @@ class _Feed:
             self._loop.run_until_complete(self._serve(door))
 
     async def _serve(self, door: socket.socket) -> None:
-        server = await asyncio.start_unix_server(self._attend, sock=door, limit=COMMAND_BYTES)
+        door.setblocking(False)
+        self._loop.add_reader(door, self._let_in, door)
         await self._ending
-        server.close()
+        self._loop.remove_reader(door)
+        door.close()
         self._path.unlink(missing_ok=True)
-        # whoever is being let in is served as well: a task of the library's, then one of ours
         while others := asyncio.all_tasks() - {asyncio.current_task()}:
             _, deaf = await asyncio.wait(others, timeout=PUBLISH_S)
             for client in deaf:
                 client.cancel()
 
-    async def _attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Serve a client until it leaves, cannot be shown something, or the run ends."""
-        task = asyncio.current_task()
-        assert task is not None
-        writer.transport.set_write_buffer_limits(0)  # nothing more is made before the last message is out
-        if len(self._clients) >= CLIENTS:
-            writer.transport.abort()
+    def _let_in(self, door: socket.socket) -> None:
+        """Take a client. The library's own server loses one that comes in the turn in which it is closed."""
+        try:
+            peer, _ = door.accept()
+        except OSError:  # it has left
             return
+        if len(self._clients) >= CLIENTS:
+            peer.close()
+            return
+        task = self._loop.create_task(self._attend(peer))
         self._clients.add(task)
+        task.add_done_callback(self._clients.discard)
+
+    async def _attend(self, peer: socket.socket) -> None:
+        """Serve a client until it leaves, cannot be shown something, or the run ends."""
+        reader, writer = await asyncio.open_connection(sock=peer, limit=COMMAND_BYTES)
+        writer.transport.set_write_buffer_limits(0)  # nothing more is made before the last message is out
         listening = asyncio.create_task(self._listen(reader, writer))
         try:
             await self._publish(listening, writer)
@@ -333,7 +342,6 @@ class _Feed:
             return  # it left, or is deaf; or a detector of the user's own: it ends neither run nor thread
         finally:
             listening.cancel()
-            self._clients.discard(task)
             writer.transport.abort()  # what is to arrive has left; a deaf client's rest would keep the socket open
 
     async def _publish(self, listening: asyncio.Task[None], writer: asyncio.StreamWriter) -> None:

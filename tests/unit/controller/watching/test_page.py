@@ -9,6 +9,7 @@ import warnings
 from contextlib import closing
 from datetime import UTC, datetime
 from http.client import HTTPConnection
+from itertools import count
 from pathlib import Path
 from threading import Thread
 from time import sleep
@@ -211,10 +212,12 @@ def test_the_end_leaves_no_socket_open_whoever_is_there(run, monkeypatch):
         warnings.simplefilter("always", ResourceWarning)
         peers = [watcher(run) for _ in range(CLIENTS - 1)]  # none of them reads
         assert all(peer.recv(1) for peer in peers)
-        coming = [watcher(run) for _ in range(CLIENTS)]
+        coming = Thread(target=lambda: all(alive(run.folder) for _ in count()))
+        coming.start()
         run.end()
+        coming.join(20.0)
         gc.collect()
-    for peer in (*peers, *coming):
+    for peer in peers:
         peer.close()
     assert [str(one.message) for one in left_open if SOCKET in str(one.message)] == []
 
