@@ -33,15 +33,15 @@ class EmulatedNiDaq:
         self._analog = len(settings.analog)
         self._excite = part(bench, "excite", DEVICE) if settings.drive else None
         self._begun_s: float | None = None
-        self.next = 0
+        self.next, self._on = 0, False
         self.watch(True, 0.0)
 
     def watch(self, on: bool, t_s: float) -> None:
         """Whether anybody looks from `t_s` on: in process, what nobody looks at need not be computed."""
+        if on and not self._on and self._begun_s is not None:
+            self.next = self._taken(t_s)
         self._on = on
         self._shown.watch(on)
-        if self._begun_s is not None:
-            self.next = self._taken(t_s)
 
     def due_s(self, samples: int) -> float:
         """When it will have taken so many samples more."""

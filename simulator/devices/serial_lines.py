@@ -47,14 +47,14 @@ class EmulatedSerialLines:
         self._shown = ShownColumns(settings.streams, bench, DEVICE)
         self._fields = ["0"] * settings.fields
         self._first_s: float | None = None
-        self._next = 0
+        self._next, self._on = 0, False
         self.watch(True, 0.0)
 
     def watch(self, on: bool, t_s: float) -> None:
         """Whether anybody looks from `t_s` on: in process, what nobody looks at need not be computed."""
-        self._on = on
+        turned, self._on = on and not self._on, on
         self._shown.watch(on)
-        if self._first_s is not None:
+        if turned and self._first_s is not None:
             self._next = math.floor((t_s - self._first_s) * self._rate_hz + 1e-9) + 1
 
     @property

@@ -2,12 +2,19 @@
 
 import csv
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from config.profile import load_profile
+from drivers.core.clock import VirtualClock
+from drivers.core.messages import Lost
+from simulator.devices.faults import FaultSchedule
+from simulator.mocks.ni_daq import MockNiDaq
+from simulator.mocks.serial_lines import MockSerialLines
+from tests.contracts.crank import Crank
 from tests.refusals import check_refusal
 
 PROFILE = Path("tests/data/serial_lines.toml")
@@ -84,6 +91,31 @@ def test_contacts_stop_the_stage(rows: Any, profile: Path) -> None:
     found = rows(profile, "behavior.settle_s=2.0", "trials.repeats=1", f"trials.list={trials}")
     assert [row["outcome"] for row in found] == ["contact", "contact"]
     assert all(0.0 < float(row["delay_s"]) < 0.1 for row in found)
+
+
+@pytest.mark.parametrize(
+    ("mock", "profile", "kept", "dropped"),
+    [
+        (MockSerialLines, PROFILE, "uno.force", "uno.accelerometer"),
+        (MockNiDaq, ANALOG, "daq.force", "daq.accelerometer"),
+    ],
+)
+def test_no_sample_of_a_stream_is_lost_where_another_is_no_longer_listened_to(
+    mock: Any, profile: Path, kept: str, dropped: str
+) -> None:
+    """At every place in a block of ten samples."""
+    loaded, clock = load_profile(profile, {}), VirtualClock()
+    name = kept.partition(".")[0]
+    plant = loaded.plant.made(loaded.plant.settings)
+    crank = Crank(mock(name, loaded.devices[name].settings, clock, plant, FaultSchedule(())), clock)
+    for _ in range(12):
+        crank.listen(kept, dropped)
+        crank.turn(0.05)
+        crank.listen(kept)
+        crank.turn(0.053)
+    assert not crank.of(Lost)
+    blocks = crank.blocks_of(kept)
+    assert all(after.seq == before.seq + len(before) for before, after in pairwise(blocks))
 
 
 def test_static_contacts_are_told_apart(rows: Any, tmp_path: Path) -> None:
