@@ -246,7 +246,7 @@ def _listen(
 
 def _identity(name: str, info: DeviceInfo) -> Finding:
     known = [info.model, info.serial and f"serial {info.serial}", info.version and f"version {info.version}"]
-    details = [f"{key} {_shown(value)}".rstrip() for key, value in info.details.items()]
+    details = [f"{key} {said}" for key, value in info.details.items() if (said := _shown(value))]
     return Finding("ok", f"{name}: {', '.join(part for part in [*known, *details] if part)}")
 
 

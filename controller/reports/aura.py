@@ -25,11 +25,12 @@ from controller.reports.counts import (
     title,
     total,
     under,
+    values,
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
 from controller.reports.papers import BEST_HZ, CONTACT, PRE_TOUCH
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Result, Section, judged
+from controller.reports.section import Headline, Kind, Result, Section, judged, rated
 
 SIDES = ("normal", "back", "front", "top", "bottom")
 DEAF = "top"
@@ -91,7 +92,26 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         template="aura",
         paper="rupavatharam",
         summary=_summary(hard, nothing, unknown, run.simulated),
+        headline=_headline(there, bool(setting_of(run, "behavior", "touch"))),
     )
+
+
+def _headline(there: Rows, touching: bool) -> Headline | None:
+    """What our detector tells, beside the paper's on the same samples; of trials along x, as printed; None where ours
+    was not armed, or nothing is known of touches."""
+    column, of, what, printed = (
+        ("felt", "touches", "touches detected", f"IV.B.3 prints {percent(CONTACT[0])}")
+        if touching
+        else ("seen", "approaches", "objects seen in time", f"IV.B.1 prints {percent(PRE_TOUCH[0])}")
+    )
+    own = [row for row in there if row.get("axis", "x") == "x"] or there
+    n, (ours, theirs) = total(own, of), ([values(own, f"{column}_{method}") for method in ("ours", "paper")])
+    if not n or not ours:
+        return None
+    paper = percent(sum(theirs) / n) if theirs else ""
+    source = f"the paper's detector (same samples; {printed})" if theirs else ""
+    found = rated(f"{what} by our detector", int(sum(ours)), n, paper, source, column=f"{column}_ours")
+    return found._replace(rows=f"{column}_ours>-1e300")
 
 
 def _by(rows: Rows, *names: str) -> dict[tuple[Any, ...], list[Row]]:

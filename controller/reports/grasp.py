@@ -19,6 +19,7 @@ from controller.reports.counts import (
     decided,
     every,
     median,
+    median_within,
     percent,
     quantity,
     rate,
@@ -28,8 +29,8 @@ from controller.reports.counts import (
     wilson,
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
-from controller.reports.run_account import entered_s, recorded
-from controller.reports.section import Figure, Result, Section, judged, kind_of
+from controller.reports.run_account import entered_s, recorded, setting_of
+from controller.reports.section import Figure, Headline, Result, Section, judged, kind_of
 from controller.reports.trial_signals import key_of, said_of
 from controller.scales import NOTHING
 
@@ -89,6 +90,32 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         content,
         summary=summary,
         shows_trials="timeline" not in content,
+        headline=_headline(runs),
+    )
+
+
+def _headline(runs: Sequence[Run]) -> Headline | None:
+    """How hard the jaws press where they may: what hangs in less than their least grip is pressed by that anyway."""
+    known = [
+        (over, grip_n, setting_of(run, "behavior", "grip_force_n") or 0.0)
+        for run in runs
+        for row in run.trials
+        for over, grip_n in zip(values([row], "grip_over_least"), values([row], "grip_n"), strict=False)
+    ]
+    over = np.sort([each for each, grip_n, least_n in known if grip_n > least_n])
+    if not len(over):
+        return None
+    low, high = median_within(over)
+    value, light = three(float(np.median(over))), len(known) - len(over)
+    of = f"median of {len(over)}; 1 would be perfect" if len(over) > 1 else "one trial; 1 would be perfect"
+    of += f"; {light} held by the gripper's least grip not counted" if light else ""
+    return Headline(
+        "grip over the least force that holds the object",
+        value,
+        of,
+        interval=f"{three(low)} to {three(high)}" if math.isfinite(high) else "",
+        verdict=f"the jaws press {value} times the least force that holds the object",
+        column="grip_over_least",
     )
 
 

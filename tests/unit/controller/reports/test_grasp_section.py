@@ -1,6 +1,8 @@
 """What the page says of grasps: goals with their bounds, told against true slips, NIST's measures."""
 
-from controller.reports.grasp import GRIP, _goals, _measures, _told
+from types import SimpleNamespace
+
+from controller.reports.grasp import GRIP, _goals, _headline, _measures, _told
 
 
 def row(outcome="held", **about):
@@ -53,6 +55,18 @@ def test_what_was_told_stands_against_what_was():
     acted, not_acted = _told([row(told_true=2, told_false=1, untold=3)])
     assert (acted["a slip"], acted["none"], not_acted["a slip"]) == (2, 1, 3)
     assert _told([row(told_true=None)]) == [], "a real bench does not know"
+
+
+def test_what_the_least_grip_holds_anyway_does_not_count_in_the_grip_over_the_least_force():
+    rows = [
+        row(grip_over_least=over, grip_n=grip_n) for over, grip_n in ((1.1, 9.0), (1.3, 20.0), (6.9, 7.0))
+    ]
+    resolved = {"behavior": {"grip_force_n": 7.0}}
+    head = _headline([SimpleNamespace(trials=rows, resolved=resolved)])
+    assert head.ours == "1.2"
+    assert head.of.startswith("median of 2;")
+    assert "1 held by the gripper's least grip" in head.of
+    assert _headline([SimpleNamespace(trials=rows[2:], resolved=resolved)]) is None
 
 
 def test_the_measures_are_those_of_nist():

@@ -160,6 +160,22 @@ def test_contact_of_the_papers_method_that_does_not_come_out_is_missed(tmp_path)
         assert marks == [mark, mark], "rate of touches, and of approaches without a false contact"
 
 
+def test_the_page_opens_with_our_detector_beside_the_papers_on_the_same_touches(tmp_path):
+    rows = [
+        approached(felt_paper=1),
+        *[approached()] * 2,
+        approached(felt_ours=0),
+        approached(axis="y", felt_paper=1),
+    ]
+    head = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True})).headline
+    assert (head.of, head.ours, head.paper) == ("3 of 4", "75.0 %", "25.0 %"), "four touches along x"
+    assert "93.7 %" in head.source
+    passed = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": False})).headline
+    assert (passed.of, passed.what) == ("4 of 4", "objects seen in time by our detector")
+    alone = [{name: cell for name, cell in row.items() if not name.endswith("_ours")} for row in rows]
+    assert section_of(aura, write(tmp_path, "aura", alone, behavior={"touch": True})).headline is None
+
+
 def test_a_finger_need_not_feel_with_its_top(tmp_path):
     deaf = approached(side="top", felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None)
     section = section_of(
