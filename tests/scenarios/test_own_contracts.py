@@ -154,13 +154,6 @@ def test_a_promise_that_a_device_breaks_is_one_line(checked: Any, flaw: str, nam
     ("right", "wrong", "named"),
     [
         (
-            "        self.touched = False",
-            "        pass\n    touched = False",
-            ("after a reset it is as new",),
-        ),
-        ("                continue\n", "                force_n = 99.0\n", ("not finite", "no alarm")),
-        ("found.append(Contact(t_s", "found.append(Contact(t_s + 1e-4", ("samples time", "no sample has")),
-        (
             "        found = []\n",
             "        found, self.touched = [], False\n",
             ("blocks of any size", "blocks of 1"),

@@ -79,17 +79,10 @@ def test_a_detector_that_loses_its_rate_while_the_arm_descends_stops_the_arm(run
     assert not rig.devices["arm"].axis.moving(rig.clock.now())
 
 
-@pytest.mark.parametrize(
-    ("name", "limits", "reason"),
-    [
-        ("mock/transient", {"limits__force_stream": "board.nix"}, "board.nix: the bench has no such stream"),
-        ("mock/pretouch", {"limits__force_channels": "[9]"}, "channel 9 is to be watched, but it has 6"),
-    ],
-)
-def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run, name, limits, reason):
-    outcome, kept, _ = run(name, **limits)
+def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run):
+    outcome, kept, _ = run("mock/transient", limits__force_stream="board.nix")
     assert outcome.exit_code == EXIT_GUARD
-    assert reason in outcome.line
+    assert "board.nix: the bench has no such stream" in outcome.line
     assert [row["outcome"] for row in kept.trials] == ["guard"]
     assert not any(event["event"] == "Sent" and "Move" in str(event) for event in kept.events)
     with warnings.catch_warnings():

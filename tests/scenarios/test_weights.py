@@ -73,17 +73,6 @@ def test_without_noise_the_resolution_is_what_the_converter_leaves(tmp_path):
     assert run.trials[0]["resolution_n"] < 0.001
 
 
-def test_a_silent_person_is_waited_for_and_then_the_trial_is_aborted(tmp_path):
-    outcome, run = run_weights(
-        tmp_path,
-        faults='[{device = "operator", kind = "silent", at_s = 5.0}]',
-        **{"behavior.answer_timeout_s": "30.0"},
-    )
-    assert outcome.exit_code == 1
-    assert run.trials[0]["outcome"] == "aborted"
-    assert "operator did not answer within 30 s" in outcome.line
-
-
 def test_a_person_who_says_no_ends_the_run(tmp_path):
     outcome, run = run_weights(tmp_path, faults='[{device = "operator", kind = "refuse", at_s = 5.0}]')
     assert outcome.exit_code == 3

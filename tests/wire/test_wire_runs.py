@@ -157,10 +157,3 @@ def test_a_loop_that_hangs_is_caught_by_the_arm_s_process_for_the_bench_goes_on_
         time.sleep(0.05)
     assert rig.clock.now() - began_s > profile.devices["arm"].settings.loop_timeout_s
     bench.until(Stalled, "arm")
-
-
-def test_two_movers_do_not_share_a_probe():
-    two = {"devices.stage.driver": "zaber_stage", "devices.stage.port": "emulated"}
-    with pytest.raises(Exception, match="another mover carries it already") as refusal:
-        start_emulator(load_profile(ARM, two))
-    assert "\n" not in str(refusal.value)

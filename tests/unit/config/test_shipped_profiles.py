@@ -171,26 +171,3 @@ def test_every_setting_that_names_a_device_a_stream_or_a_detector_has_a_type_for
     found = [one for part in parts for one in referring(part, names)]
     assert found
     assert [key for key, typed in found if not typed] == []
-
-
-@pytest.mark.parametrize(
-    ("name", "key", "value", "message"),
-    [
-        ("mock/pretouch", "behavior.gripper", "griper", "no device 'griper'; did you mean 'gripper'?"),
-        (
-            "mock/pretouch",
-            "detectors.pretouch_ours.position_input",
-            "amr.pose",
-            "no device 'amr'; did you mean 'arm'?",
-        ),
-        ("mock/slip", "behavior.measures", '["mtrix.taxels"]', "no device 'mtrix'; did you mean 'matrix'?"),
-        ("mock/pointer", "behavior.detector", "toch", "no detector 'toch'; did you mean 'touch'?"),
-        ("mock/pointer", "limits.range_streams", '["signals.tap"]', "no signal 'tap'; did you mean 'tip'?"),
-    ],
-)
-def test_what_names_nothing_is_refused_when_the_profile_is_loaded_with_what_was_meant(
-    name, key, value, message
-):
-    with pytest.raises(ProfileError) as refused:
-        loaded(name, {key: value})
-    assert message in refused.value.problems[0]
