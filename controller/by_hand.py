@@ -19,7 +19,7 @@ from controller.detectors.protocol import Compiled
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.holding import Holding
 from controller.loop import Aborted, HandOperator, Loop, LoopSettings
-from controller.rig import Rig, TrialScene
+from controller.rig import Rig, TrialScene, streams_of
 from controller.signals.protocol import Signal, Signals
 from drivers.core.clock import monotonic_s, rest
 from drivers.core.errors import DeviceError
@@ -227,8 +227,7 @@ class HandSession:
     @property
     def streams(self) -> Mapping[str, StreamInfo]:
         """All that can be read."""
-        sent = {name: stream for info in self.infos.values() for name, stream in info.streams.items()}
-        return sent | {signal.info.name: signal.info for signal in self.signals}
+        return streams_of(self.infos) | {signal.info.name: signal.info for signal in self.signals}
 
     @property
     def movers(self) -> Sequence[str]:
@@ -274,10 +273,9 @@ class HandSession:
             self.holding.tell(not_at_rest=loop.account.not_at_rest)
         if loop.account.not_at_rest:
             still = f"NOT seen standing still: {', '.join(loop.account.not_at_rest)}: look at the bench"
-            failures = [
-                each.reason for each in loop.events if isinstance(each, Failed) and each.reason not in reason
-            ]
-            outcome, reason = "fault", "; ".join(filter(None, (reason, *failures, still)))
+            failures = [each.reason for each in loop.events if isinstance(each, Failed)]
+            others = [failure for failure in failures if failure not in reason]
+            outcome, reason = "fault", "; ".join(filter(None, (reason, *others, still)))
         return HandResult(outcome, reason, loop.events, loop.account.not_at_rest)
 
     def listen(self, streams: Collection[str]) -> Iterator[tuple[float, Sequence[Status]]]:

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
 from importlib import metadata
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol
 
 from behaviors.machine import Behavior
 from controller.detectors.protocol import Compiled, Detector, Quantity, quantities_of
@@ -29,7 +29,7 @@ from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.outcomes import counted, exit_of, successes_in
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
-from controller.rig import Rig, TrialScene
+from controller.rig import Rig, TrialScene, streams_of
 from controller.signals.protocol import Signal
 from drivers.core.clock import utc_now
 from drivers.core.errors import DeviceError, RefusedError
@@ -119,7 +119,11 @@ class CampaignPlan:
 
 
 class Console(LoopOperator, Protocol):
-    """What a person sees of a campaign, and how they interrupt it."""
+    """What a person sees of a campaign, and how they interrupt it.
+
+    One that shows the signals of a trial while it runs has `watch(view: LiveView)`, called after each trial's recording
+    has begun; one at which a campaign can be held between two trials has `between: HeldRun`.
+    """
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Before the first trial."""
@@ -139,14 +143,6 @@ def foremost(row: Mapping[str, Any], leading: Sequence[str]) -> dict[str, Any]:
     return {name: row[name] for name in leading if name in row} | dict(row)
 
 
-@runtime_checkable
-class Watching(Protocol):
-    """A console that shows the signals of a trial while it runs."""
-
-    def watch(self, view: LiveView) -> None:
-        """After each trial's recording has begun."""
-
-
 class HeldRun(HandOperator, Protocol):
     """What holds a campaign between two trials: see `controller.watching.between`."""
 
@@ -155,15 +151,6 @@ class HeldRun(HandOperator, Protocol):
 
     def wait(self, session: HandSession) -> Iterator[tuple[str, HandResult]]:
         """What was done by hand, until the person goes on."""
-
-
-@runtime_checkable
-class Holds(Protocol):
-    """A console at which a campaign can be held between two trials."""
-
-    @property
-    def between(self) -> HeldRun:
-        """What holds it."""
 
 
 @dataclass(frozen=True)
@@ -236,11 +223,6 @@ class Campaign:
 
     def _run(self, folder: RunFolder, started: datetime) -> Outcome:
         self._manifest = self._first_manifest(started)
-        if self._resumed is not None:
-            from controller.recording.joining import clear
-
-            clear(self._resumed)
-            self._manifest = _going_on(self._resumed, started)
         folder.write_manifest(self._manifest)
         folder.keep_room()
         fault: Exception | None = None
@@ -285,9 +267,7 @@ class Campaign:
         return Outcome(code, folder.path, line, fault, self._not_at_rest)
 
     def _on_bench(self, folder: RunFolder, started: datetime) -> tuple[int, str, str]:
-        from controller.recording.recorder import (
-            Recorder as Opened,  # what only plans a campaign writes nothing
-        )
+        from controller.recording import recorder as recording  # what only plans a campaign writes nothing
 
         recorder: Recorder | None = None
         try:
@@ -300,11 +280,10 @@ class Campaign:
                 _check_devices(self._resumed.manifest["devices"], infos)
             self._manifest["devices"] = {name: described(info) for name, info in infos.items()}
             folder.write_manifest(self._manifest)
-            recorder = Opened(
+            recorder = recording.Recorder(
                 folder,
                 started,
-                streams={stream: info for device in infos.values() for stream, info in device.streams.items()}
-                | dict(self._plan.signals),
+                streams={**streams_of(infos), **self._plan.signals},
                 factors=self._plan.factors,
                 measures=self._plan.columns,
                 patient=self._rig.clock.virtual,
@@ -353,9 +332,8 @@ class Campaign:
         offset_s = 0.0
         code, status, line = EXIT_DONE, "done", ""
         for trial in trials:
-            if isinstance(self._console, Holds) and (
-                stopped := self._held(self._console.between, trial, infos)
-            ):
+            held: HeldRun | None = getattr(self._console, "between", None)
+            if held is not None and (stopped := self._held(held, trial, infos)):
                 code, status, line = stopped
                 break
             self._console.trial_started(trial.trial, trial.factors)
@@ -415,11 +393,10 @@ class Campaign:
         limits, quantities = trial.guard.settings, self._quantities(trial, infos)
         recording = recorder.begin_trial(trial.trial, trial.factors, offset_s, limits, quantities)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
-        if isinstance(self._console, Watching):
+        watch: Callable[[LiveView], None] | None = getattr(self._console, "watch", None)
+        if watch is not None:
             lost, now = loop.account.lost, self._rig.clock.now
-            self._console.watch(
-                LiveView(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now)
-            )
+            watch(LiveView(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now))
         evidence = self._evidence(trial, recording, infos)
         verdict = ""
         try:
@@ -437,7 +414,10 @@ class Campaign:
         finally:
             evidence.events, evidence.entered_s, evidence.visits = loop.events, dict(loop.visits), loop.visits
             evidence.notes = trial.behavior.notes
-            self._note_truth(evidence)
+            rig = self._rig  # what really happened, as far as the bench knows
+            evidence.truth, evidence.slips, evidence.lifts, evidence.slides = (
+                known and known() for known in (rig.truth, rig.slips, rig.lifts, rig.slides)
+            )
             self._account(loop, trial.signals)
             ended = verdict or loop.account.outcome
             outcome, row = ended or trial.behavior.outcome, dict[str, Any]()
@@ -453,51 +433,34 @@ class Campaign:
 
     def _quantities(self, trial: TrialPlan, infos: Mapping[str, DeviceInfo]) -> Mapping[str, Quantity]:
         """What the detectors' readings are; the manifest has it too."""
-        units = {name: stream.unit for info in infos.values() for name, stream in info.streams.items()}
-        units |= {signal.info.name: signal.info.unit for signal in trial.signals}
-        found = quantities_of(trial.detectors, units)
-        self._manifest.setdefault("detectors", {}).update(
-            {
-                name: {
-                    "statistic": each.name,
-                    "unit": each.unit,
-                    "inputs": list(trial.detectors[name].inputs),
-                }
-                for name, each in found.items()
-            }
-        )
+        streams = streams_of(infos) | {signal.info.name: signal.info for signal in trial.signals}
+        found = quantities_of(trial.detectors, {name: stream.unit for name, stream in streams.items()})
+        noted = self._manifest.setdefault("detectors", {})
+        for name, each in found.items():
+            inputs = list(trial.detectors[name].inputs)
+            noted[name] = {"statistic": each.name, "unit": each.unit, "inputs": inputs}
         return found
-
-    def _note_truth(self, evidence: TrialEvidence) -> None:
-        """What really happened, as far as the bench knows."""
-        rig = self._rig
-        evidence.truth = None if rig.truth is None else rig.truth()
-        evidence.slips = None if rig.slips is None else rig.slips()
-        evidence.lifts = None if rig.lifts is None else rig.lifts()
-        evidence.slides = None if rig.slides is None else rig.slides()
 
     def _evidence(
         self, trial: TrialPlan, recording: TrialRecording, infos: Mapping[str, DeviceInfo]
     ) -> TrialEvidence:
         """What the trial will leave behind, and what is known of its streams."""
-        streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
         made = {signal.info.name: signal for signal in trial.signals}
         return TrialEvidence(
             trial.factors,
             recording,
             detectors=trial.detectors,
-            streams=streams | {name: signal.info for name, signal in made.items()},
+            streams=streams_of(infos) | {name: signal.info for name, signal in made.items()},
             sources={name: signal.inputs for name, signal in made.items()},
         )
 
     def _warmed(self) -> Iterable[TrialPlan]:
         """The trials, warmed up for the first one: no device is open yet whose own watchdog would wait for it."""
         trials = iter(self._plan.trials)
-        first = next(trials, None)
-        if first is None:
-            return trials
-        self._warm_up(first)
-        return chain((first,), trials)
+        first = list(islice(trials, 1))
+        for trial in first:
+            self._warm_up(trial)
+        return chain(first, trials)
 
     def _warm_up(self, trial: TrialPlan) -> None:
         """Let code that compiles, or loads, when it is first needed do so before the trial.
@@ -538,6 +501,15 @@ class Campaign:
                 self._manifest["signals"][signal.name] = dict(watched)
 
     def _first_manifest(self, started: datetime) -> dict[str, Any]:
+        """As a run begins; of one that goes on what it had, its torn trials taken out, and when it was resumed."""
+        running = {"status": "running", "code": None, "reason": ""}
+        if self._resumed is not None:
+            from controller.recording.joining import clear
+
+            clear(self._resumed)
+            before = {**self._resumed.manifest, "successes": successes_in(self._resumed.manifest)}
+            since = [*before.get("resumed_utc", ()), started.isoformat()]
+            return {**before, "outcomes": dict(self._resumed.outcomes), "resumed_utc": since, "exit": running}
         plan = self._plan
         return {
             "format": 1,
@@ -564,7 +536,7 @@ class Campaign:
             "successes": plan.successes,
             "signals": {},
             "detectors": {},
-            "exit": {"status": "running", "code": None, "reason": ""},
+            "exit": running,
         }
 
 
@@ -589,14 +561,6 @@ def _measured(
     return ended or measured, reason, row
 
 
-def _going_on(resumed: ResumedRun, started: datetime) -> dict[str, Any]:
-    """The manifest of a run that goes on: of what was done its outcomes, and when it was resumed."""
-    before = {**resumed.manifest, "successes": successes_in(resumed.manifest)}
-    since = [*before.get("resumed_utc", ()), started.isoformat()]
-    running = {"status": "running", "code": None, "reason": ""}
-    return {**before, "outcomes": dict(resumed.outcomes), "resumed_utc": since, "exit": running}
-
-
 def _check_devices(before: Mapping[str, Any], infos: Mapping[str, DeviceInfo]) -> None:
     """See that a run goes on with the devices that it began with, before anything moves.
 
@@ -607,12 +571,8 @@ def _check_devices(before: Mapping[str, Any], infos: Mapping[str, DeviceInfo]) -
         for key in ("model", "serial", "version") if name in before else ():
             old, new = before[name].get(key), getattr(info, key)
             if old != new:
-                raise RefusedError(
-                    name,
-                    "resuming",
-                    f"its {key} was {old} and is {new}",
-                    "connect the one before, or run it anew",
-                )
+                reason = f"its {key} was {old} and is {new}"
+                raise RefusedError(name, "resuming", reason, "connect the one before, or run it anew")
 
 
 def described(info: DeviceInfo) -> dict[str, Any]:

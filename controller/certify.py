@@ -115,8 +115,8 @@ class Proof(NamedTuple):
     limit: str
     value: str
     done: str
-    verdict: Verdict
-    acted: str
+    verdict: Verdict = "not tried"
+    acted: str = ""
     after_s: float | None = None
     way_m: float | None = None
 
@@ -132,17 +132,11 @@ class Proof(NamedTuple):
         return Proof(self.limit, self.value, self.done, verdict, acted, *seen)
 
 
-class Case(NamedTuple):
-    """One limit that is to be driven past. Where one that is `first` fails, nothing else is tried.
+Case = tuple[Proof, Callable[[Proof], Proof]]
+"""One limit that is to be driven past, and what does it and gives what became of it."""
 
-    Attributes:
-        tried: Does it; gives what became of it.
-        first: Whether all else depends on it.
-    """
-
-    proof: Proof
-    tried: Callable[[Proof], Proof]
-    first: bool = False
+FIRST = ("home of ", "stop of ", "pause of ")
+"""What all else depends on: where one fails, nothing else is tried."""
 
 
 # --- what goes wrong ---------------------------------------------------------------------------------
@@ -203,9 +197,9 @@ class Wrong:
 
     def requested(self) -> str | None:
         """What the operator asks for."""
-        request, self._request = (
-            (self._request, None) if self.pauses and self.begun else (None, self._request)
-        )
+        if not (self.pauses and self.begun):
+            return None
+        request, self._request = self._request, None
         return request
 
     def see(self, statuses: Sequence[Status]) -> None:
@@ -419,12 +413,14 @@ class Certifier:
         with self.session as session:
             movers = [mover for name in session.movers if (mover := self._mover(name)) is not None]
             ended = ""
-            for proof, tried, first in self._cases(movers):
+            for proof, tried in self._cases(movers):
                 if ended:
                     yield proof._replace(done="nothing", acted=ended)
                     continue
                 yield (found := tried(proof))
-                if found.verdict == "failed" and (first or NOT_AT_REST in found.acted):
+                if found.verdict == "failed" and (
+                    proof.limit.startswith(FIRST) or NOT_AT_REST in found.acted
+                ):
                     ended = f"{proof.limit} failed: a bench that does not stop is driven past nothing"
             for name in sorted({*session.movers} - {mover.name for mover in movers}):
                 reason = "how this device moves is not known here; drive it past its limits by hand"
@@ -442,19 +438,8 @@ class Certifier:
             gentle_n = max(GENTLE_N, details.get("least_force_n", 0.0))
             room_m = max(ROOM_M, 3.0 * RUN_S * jaws_m_s)
             drive = Grip(name, open_m - room_m, jaws_m_s, min(gentle_n, limits.grip_n))
-            start = Release(name, max(fast_m_s, jaws_m_s))
-            return Mover(
-                name,
-                f"{name}.width",
-                Home(name),
-                start,
-                drive,
-                jaws_m_s,
-                STILL_JAWS_M,
-                bounds,
-                where,
-                settings,
-            )
+            how = Home(name), Release(name, max(fast_m_s, jaws_m_s)), drive, jaws_m_s, STILL_JAWS_M
+            return Mover(name, f"{name}.width", *how, bounds, where, settings)
         if not isinstance(settings, AxisLimits):
             return None
         creep_m_s = min(CREEP_M_S, bounds.speed_m_s)
@@ -498,14 +483,13 @@ class Certifier:
     def _stops(self, mover: Mover) -> Iterator[Case]:
         """A person's stop and pause, after the way home."""
         name = mover.name
-        homed = _planned(f"home of {name}", "", "sent home, at its own speed")
-        yield Case(homed, partial(self._homed, mover), True)
+        yield Proof(f"home of {name}", "", "sent home, at its own speed"), partial(self._homed, mover)
         for what, wrong in (
             ("stop", Wrong("commanded to stop", command=Stop(name))),
             ("pause", Wrong("paused by the operator", pauses=True)),
         ):
-            planned = _planned(f"{what} of {name}", "", f"{mover.doing}: {wrong.what}")
-            yield Case(planned, partial(self._moving, mover, wrong), True)
+            planned = Proof(f"{what} of {name}", "", f"{mover.doing}: {wrong.what}")
+            yield planned, partial(self._moving, mover, wrong)
 
     def _streams(self, movers: Sequence[Mover]) -> Iterator[Case]:
         """Streams that fall silent, or stick."""
@@ -541,8 +525,10 @@ class Certifier:
                 end_m = min(mover.limits.travel_m, mover.settings.travel_max_m)
                 drive = MoveAt(mover.name, mover.speed_m_s, end_m)
                 done = f"{mover.doing}: presses on, at most to {1e3 * end_m:g} mm"
-                pressed = partial(self._pressed, mover._replace(drive=drive))
-                yield Case(_planned("limits.force_n", value, done), pressed)
+                yield (
+                    Proof("limits.force_n", value, done),
+                    partial(self._pressed, mover._replace(drive=drive)),
+                )
         yield from self._retreats([mover for mover in movers if isinstance(mover.drive, MoveAt)])
         for stream in limits.range_streams:
             wrong = Wrong(f"{stream} leaves its range", stream, beyond=1e9, said="beyond its range")
@@ -564,8 +550,8 @@ class Certifier:
             what = f"{limits.force_stream} reads {force_n:g} N"
             wrong = Wrong(what, limits.force_stream, change)
             done = f"{mover.doing}, farther in: {what}"
-            planned = _planned("limits.retreat_n", f"{limits.retreat_n:g} N", done)
-            yield Case(planned, partial(self._retreated, mover, wrong))
+            planned = Proof("limits.retreat_n", f"{limits.retreat_n:g} N", done)
+            yield planned, partial(self._retreated, mover, wrong)
         for name, agreement in limits.agree.items():
             side = 0 if agreement.streams[1] == limits.force_stream else 1
             stream, value = agreement.streams[side], 2.0 * BEYOND * agreement.most
@@ -579,17 +565,15 @@ class Certifier:
         limits, where = mover.limits, mover.where
         places = []
         if self._of(limits.position_stream, mover.name):
-            places += [
-                ("travel_m", limits.position_stream, limits.travel_m, 1e-3, 0, "travel_min_m"),
-                ("travel_min_m", limits.position_stream, limits.travel_min_m, -1e-3, 0, "travel_min_m"),
-            ]
+            ends = (("travel_m", limits.travel_m, 1e-3), ("travel_min_m", limits.travel_min_m, -1e-3))
+            places += [(*end, limits.position_stream, 0, "travel_min_m") for end in ends]
         if self._of(limits.pose_stream, mover.name):
             places += [
-                (key, limits.pose_stream, place_m, by_m, channel, "workspace")
+                (key, place_m, by_m, limits.pose_stream, channel, "workspace")
                 for key, by_m in (("workspace_max_m", 1e-3), ("workspace_min_m", -1e-3))
                 for channel, place_m in enumerate(getattr(limits, key))
             ]
-        for key, stream, place_m, by_m, channel, said in places:
+        for key, place_m, by_m, stream, channel, said in places:
             axis = f" {'xyz'[channel]} =" if said == "workspace" else ""
             what, change = f"{stream} reads{axis} {place_m + by_m:g} m", reading(place_m + by_m, channel)
             wrong = Wrong(what, stream or "", change, said=f"{where}.{said}")
@@ -608,41 +592,32 @@ class Certifier:
         """Commands that the guard must refuse."""
         limits, name, where = mover.limits, mover.name, mover.where
         fast_m_s = BEYOND * limits.speed_m_s
-        rows: list[tuple[str, float, str, Command, str]] = []
+        rows: list[tuple[str, float, str, Command]] = []
         if isinstance(mover.drive, Grip):
             grip_n = self._limits.grip_n
             hard = replace(mover.drive, force_n=BEYOND * grip_n)
             rows += [
-                ("limits.grip_n", grip_n, "N", hard, "limits.grip_n"),
-                (
-                    f"{where}.speed_m_s",
-                    limits.speed_m_s,
-                    "m/s",
-                    Release(name, fast_m_s),
-                    f"{where}.speed_m_s",
-                ),
+                ("limits.grip_n", grip_n, "N", hard),
+                (f"{where}.speed_m_s", limits.speed_m_s, "m/s", Release(name, fast_m_s)),
             ]
         else:
             assert isinstance(mover.drive, MoveAt)
             quick_m_s = math.copysign(fast_m_s, mover.drive.velocity_m_s)
             quick = replace(mover.drive, limit_m=mover.drive.limit_m / 5.0, velocity_m_s=quick_m_s)
-            beyond, before = (
-                MoveTo(name, limits.travel_m + 1e-3, mover.speed_m_s),
-                MoveTo(name, limits.travel_min_m - 1e-3, mover.speed_m_s),
-            )
+            beyond = MoveTo(name, limits.travel_m + 1e-3, mover.speed_m_s)
+            before = MoveTo(name, limits.travel_min_m - 1e-3, mover.speed_m_s)
             turning = Twist(name, (0.0, 0.0, 0.0, 0.0, 0.0, BEYOND * limits.turn_rad_s), 0.1)
             way_s = (BEYOND * limits.reach_m + 1e-3) / mover.speed_m_s
             leading = Twist(name, (mover.speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0), way_s)
             slow_rad_s = min(0.01, limits.turn_rad_s)
             turned_s = (BEYOND * limits.reach_rad + 1e-3) / slow_rad_s if limits.reach_m else 0.0
             turned = Twist(name, (0.0, 0.0, 0.0, 0.0, 0.0, slow_rad_s), turned_s)
-            travel = f"{where}.travel_min_m"
             rows += [
-                (f"{where}.speed_m_s", limits.speed_m_s, "m/s", quick, f"{where}.speed_m_s"),
-                (f"{where}.travel_m", limits.travel_m, "m", beyond, travel),
-                (f"{where}.travel_min_m", limits.travel_min_m, "m", before, travel),
-                (f"{where}.turn_rad_s", limits.turn_rad_s, "rad/s", turning, f"{where}.turn_rad_s"),
-                (f"{where}.reach_m", limits.reach_m, "m", leading, f"{where}.reach_m"),
+                (f"{where}.speed_m_s", limits.speed_m_s, "m/s", quick),
+                (f"{where}.travel_m", limits.travel_m, "m", beyond),
+                (f"{where}.travel_min_m", limits.travel_min_m, "m", before),
+                (f"{where}.turn_rad_s", limits.turn_rad_s, "rad/s", turning),
+                (f"{where}.reach_m", limits.reach_m, "m", leading),
             ]
             peak_n, turn_s = self._limits.peak_n, 1.0 / self.session.loop.rate_hz
             if peak_n is None or not refusal(self._limits, limits.speed_m_s, turn_s):
@@ -650,12 +625,14 @@ class Certifier:
                 yield _nothing("limits.peak_n", f"{peak_n or 'none'}", reason)
             else:
                 fast = MoveAt(name, limits.speed_m_s, min(1e-3, limits.travel_m))
-                rows.append(("limits.peak_n", peak_n, "N", fast, "limits.peak_n"))
+                rows.append(("limits.peak_n", peak_n, "N", fast))
             if limits.reach_m:
-                rows.append((f"{where}.reach_rad", limits.reach_rad, "rad", turned, f"{where}.reach_rad"))
-        for limit, value, unit, command, said in rows:
-            planned = _planned(limit, f"{value:g} {unit}", f"{_short(command)} asked for")
-            yield Case(planned, partial(self._refused, mover, command, said))
+                rows.append((f"{where}.reach_rad", limits.reach_rad, "rad", turned))
+        for limit, value, unit, command in rows:
+            # the guard names both ends of the travel, from its lower one on
+            said = limit.replace(".travel_m", ".travel_min_m")
+            planned = Proof(limit, f"{value:g} {unit}", f"{_short(command)} asked for")
+            yield planned, partial(self._refused, mover, command, said)
 
     def _of_device(self, name: str, settings: Settings, mover: Mover | None) -> Iterator[Case]:
         """What a driver must refuse, or clamp."""
@@ -665,7 +642,7 @@ class Certifier:
             if command is not None:
                 done = f"a {type(command).__name__} beyond it given to the driver"
                 tried = partial(self._given, name, key, value, mover)
-                yield Case(_planned(f"devices.{name}.{key}", f"{value:g}", done), tried)
+                yield Proof(f"devices.{name}.{key}", f"{value:g}", done), tried
 
     def _alone(self, mover: Mover) -> Iterator[Case]:
         """The program is away for so long that the device must end the motion."""
@@ -683,8 +660,8 @@ class Certifier:
                 yield _nothing(limit, value, reason, "not shown")
             else:
                 wrong = self._away(mover.name, most_m / speed_m_s + 1.0, digits=1)
-                planned = _planned(limit, value, f"{mover.doing}: {wrong.what}")
-                yield Case(planned, partial(self._left, mover, wrong, most_m))
+                planned = Proof(limit, value, f"{mover.doing}: {wrong.what}")
+                yield planned, partial(self._left, mover, wrong, most_m)
 
     def _ended(self, mover: Mover) -> Iterator[Case]:
         """A program that is killed in the middle of a motion, or frozen with all that it has started."""
@@ -693,14 +670,14 @@ class Certifier:
         name, blind_m = mover.name, mover.limits.blind_travel_m
         if blind_m < abs(mover.drive.limit_m) - 2.0 * RUN_S * mover.speed_m_s:
             done = f"{mover.doing}: its program is killed"
-            planned = _planned(f"{mover.where}.blind_travel_m", f"{blind_m:g} m", done)
-            yield Case(planned, partial(self._abandoned, mover, False, blind_m))
+            planned = Proof(f"{mover.where}.blind_travel_m", f"{blind_m:g} m", done)
+            yield planned, partial(self._abandoned, mover, False, blind_m)
         watchdog_hz = getattr(mover.settings, "watchdog_hz", None)
         if watchdog_hz is not None:
             done = f"{mover.doing}: its program and its process are frozen"
-            planned = _planned(f"devices.{name}.watchdog_hz", f"{watchdog_hz:g} Hz", done)
+            planned = Proof(f"devices.{name}.watchdog_hz", f"{watchdog_hz:g} Hz", done)
             most_m = mover.speed_m_s * (1.0 / watchdog_hz + SLACK_S)
-            yield Case(planned, partial(self._abandoned, mover, True, most_m))
+            yield planned, partial(self._abandoned, mover, True, most_m)
 
     def _watchdogs(self, movers: Sequence[Mover]) -> Iterator[Case]:
         """A program that is away for so long that a device's own watchdog must act."""
@@ -711,8 +688,8 @@ class Certifier:
             own = [mover for mover in movers if mover.name == name]
             sent = [each for each in (*self._guarded, *sorted(self.session.streams)) if self._of(each, name)]
             wrong = self._away(name, watchdog_s + 1.0, stream=sent[0], digits=1)
-            planned = _planned(f"devices.{name}.watchdog_s", f"{watchdog_s:g} s", wrong.what)
-            yield Case(planned, partial(self._guarded_by, name, own or movers[:1], wrong, watchdog_s))
+            planned = Proof(f"devices.{name}.watchdog_s", f"{watchdog_s:g} s", wrong.what)
+            yield planned, partial(self._guarded_by, name, own or movers[:1], wrong, watchdog_s)
 
     @staticmethod
     def _away(device: str, away_s: float, stream: str = "", own_s: float = 0.0, digits: int = 3) -> Wrong:
@@ -727,7 +704,7 @@ class Certifier:
         doing, tried = "at rest", partial(self._resting, wrong)
         if movers:
             doing, tried = movers[0].doing, partial(self._moving, movers[0], wrong)
-        return Case(_planned(f"{where}.{key}", value, f"{doing}: {wrong.what}"), tried)
+        return Proof(f"{where}.{key}", value, f"{doing}: {wrong.what}"), tried
 
     # --- trying them ---------------------------------------------------------------------------------
 
@@ -787,9 +764,8 @@ class Certifier:
         after_s = max(rests) - wrong.past_s if rests else None
         if first_s == math.inf:
             reason = "; ".join(dict.fromkeys(each.reason for each in ends)) or "nothing acted"
-            return proof.judged(
-                False, still, f"{reason} within {wrong.own_s + PATIENCE_S:g} s", after_s, way_m
-            )
+            late = f"{reason} within {wrong.own_s + PATIENCE_S:g} s"
+            return proof.judged(False, still, late, after_s, way_m)
         within_s = wrong.own_s + SLACK_S
         quick = first_s - wrong.past_s <= within_s and way_m <= mover.speed_m_s * within_s + SLACK_M
         told = f"guard: {acting[0].reason}" if wrong.said else "device: it stands still"
@@ -826,10 +802,10 @@ class Certifier:
         at_m = next((x_m for t_s, x_m in reversed(seen) if t_s <= wrong.past_s), math.nan)
         back_m, room_m = at_m - self._end_m, max(at_m, 0.0)
         sound = back_m >= min(self._limits.retreat_m, room_m) - SLACK_M
-        text = f"guard: {stops[0].reason}; it went back"
-        return proof.judged(
-            sound, still, text if sound else f"{stops[0].reason}; it did not go back", None, back_m
+        text = (
+            f"guard: {stops[0].reason}; it went back" if sound else f"{stops[0].reason}; it did not go back"
         )
+        return proof.judged(sound, still, text, None, back_m)
 
     def _left(self, mover: Mover, wrong: Wrong, most_m: float, proof: Proof) -> Proof:
         """Leave a mover alone: it must end its motion by itself within a distance."""
@@ -841,9 +817,8 @@ class Certifier:
     @staticmethod
     def _alone_for(still: bool, way_m: float, most_m: float, proof: Proof) -> Proof:
         sound = way_m <= most_m + SLACK_M
-        text = (
-            "device: it stopped by itself" if sound else f"it went on, left alone, for {1e3 * way_m:.2f} mm"
-        )
+        text = "device: it stopped by itself"
+        text = text if sound else f"it went on, left alone, for {1e3 * way_m:.2f} mm"
         return proof.judged(sound, still, text, None, way_m)
 
     def _abandoned(self, mover: Mover, frozen: bool, most_m: float, proof: Proof) -> Proof:
@@ -979,12 +954,8 @@ def asked_of_driver(
     return asked.get(key)
 
 
-def _planned(limit: str, value: str, done: str) -> Proof:
-    return Proof(limit, value, done, "not tried", "")
-
-
 def _nothing(limit: str, value: str, reason: str, verdict: Verdict = "nothing to bound") -> Case:
-    return Case(_planned(limit, value, "nothing"), lambda proof: proof.found(verdict, reason))
+    return Proof(limit, value, "nothing"), lambda proof: proof.found(verdict, reason)
 
 
 def _short(command: Command) -> str:

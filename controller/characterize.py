@@ -84,6 +84,54 @@ def row(quantity: str, value: float, unit: str, how: str, **more: Any) -> Row:
     }
 
 
+class _Sensor:
+    """What is known of a sensor before anything is computed.
+
+    Attributes:
+        unit: Of its reading.
+        quiet: The blocks of each stretch of quiet.
+        rest: The values of each.
+        longest: The values of the longest, those that are finite.
+        touches: When something touched, s, of each recording.
+    """
+
+    def __init__(
+        self, recordings: Sequence[SensorRecording], truth: Truth, rate_hz: float, per_newton: float | None
+    ) -> None:
+        self.recordings, self.truth, self.rate_hz, self.per_newton = recordings, truth, rate_hz, per_newton
+        self.unit = recordings[0].blocks[0].unit or "unit"
+        spans = [(max(begin_s, -1e18), end_s) for begin_s, end_s in truth.quiet or [(-math.inf, math.inf)]]
+        self.quiet = [
+            found for each in recordings for span in spans if (found := between(each.blocks, *span))
+        ]
+        if not self.quiet:
+            first, last = recordings[0].blocks[0], recordings[0].blocks[-1]
+            raise ValueError(
+                "no quiet in it: name seconds in which nothing happens with --quiet T0:T1; its times go from"
+                f" {first.times[0]:.6g} to {last.times[-1]:.6g} s"
+            )
+        self.rest = [_values(part) for part in self.quiet]
+        self.finite = [part[np.isfinite(part)] for part in self.rest]
+        self.longest = max(self.finite, key=len)
+        self.touches = [onsets(each.reference) if each.reference else truth.touches for each in recordings]
+
+    @property
+    def quiet_s(self) -> float:
+        """How long it is quiet altogether."""
+        return sum(map(len, self.rest)) / self.rate_hz
+
+    @property
+    def slid(self) -> list[tuple[SensorRecording, float]]:
+        """The beginning of each slip, with its recording."""
+        return [(each, begin_s) for each in self.recordings for begin_s, _ in self.truth.slips]
+
+    @property
+    def touched(self) -> list[tuple[SensorRecording, float]]:
+        """Each touch, with its recording."""
+        pairs = zip(self.recordings, self.touches, strict=True)
+        return [(each, t_s) for each, at_s in pairs for t_s in at_s]
+
+
 def certificate(
     recordings: Sequence[SensorRecording],
     truth: Truth,
@@ -107,44 +155,27 @@ def certificate(
     rate_hz = recordings[0].blocks[0].rate_hz
     if rate_hz is None:
         raise ValueError("samples at irregular times; give --rate HZ if the samples are regular")
-    quiet = [part for each in recordings for part in _parts(each.blocks, truth.quiet)]
-    if not quiet:
-        begin_s, end_s = recordings[0].blocks[0].times[0], recordings[0].blocks[-1].times[-1]
-        raise ValueError(
-            "no quiet in it: name seconds in which nothing happens with --quiet T0:T1; its times go from"
-            f" {begin_s:.6g} to {end_s:.6g} s"
-        )
-    unit = recordings[0].blocks[0].unit or "unit"
+    sensor = _Sensor(recordings, truth, rate_hz, per_newton)
     said = {each.name: at_rail(each.blocks).removeprefix("; ") for each in recordings}
-    whose = _whose([x[np.isfinite(x)] for x in map(_values, quiet)], rate_hz)
-    rows = list(_at_rest([_values(part) for part in quiet], rate_hz, unit))
+    whose = _whose(sensor)
     gaps = [*([whose] if whose else []), *(f"{name}: {rail}" for name, rail in said.items() if rail)]
-    touches = [_touches(each, truth) for each in recordings]
-    rows += _against_reference(recordings, touches, rate_hz)
-    rows += _spectrum_of_touches(recordings, touches, quiet, rate_hz)
+    rows = [*_at_rest(sensor), *_against_reference(sensor), *_spectrum_of_touches(sensor)]
     for kind, make in detectors.items():
         try:
-            rows += _detector(kind, make, recordings, quiet, truth, touches, unit, per_newton)
+            rows += _detector(kind, make, sensor)
         except ValueError as error:
             gaps.append(f"{kind}: {error}")
     return {
         "sensor": name,
         "recordings": [each.name for each in recordings],
         "rate_hz": rate_hz,
-        "unit": unit,
-        "quiet_s": sum(len(_values(part)) for part in quiet) / rate_hz,
-        "touches": sum(map(len, touches)),
+        "unit": sensor.unit,
+        "quiet_s": sensor.quiet_s,
+        "touches": len(sensor.touched),
         "slips": len(truth.slips) * len(recordings),
         "rows": rows,
-        "cannot_say": gaps + list(_unsaid(rows, recordings, touches, truth, per_newton, quiet, rate_hz)),
+        "cannot_say": gaps + list(_unsaid(rows, sensor)),
     }
-
-
-def _parts(blocks: Sequence[SampleBlock], spans: Sequence[Span]) -> Iterator[Sequence[SampleBlock]]:
-    for span in spans or [(-math.inf, math.inf)]:
-        found = between(blocks, max(span[0], -1e18), span[1])
-        if found:
-            yield found
 
 
 def _values(blocks: Sequence[SampleBlock]) -> Floats:
@@ -158,12 +189,10 @@ def _times(blocks: Sequence[SampleBlock]) -> Floats:
 # --- at rest -------------------------------------------------------------------------------------
 
 
-def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row]:
-    finite = [part[np.isfinite(part)] for part in parts]
+def _at_rest(sensor: _Sensor) -> Iterator[Row]:
+    rate_hz, unit, finite, longest = sensor.rate_hz, sensor.unit, sensor.finite, sensor.longest
     away = np.concatenate([part - np.median(part) for part in finite])
-    n = len(away)
-    sigma = float(away.std())
-    longest = max(finite, key=len)
+    n, sigma = len(away), float(away.std())
     free = n / _alike(longest, round(rate_hz))
     spread = 1.0 / math.sqrt(2.0 * free)
     interval = {"low": sigma * max(0.0, 1.0 - 1.96 * spread), "high": sigma * (1.0 + 1.96 * spread), "n": n}
@@ -175,18 +204,9 @@ def _at_rest(parts: Sequence[Floats], rate_hz: float, unit: str) -> Iterator[Row
         if at_hz < 0.5 * rate_hz and near.any():
             density = math.sqrt(float(np.median(power[near])))
             few = int(near.sum()) * segments
-            width = {
-                "low": density * (1 - 1 / math.sqrt(few)),
-                "high": density * (1 + 1 / math.sqrt(few)),
-                "n": few,
-            }
-            yield row(
-                f"noise density at {at_hz:g} Hz",
-                density,
-                f"{unit}/√Hz",
-                "median, half an octave to each side",
-                **width,
-            )
+            ends = [density * (1 + side / math.sqrt(few)) for side in (-1, 1)]
+            what, how = f"noise density at {at_hz:g} Hz", "median, half an octave to each side"
+            yield row(what, density, f"{unit}/√Hz", how, low=ends[0], high=ends[1], n=few)
     steps = np.concatenate([np.abs(np.diff(part)) for part in finite])
     moved = steps[steps > 0.0]
     if len(moved):
@@ -217,9 +237,8 @@ def _mains(longest: Floats, hz: Floats, power: Floats, rate_hz: float, unit: str
         if 2.5 * mains_hz < rate_hz and len(longest) > rate_hz:
             line, beside_hz = _line(longest, mains_hz, rate_hz)
             near = (np.abs(hz - mains_hz) > 3.0) & (np.abs(hz - mains_hz) < 12.0)
-            floor = (
-                math.sqrt(float(np.median(power[near])) * 3.0 * rate_hz / len(longest)) if near.any() else 0.0
-            )
+            beside = float(np.median(power[near])) if near.any() else 0.0
+            floor = math.sqrt(beside * 3.0 * rate_hz / len(longest))
             quantity = f"mains at {mains_hz:g} Hz, amplitude"
             if line <= 3.0 * floor:
                 yield row(quantity, math.nan, unit, f"none above {3.0 * floor:.3g}")
@@ -255,16 +274,15 @@ def _line(x: Floats, mains_hz: float, rate_hz: float) -> tuple[float, float]:
     from scipy.signal import zoom_fft
 
     window = np.hanning(len(x))
-    found = zoom_fft(
-        (x - x.mean()) * window, [mains_hz - 6.0, mains_hz + 6.0], 121, fs=rate_hz, endpoint=True
-    )
+    ends_hz = [mains_hz - 6.0, mains_hz + 6.0]
+    found = zoom_fft((x - x.mean()) * window, ends_hz, 121, fs=rate_hz, endpoint=True)
     size = 2.0 * np.abs(found) / float(window.sum())
     return float(size[60]), 0.1 * (int(np.argmax(size)) - 60)
 
 
-def _whose(quiet: Sequence[Floats], rate_hz: float) -> str:
+def _whose(sensor: _Sensor) -> str:
     """What is said of quiet in which something vibrates; "" where most of its power is not about one frequency."""
-    hz, power, _ = _spectrum(max(quiet, key=len), rate_hz)
+    hz, power, _ = _spectrum(sensor.longest, sensor.rate_hz)
     power = np.where(hz > SLOW_HZ, power, 0.0)
     at_hz = float(hz[int(np.argmax(power))])
     about = np.abs(hz - at_hz) <= max(0.1 * at_hz, 2.0 * float(hz[:2].sum()))
@@ -278,10 +296,6 @@ def _whose(quiet: Sequence[Floats], rate_hz: float) -> str:
 
 
 # --- touches -------------------------------------------------------------------------------------
-
-
-def _touches(each: SensorRecording, truth: Truth) -> Sequence[float]:
-    return onsets(each.reference) if each.reference else truth.touches
 
 
 def onsets(blocks: Sequence[SampleBlock]) -> Sequence[float]:
@@ -302,15 +316,11 @@ def knocks(blocks: Sequence[SampleBlock]) -> Sequence[float]:
     return [t_s for t_s in found if t_s > blocks[0].times[0] + MARGIN_S]
 
 
-def _against_reference(
-    recordings: Sequence[SensorRecording], touches: Sequence[Sequence[float]], rate_hz: float
-) -> Iterator[Row]:
+def _against_reference(sensor: _Sensor) -> Iterator[Row]:
     late = []
-    for each, at_s in zip(recordings, touches, strict=True):
-        for t_s in at_s if each.reference else ():
-            near = between(each.blocks, t_s - REST_S - 0.05, t_s + 0.2)
-            own = [found for found in onsets(near) if found > t_s - 0.05] if near else []
-            late += [found - t_s for found in own[:1]]
+    for each, t_s in sensor.touched:
+        near = between(each.blocks, t_s - REST_S - 0.05, t_s + 0.2) if each.reference else ()
+        late += [found - t_s for found in (onsets(near) if near else ()) if found > t_s - 0.05][:1]
     if len(late) < 3:
         how = f"touches that a second channel shows: {len(late)}; three are needed"
         yield row("latency", math.nan, "ms", how, n=len(late))
@@ -318,23 +328,16 @@ def _against_reference(
         return
     jitter = float(np.std(late, ddof=1))
     half = 1.96 * jitter / math.sqrt(len(late))
-    middle = float(np.median(late))
+    low, middle, high = (1e3 * (float(np.median(late)) + off) for off in (-half, 0.0, half))
     how = "sensor's first reaction less the reference's"
-    yield row(
-        "latency", 1e3 * middle, "ms", how, low=1e3 * (middle - half), high=1e3 * (middle + half), n=len(late)
-    )
-    how = f"standard deviation of the latency; a sample is {1e3 / rate_hz:.3g} ms"
+    yield row("latency", middle, "ms", how, low=low, high=high, n=len(late))
+    how = f"standard deviation of the latency; a sample is {1e3 / sensor.rate_hz:.3g} ms"
     yield row("jitter", 1e3 * jitter, "ms", how, n=len(late))
 
 
-def _spectrum_of_touches(
-    recordings: Sequence[SensorRecording],
-    touches: Sequence[Sequence[float]],
-    quiet: Sequence[Sequence[SampleBlock]],
-    rate_hz: float,
-) -> Iterator[Row]:
-    size, what = round(0.1 * rate_hz), "bandwidth of touches"
-    rest = max((_values(part) for part in quiet), key=len)
+def _spectrum_of_touches(sensor: _Sensor) -> Iterator[Row]:
+    size, what = round(0.1 * sensor.rate_hz), "bandwidth of touches"
+    rest = max(sensor.rest, key=len)
     if size < 16 or len(rest) < 4 * size:
         yield row(what, math.nan, "Hz", "it takes 160 samples a second and 0.4 s of quiet", n=0)
         return
@@ -345,12 +348,11 @@ def _spectrum_of_touches(
 
     floor = np.mean([power(rest[k : k + size]) for k in range(0, len(rest) - size, size)], axis=0)
     seen = []
-    for each, at_s in zip(recordings, touches, strict=True):
-        for t_s in at_s:
-            part = _values(between(each.blocks, t_s, t_s + 0.1) or each.blocks[:1])
-            if len(part) == size:
-                seen.append(power(part))
-    hz = np.fft.rfftfreq(size, 1.0 / rate_hz)
+    for each, t_s in sensor.touched:
+        part = _values(between(each.blocks, t_s, t_s + 0.1) or each.blocks[:1])
+        if len(part) == size:
+            seen.append(power(part))
+    hz = np.fft.rfftfreq(size, 1.0 / sensor.rate_hz)
     above = hz[np.mean(seen, axis=0) > 4.0 * floor] if seen else hz[:0]
     highest = float(above.max()) if len(above) else math.nan
     how = "highest frequency at which a touch has four times the power of quiet"
@@ -364,28 +366,14 @@ def _as_input(blocks: Sequence[SampleBlock], detector: Statistic) -> Sequence[Sa
     return [replace(block, stream=detector.inputs[0]) for block in blocks]
 
 
-def _detector(
-    kind: str,
-    make: Callable[[], Statistic],
-    recordings: Sequence[SensorRecording],
-    quiet: Sequence[Sequence[SampleBlock]],
-    truth: Truth,
-    touches: Sequence[Sequence[float]],
-    unit: str,
-    per_newton: float | None,
-) -> Iterator[Row]:
+def _detector(kind: str, make: Callable[[], Statistic], sensor: _Sensor) -> Iterator[Row]:
     pieces = []
-    for part in quiet:
+    for part in sensor.quiet:
         detector = make()
         pieces.append((detector, _as_input(part, detector)))
     slides = kind.startswith("slip")
-    word = "slip" if slides else "contact"
-    events = [
-        (each, t_s)
-        for each, at_s in zip(recordings, touches, strict=True)
-        for t_s in ([begin for begin, _ in truth.slips] if slides else at_s)
-    ]
-    courses = [_before(make, each, t_s, truth.quiet) for each, t_s in events]
+    word, events = ("slip", sensor.slid) if slides else ("contact", sensor.touched)
+    courses = [_before(make, each, t_s, sensor.truth.quiet) for each, t_s in events]
     for an_hour in AN_HOUR:
         found = calibrate_pieces(pieces, 3600.0 / an_hour)
         at = f"{kind} at {an_hour:g} false alarms an hour"
@@ -394,13 +382,12 @@ def _detector(
         if math.isfinite(found.checked_expected):
             told, expected = found.checked_found, found.checked_expected
             how += f"; in pieces that were left out {told:.0f} alarms, {expected:.0f} expected"
-        yield row(f"{at}: threshold", found.threshold, "", how, low=found.low, high=found.high, n=len(quiet))
+        yield row(f"{at}: threshold", found.threshold, "", how, low=found.low, high=found.high, n=len(pieces))
         if kind == "force.threshold":
-            newton = abs(per_newton) if per_newton else math.nan
+            newton = abs(sensor.per_newton) if sensor.per_newton else math.nan
             least = [value / newton for value in (found.threshold, found.low, found.high)]
-            how = (
-                "the threshold, as a force that lasts for its average" if per_newton else "give --per-newton"
-            )
+            said = "the threshold, as a force that lasts for its average"
+            how = said if sensor.per_newton else "give --per-newton"
             yield row(f"{at}: smallest touch", least[0], "N", how, low=least[1], high=least[2])
         if events:
             yield from _delays(f"{at}: {word}", courses, found.threshold)
@@ -414,8 +401,8 @@ def _before(
     begins_s = max((span[0] for span in quiet if span[1] <= t_s + 0.1), default=-1e18)
     blocks = _as_input(between(each.blocks, begins_s, t_s + AFTER_S), detector)
     courses = courses_of(detector, blocks) if blocks else []
-    times_s = np.concatenate([course.times_s for course in courses]) if courses else np.empty(0)
-    statistic = np.concatenate([course.statistic for course in courses]) if courses else np.empty(0)
+    times_s = np.concatenate([np.empty(0), *(course.times_s for course in courses)])
+    statistic = np.concatenate([np.empty(0), *(course.statistic for course in courses)])
     late = times_s >= t_s - EARLY_S
     return times_s[late] - t_s, statistic[late]
 
@@ -475,16 +462,8 @@ def _delays(what: str, courses: Sequence[tuple[Floats, Floats]], threshold: floa
 # --- what it cannot say, and the page -------------------------------------------------------------
 
 
-def _unsaid(
-    rows: Sequence[Row],
-    recordings: Sequence[SensorRecording],
-    touches: Sequence[Sequence[float]],
-    truth: Truth,
-    per_newton: float | None,
-    quiet: Sequence[Sequence[SampleBlock]],
-    rate_hz: float,
-) -> Iterator[str]:
-    seconds = sum(len(_values(part)) for part in quiet) / rate_hz
+def _unsaid(rows: Sequence[Row], sensor: _Sensor) -> Iterator[str]:
+    truth, touches, recordings, seconds = sensor.truth, sensor.touches, sensor.recordings, sensor.quiet_s
     if seconds < 5 * 3600.0 / AN_HOUR[-1]:
         yield (
             f"rare false alarms: {seconds:.3g} s of quiet are extrapolated at every rate; 100 an hour take 180 s,"
@@ -500,25 +479,24 @@ def _unsaid(
             f"what onset hears in {recordings[0].name}: {len(heard)} knocks, releases too; paste what is a touch:"
             f" --quiet {begin_s:.4g}:{heard[0] - MARGIN_S:.4g} {given}"
         )
-    early = sum(
-        "; 0 were above before" not in each["how"] for each in rows if each["quantity"].endswith(" told")
-    )
-    if early:
+    told = [each["how"] for each in rows if each["quantity"].endswith(" told")]
+    if any("; 0 were above before" not in how for how in told):
         yield (
             "what was above a threshold already before an event: it drifts, or the last event still lasts; name quiet"
             " shortly before the events too, so that it is learned there"
         )
     first_s = min((end_s for _, end_s in truth.quiet), default=-math.inf)
-    at_s = [t_s for each in touches for t_s in each] + [begin_s for begin_s, _ in truth.slips]
+    at_s = [t_s for _, t_s in sensor.touched] + [begin_s for begin_s, _ in truth.slips]
     late = sum(t_s + 0.1 < first_s for t_s in at_s)
     if late:
         yield (
             f"delays of {late} of {len(at_s)} events: no quiet comes before them, and detectors learned from what is"
             " none; record quiet first"
         )
-    if len(quiet) < 3:
-        yield f"how recordings differ: stretches of quiet: {len(quiet)}; record three, on other days and mountings"
-    count = sum(map(len, touches))
+    if len(sensor.quiet) < 3:
+        stretches = len(sensor.quiet)
+        yield f"how recordings differ: stretches of quiet: {stretches}; record three, on other days and mountings"
+    count = len(sensor.touched)
     if not count and any(each.reference for each in recordings):
         beyond = f"{REFERENCE_SIGMA:g} deviations of its first {REST_S:g} s"
         yield f"touches: the reference shows none, for it is never beyond {beyond}"
@@ -531,7 +509,7 @@ def _unsaid(
         yield "latency and jitter: three taps seen by a second channel are needed, --reference COLUMN"
     if not truth.slips:
         yield "slip: none in it; drag it with an encoder and name when it slides, --slip T0:T1"
-    if per_newton is None:
+    if sensor.per_newton is None:
         yield "newtons: hang a weight on it and give --per-newton, its reading for 1 N"
 
 
@@ -568,9 +546,8 @@ def curves(found: Mapping[str, Any]) -> str:
                 ends = (each["low"] or LEAST_MS, 1e9 if each["high"] is None else each["high"])
                 bar = " ".join(place(an_hour, end) for end in ends)
                 drawn.append(f'<polyline points="{bar}" stroke="{colour}" stroke-opacity=".5"/>')
-        drawn.append(
-            f'<text x="{width + 5}" y="{30 + 18 * number}" fill="{colour}">{html.escape(kind)}</text>'
-        )
+        at = f'x="{width + 5}" y="{30 + 18 * number}" fill="{colour}"'
+        drawn.append(f"<text {at}>{html.escape(kind)}</text>")
     for an_hour in AN_HOUR:
         x = place(an_hour, LEAST_MS).split(",")[0]
         drawn.append(f'<text x="{x}" y="{height - 12}" text-anchor="middle">{an_hour:g} an hour</text>')
@@ -599,25 +576,15 @@ def cells(each: Row) -> Sequence[str]:
     """A row as text, under `HEADS`."""
     ends = (each["low"], each["high"])
     interval = "" if ends == (None, None) else " to ".join(map(_number, ends))
-    return (
-        each["quantity"],
-        _number(each["value"]),
-        interval,
-        each["unit"],
-        str(each["n"] or ""),
-        each["how"],
-    )
+    n = str(each["n"] or "")
+    return each["quantity"], _number(each["value"]), interval, each["unit"], n, each["how"]
 
 
 def page(found: Mapping[str, Any]) -> str:
     """The certificate as one HTML file."""
-
-    def table(lines: Sequence[Sequence[str]]) -> str:
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in line) + "</tr>" for line in lines
-        )
-        return f"<table><tr>{''.join(f'<th>{head}</th>' for head in HEADS)}</tr>{body}</table>"
-
+    lines = (map(html.escape, cells(each)) for each in found["rows"])
+    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in line)}</tr>" for line in lines)
+    table = f"<table><tr>{''.join(f'<th>{head}</th>' for head in HEADS)}</tr>{body}</table>"
     about = (
         f"{', '.join(found['recordings'])}: {found['rate_hz']:g} Hz, {found['quiet_s']:.4g} s of quiet,"
         f" {found['touches']} touches, {found['slips']} slips."
@@ -628,7 +595,7 @@ def page(found: Mapping[str, Any]) -> str:
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>body{{font:14px/1.45'
         " system-ui;max-width:70em;margin:2em auto;padding:0 1em}td,th{text-align:left;padding:.15em .8em .15em 0;"
         f"border-bottom:1px solid #ccc;vertical-align:top}}</style><h1>{title}</h1><p>{html.escape(about)}</p>"
-        f"{table([cells(each) for each in found['rows']])}{curves(found)}"
+        f"{table}{curves(found)}"
         "<h2>What it cannot say, and what to record next</h2>"
         f"<ul>{unsaid}</ul></html>\n"
     )

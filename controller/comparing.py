@@ -40,9 +40,8 @@ def compared(first: Run, second: Run) -> Iterator[str]:
         if not run.trials:
             raise RunFolderError(f"{run.folder.path}: no trial has ended, so there is nothing to compare")
     one, other = (
-        dict(flat(run.manifest["profile"]["resolved"]))
-        | {key: run.manifest[key] for key in ("commit", "seed")}
-        for run in (first, second)
+        dict(flat(manifest["profile"]["resolved"])) | {key: manifest[key] for key in ("commit", "seed")}
+        for manifest in (first.manifest, second.manifest)
     )
     for key in sorted(one.keys() | other.keys()):
         if one.get(key) != other.get(key) and not key.startswith("trials."):
@@ -86,10 +85,8 @@ def _tables(first: Run, second: Run) -> tuple[list[Row], list[Row]]:
     """What was measured in each run and by how much it differs; and every pair of trials."""
     pairs = _pairs(first, second)
     columns = [name for name in first.table.columns if f"{name}{SECOND}" in pairs]
-    found = {
-        name: [pd.to_numeric(pairs[each], errors="coerce") for each in (name, f"{name}{SECOND}")]
-        for name in columns
-    }
+    both = {name: (name, f"{name}{SECOND}") for name in columns}
+    found = {name: [pd.to_numeric(pairs[each], errors="coerce") for each in both[name]] for name in columns}
     numbers = [name for name in columns if all(values.notna().any() for values in found[name])]
     numbers = [name for name in numbers if not is_instant(name, _meanings(first).get(name, ""))]
     scales = {name: shown_as(name, list(pd.concat(found[name]).dropna())) for name in numbers}
@@ -107,8 +104,8 @@ def _tables(first: Run, second: Run) -> tuple[list[Row], list[Row]]:
             line |= {scale_of(name).heading: _cell(scale_of(name), pair[name])}
         for name in ("outcome", *numbers):
             scale = scales.get(name) or scale_of(name)
-            both = {"first": _cell(scale, pair[name]), "second": _cell(scale, pair[f"{name}{SECOND}"])}
-            line[scale.heading] = both
+            cells = [_cell(scale, pair[each]) for each in both[name]]
+            line[scale.heading] = dict(zip(("first", "second"), cells, strict=True))
         every.append(line)
     return rows, every
 
@@ -123,9 +120,8 @@ def _meanings(run: Run) -> dict[str, str]:
 
 def _difference(scale: Scale, one: pd.Series[Any], other: pd.Series[Any]) -> str:
     """The mean of second less first over the pairs that have both, with Student's interval."""
-    found = (
-        (pd.to_numeric(other, errors="coerce") - pd.to_numeric(one, errors="coerce")).dropna().to_numpy(float)
-    )
+    after, before = (pd.to_numeric(each, errors="coerce") for each in (other, one))
+    found = (after - before).dropna().to_numpy(float)
     if not len(found):
         return ""
     mean, half = float(np.mean(found)), math.nan

@@ -237,11 +237,8 @@ class ConsoleOperator:
         return typed.decode(errors="replace")
 
     def _open_question(self) -> tuple[Asking, Question] | None:
-        for device in self._asking:
-            question = device.question
-            if question is not None:
-                return device, question
-        return None
+        asked = ((device, question) for device in self._asking if (question := device.question) is not None)
+        return next(asked, None)
 
     def _read_answer(self) -> None:
         """Enter answers a question that has been put; any other text than no is a slip of the finger."""
@@ -373,10 +370,8 @@ class PlainConsole:
         if not shown and outcome not in UNMEASURED:
             return
         results = ", ".join(scale_of(name).said(value) for name, value in key_results(row).items())
-        place = f"[{self._begun}/{self._trials}]"
-        self._print(
-            f"{place} trial {trial} {self._factors}: {outcome.replace('_', ' ')}, {results}".rstrip(", ")
-        )
+        line = f"[{self._begun}/{self._trials}] trial {trial} {self._factors}: {outcome.replace('_', ' ')}, {results}"
+        self._print(line.rstrip(", "))
 
     def campaign_ended(self, line: str) -> None:
         """The exit prints the rest."""

@@ -12,7 +12,7 @@ from controller.detectors.contract import CLAUSES, cut, trace
 from controller.detectors.protocol import Detector
 from controller.doctor import Finding
 from controller.own_modules import own_place
-from controller.rig import Rig, TrialScene
+from controller.rig import Rig, TrialScene, streams_of
 from controller.signals.protocol import Signal
 from drivers.core.errors import CommandError
 from drivers.core.messages import DeviceInfo, Listen, MoveTo, SampleBlock, StreamInfo
@@ -65,9 +65,7 @@ def tried(
             device.close()
     for name in devices:
         rig.devices[name].close()  # twice is no error
-    streams = {name: stream for info in infos.values() for name, stream in info.streams.items()} | dict(
-        signals
-    )
+    streams = streams_of(infos) | dict(signals)
     for name, made in own_signals.items():
         yield from _findings(f"signals.{name}", _signal(name, made, streams))
     for name, make in detectors.items():
@@ -114,11 +112,8 @@ def _device(rig: Rig, name: str, info: DeviceInfo) -> Iterator[str | None]:
             device.apply(command)
         except CommandError as error:
             line = str(error)
-            return (
-                None
-                if line.startswith(f"{name}: ") and "\n" not in line
-                else f"refuses with {line!r}, not '{name}: …' in one line"
-            )
+            sound = line.startswith(f"{name}: ") and "\n" not in line
+            return None if sound else f"refuses with {line!r}, not '{name}: …' in one line"
         except Exception as error:
             return f"{advised} {command}, not with {type(error).__name__}: {error}"
         return f"{advised} {command}, not taken"
@@ -150,16 +145,12 @@ def _device(rig: Rig, name: str, info: DeviceInfo) -> Iterator[str | None]:
 def _samples(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> str | None:
     """What is wrong with the blocks of a stream."""
     if not blocks:
-        return (
-            f"stream {stream.name}: no sample in {LISTEN_S:g} s"
-            if stream.rate_hz and stream.rate_hz * LISTEN_S > 2
-            else None
-        )
+        expected = (stream.rate_hz or 0.0) * LISTEN_S > 2
+        return f"stream {stream.name}: no sample in {LISTEN_S:g} s" if expected else None
     for block in blocks:
-        if block.values.shape != (len(block), len(stream.channels)):
-            return (
-                f"stream {stream.name}: values of shape {block.values.shape}, not (n, {len(stream.channels)})"
-            )
+        shape = block.values.shape
+        if shape != (len(block), len(stream.channels)):
+            return f"stream {stream.name}: values of shape {shape}, not (n, {len(stream.channels)})"
         if (block.unit, block.scale, block.rate_hz) != (stream.unit, stream.scale, stream.rate_hz):
             return f"stream {stream.name}: its blocks' unit, scale or rate is not its StreamInfo's; see info.block"
         if not np.isfinite(block.physical).all():
@@ -274,8 +265,6 @@ def _shown(streams: Sequence[StreamInfo], baseline_s: float) -> list[SampleBlock
         per_block = max(1, round(0.1 * hz))
         for start in range(0, len(times_s), per_block):
             part = slice(start, start + per_block)
-            block = stream.block(
-                start, float(times_s[start]), counts[part], times_s=None if stream.rate_hz else times_s[part]
-            )
-            blocks.append(block)
+            own_s = None if stream.rate_hz else times_s[part]
+            blocks.append(stream.block(start, float(times_s[start]), counts[part], times_s=own_s))
     return sorted(blocks, key=lambda block: block.last_s)

@@ -2,7 +2,7 @@
 
 import os
 import resource
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
@@ -13,7 +13,7 @@ from controller.campaign import TrialPlan
 from controller.detectors.contract import ALARMS
 from controller.guard import GuardRefusal
 from controller.limits import shown_limits
-from controller.rig import Rig, TrialScene
+from controller.rig import Rig, TrialScene, streams_of
 from controller.subscriptions import missing, unknown_streams
 from drivers.core.errors import DeviceError
 from drivers.core.messages import (
@@ -197,15 +197,14 @@ def _punctual(late_s: Sequence[float]) -> Finding:
     """How late this program woke up while it listened."""
     worst_s = max(late_s, default=0.0)
     line = f"this program woke at most {1e3 * worst_s:.1f} ms late in {len(late_s)} turns"
-    if worst_s <= LATE_S:
-        return Finding("ok", line)
-    return Finding("warn", f"{line}; end what else runs here, and switch the processor's power saving off")
+    remedy = "end what else runs here, and switch the processor's power saving off"
+    return Finding("ok", line) if worst_s <= LATE_S else Finding("warn", f"{line}; {remedy}")
 
 
 def _unknown_streams(
     infos: Mapping[str, DeviceInfo], trials: Iterable[TrialPlan], named: Sequence[tuple[str, str]]
 ) -> Iterator[Finding]:
-    streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
+    streams = streams_of(infos)
     lines = [f"{where} = {missing(name, streams.keys())}" for where, name in named if name not in streams]
     if not lines:  # each of these would be reported once more
         for trial in trials:
@@ -315,14 +314,11 @@ def _reading(stream: StreamInfo, blocks: Sequence[SampleBlock], rate: float, los
 
 def _troubles(statuses: Sequence[Status], read: Mapping[str, int]) -> Iterator[Finding]:
     """What went wrong while a device was read: one line for all of a kind, with their number."""
-    lost: defaultdict[str, list[int]] = defaultdict(list)
-    others: Counter[str] = Counter()
-    for status in statuses:
-        if isinstance(status, Lost):
-            lost[status.stream].append(status.samples)
-        elif isinstance(status, Failed | Refused | Stalled):
-            others[f"{type(status).__name__.lower()}: {status.reason}"] += 1
-    for stream, holes in lost.items():
+    losses = [status for status in statuses if isinstance(status, Lost)]
+    failures = [status for status in statuses if isinstance(status, Failed | Refused | Stalled)]
+    others = Counter(f"{type(status).__name__.lower()}: {status.reason}" for status in failures)
+    for stream in dict.fromkeys(each.stream for each in losses):
+        holes = [each.samples for each in losses if each.stream == stream]
         samples = sum(holes)
         few = samples <= LOST * (read.get(stream, 0) + samples)
         places = f" in {len(holes)} places" if len(holes) > 1 else ""
@@ -337,9 +333,8 @@ def _clock(name: str, account: Mapping[str, object]) -> Iterator[Finding]:
     drift_ppm = account.get("drift_ppm")
     if isinstance(drift_ppm, float) and abs(drift_ppm) > DRIFT_PPM:
         remedy = "listen for longer, as a run does; if it stays so, one of both clocks is bad"
-        yield Finding(
-            "warn", f"    {name}: its clock runs {drift_ppm:.0f} ppm from this computer's; {remedy}"
-        )
+        line = f"    {name}: its clock runs {drift_ppm:.0f} ppm from this computer's"
+        yield Finding("warn", f"{line}; {remedy}")
 
 
 def _watchdog(rig: Rig, info: DeviceInfo, watchdog_s: float) -> Finding:
@@ -382,7 +377,8 @@ def _uses(trial: TrialPlan, blocks: Mapping[str, Sequence[SampleBlock]]) -> Iter
     for name, detector in trial.detectors.items():
         if not all(blocks.get(stream) for stream in detector.inputs):
             continue
-        mixed = sorted((block for stream in detector.inputs for block in blocks[stream]), key=_begins_s)
+        mixed = [block for stream in detector.inputs for block in blocks[stream]]
+        mixed.sort(key=lambda block: block.t0_s)
         try:
             detector.reset()
             events = [event for block in mixed for event in detector.push(block)]
@@ -399,7 +395,3 @@ def _uses(trial: TrialPlan, blocks: Mapping[str, Sequence[SampleBlock]]) -> Iter
         else:
             text = f"takes {', '.join(detector.inputs)}; no alarm in this second"
         yield Finding(verdict, f"detector {name}: {text}")
-
-
-def _begins_s(block: SampleBlock) -> float:
-    return block.t0_s

@@ -34,10 +34,8 @@ _PARTS: Mapping[str, Sequence[str]] = {
 def _definition(fields: str, *parts: str) -> str:
     """The text of a message that begins with a header."""
     own = "\n".join(["std_msgs/Header header", *fields.split(", ")])
-    named = (
-        "\n".join(["=" * 80, f"MSG: {name}", *_PARTS[name]])
-        for name in ("std_msgs/Header", "builtin_interfaces/Time", *parts)
-    )
+    parts = ("std_msgs/Header", "builtin_interfaces/Time", *parts)
+    named = ("\n".join(["=" * 80, f"MSG: {name}", *_PARTS[name]]) for name in parts)
     return "\n".join([own, "", *named, ""])
 
 
@@ -196,10 +194,8 @@ def _write_bag(run: Run, trial: int, writer: Writer) -> None:
         for number, (t_s, values) in enumerate(zip(series.times_s, series.values, strict=True)):
             t_ns = round(float(t_s) * 1e9)
             stamp = {"sec": t_ns // 1_000_000_000, "nanosec": t_ns % 1_000_000_000}
-            content = {
-                "header": {"stamp": stamp, "frame_id": name},
-                **message(name, [float(v) for v in values]),
-            }
+            header = {"stamp": stamp, "frame_id": name}
+            content = {"header": header, **message(name, [float(v) for v in values])}
             writer.write_message(f"/{name.replace('.', '/')}", schemas[kind], content, t_ns, t_ns, number)
 
 

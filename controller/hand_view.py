@@ -72,16 +72,11 @@ def picture(lines: Sequence[str]) -> Text:
 def table(session: HandSession, streams: Sequence[str], now_s: float) -> Sequence[str]:
     """A line for each stream under a heading, in columns."""
     rows = [HEADING, *(_row(session, stream, now_s) for stream in streams)]
-    widths = [
-        max(least, *map(len, column)) for least, column in zip(LEAST, zip(*rows, strict=True), strict=True)
-    ]
-    return [
-        "  ".join(
-            cell.ljust(width) if number in (0, 2, 3) else cell.rjust(width)
-            for number, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    columns = zip(*rows, strict=True)
+    widths = [max(least, *map(len, column)) for least, column in zip(LEAST, columns, strict=True)]
+    looks = "<><<>>>>"  # text to the left, numbers to the right
+    lines = (zip(row, looks, widths, strict=True) for row in rows)
+    return ["  ".join(f"{cell:{look}{width}}" for cell, look, width in line).rstrip() for line in lines]
 
 
 def _row(session: HandSession, stream: str, now_s: float) -> Sequence[str]:

@@ -36,12 +36,8 @@ def folder() -> Path:
 
 def addresses(rig: Rig) -> Addresses:
     """Where the devices of a rig are."""
-    found = {}
-    for name, device in rig.devices.items():
-        settings = getattr(device, "_settings", None)
-        if settings is not None:
-            found[name] = address(settings)
-    return found
+    found = {name: getattr(device, "_settings", None) for name, device in rig.devices.items()}
+    return {name: address(settings) for name, settings in found.items() if settings is not None}
 
 
 def address(settings: Settings) -> Mapping[str, Any]:
@@ -77,12 +73,8 @@ class Holding:
             other.let_go()
             self.__exit__()
             name = next(name for name, at in self._alone.items() if _shares(other.note, {name: at}))
-            raise DeviceError(
-                name,
-                "opening",
-                f"{other} has it",
-                f"wait for its end, or end it: {PROGRAM} stop {other.note['profile']}",
-            )
+            remedy = f"wait for its end, or end it: {PROGRAM} stop {other.note['profile']}"
+            raise DeviceError(name, "opening", f"{other} has it", remedy)
         return self
 
     def tell(self, **more: Any) -> None:
@@ -159,16 +151,16 @@ def holders(profile: str, where: Addresses) -> Iterator[Holder]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             note = _read(descriptor)
-            if note is not None and note["pid"] != os.getpid() and _concerns(note, profile, where):
+            if (
+                note
+                and note["pid"] != os.getpid()
+                and (_shares(note, where) or (profile and note["profile"] == profile))
+            ):
                 yield Holder(descriptor, note)
                 continue
         else:
             path.unlink(missing_ok=True)  # its program was killed
         os.close(descriptor)
-
-
-def _concerns(note: Mapping[str, Any], profile: str, where: Addresses) -> bool:
-    return _shares(note, where) or (bool(profile) and note["profile"] == profile)
 
 
 def _shares(note: Mapping[str, Any], where: Addresses) -> bool:

@@ -185,21 +185,18 @@ class LiveConsole:
             return []
         _, factors, _, results = self._results[-1]
         names, found = [_scales(columns) for columns in (factors, results)]
-        rows = [
-            ["trial", *(s.heading for s in names.values()), "outcome", *(s.heading for s in found.values())]
-        ]
+        heads, more = ([scale.heading for scale in scales.values()] for scales in (names, found))
+        rows = [["trial", *heads, "outcome", *more]]
         for trial, values, outcome, row in self._results:
-            shown = [
-                [s.cell(cells.get(name), NUMBER) for name, s in scales.items()]
-                for scales, cells in ((names, values), (found, row))
-            ]
-            rows.append([str(trial), *shown[0], outcome.replace("_", " "), *shown[1]])
+            cells, more = (
+                [scale.cell(of.get(name), NUMBER) for name, scale in scales.items()]
+                for scales, of in ((names, values), (found, row))
+            )
+            rows.append([str(trial), *cells, outcome.replace("_", " "), *more])
         least = [0, *[NUMBER] * len(names), OUTCOME, *[NUMBER] * len(found)]
         widths = [max(size, *map(len, cells)) for size, *cells in zip(least, *rows, strict=True)]
         # Results that a narrow terminal has no room for are left out whole.
-        while (
-            sum(width + GAP for width in widths) > self._terminal.width + GAP and len(widths) > len(names) + 2
-        ):
+        while sum(widths) + GAP * (len(widths) - 1) > self._terminal.width and len(widths) > len(names) + 2:
             widths.pop()
         styles = ["dim", *(self._style(outcome) for _, _, outcome, _ in self._results)]
         left = len(names) + 1
@@ -218,9 +215,8 @@ class LiveConsole:
         scales = _scales(self._factors)
         factors = "  ".join(scales[key].said(value) for key, value in self._factors.items())
         stay = f" since {t_s:.2f} s, for {monotonic_s() - self._entered_s:.0f} s" if name else ""
-        now = Text.assemble(
-            (f"trial {self._trial}", "bold"), "  ", (name, "cyan"), (stay, "dim"), f"  {factors}"
-        )
+        trial = (f"trial {self._trial}", "bold")
+        now = Text.assemble(trial, "  ", (name, "cyan"), (stay, "dim"), f"  {factors}")
         seen = [Text(line, "dim") for line in self._view.lines(self._terminal.width)] if self._view else []
         if name == PAUSED:
             hint = "paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts"

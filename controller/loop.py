@@ -23,7 +23,7 @@ from behaviors.events import (
 from behaviors.machine import Behavior, verdict_of
 from controller.detectors.protocol import Detector, Floats, readings_of
 from controller.guard import Guard, GuardRefusal
-from controller.rig import Rig
+from controller.rig import Rig, streams_of
 from controller.signals.protocol import Signal, Signals
 from controller.subscriptions import unknown_streams
 from drivers.core.clock import rest
@@ -210,7 +210,7 @@ class Loop:
         self._rig = rig
         self._clock = rig.clock
         self._movers = [name for name, info in infos.items() if info.mover]
-        self._streams = {name: stream for info in infos.values() for name, stream in info.streams.items()}
+        self._streams = streams_of(infos)
         self._guard = guard
         self._witness = witness
         self._operator = operator

@@ -97,11 +97,8 @@ def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
         _folders[top] = there[0]
     path = [str(folder) for folder in there[:1]]
     sys.path[:0] = path
-    before, kept, sys.dont_write_bytecode = (
-        set(sys.modules),
-        sys.dont_write_bytecode,
-        True,
-    )  # it has no version
+    before, kept = set(sys.modules), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # it has no version
     try:
         importlib.invalidate_caches()
         module = import_module(name)

@@ -113,11 +113,8 @@ def proposals(
     for name, detector in detectors.items():
         heard = [block for block in blocks if block.stream in detector.inputs]
         if getattr(detector, "decides_in_motion", False):
-            yield Proposal(
-                name,
-                None,
-                f"it decides while something moves: {PROGRAM} calibrate, on motion without an object",
-            )
+            reason = f"it decides while something moves: {PROGRAM} calibrate, on motion without an object"
+            yield Proposal(name, None, reason)
         elif not isinstance(detector, Statistic):
             yield Proposal(name, None, "it takes its own from each trial's baseline, or shows no statistic")
         else:
@@ -145,10 +142,8 @@ def unrest(
     places = {stream for each in parts for stream in (each.position_stream, each.pose_stream)}
     for stream in dict.fromkeys(block.stream for block in blocks):
         own = [block for block in blocks if block.stream == stream and len(block)]
-        values, times_s = (
-            np.concatenate([each.physical for each in own]),
-            np.concatenate([each.times for each in own]),
-        )
+        values = np.concatenate([each.physical for each in own])
+        times_s = np.concatenate([each.times for each in own])
         if stream in places:
             way_m = float(np.ptp(values[:, :3], axis=0).max())
             if way_m > MOVED_M:

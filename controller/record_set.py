@@ -73,7 +73,7 @@ def write_set(run: Run, into: Path, *, licence: str, name: str, by: str) -> list
     try:
         labels = into / "labels.parquet"
         rows = [label for trial in run.recorded_trials for label in labels_of(run, trial)]
-        pd.DataFrame(rows, columns=list(_label(0, "", "", 0.0, 0.0, 0.0, ""))).to_parquet(labels, index=False)
+        pd.DataFrame(rows, columns=list(LABEL)).to_parquet(labels, index=False)
         paths.append(labels)
         about = into / "dataset.json"
         text = json.dumps(described(run, paths, licence=licence, name=name, by=by), indent=1)
@@ -120,18 +120,11 @@ def _rate_hz(series: Series) -> float | None:
     return round(1.0 / step_s, 3) if np.quantile(np.abs(steps - step_s), 0.9) < 0.1 * step_s else None
 
 
-def _label(
-    trial: int, what: str, stream: str, begin_s: float, end_s: float, sigma_s: float, source: str
-) -> Label:
-    return {
-        "trial": trial,
-        "what": what,
-        "stream": stream,
-        "begin_s": begin_s,
-        "end_s": end_s,
-        "sigma_s": sigma_s,
-        "source": source,
-    }
+LABEL = ("trial", "what", "stream", "begin_s", "end_s", "sigma_s", "source")
+
+
+def _label(*cells: Any) -> Label:
+    return dict(zip(LABEL, cells, strict=True))
 
 
 def labels_of(run: Run, trial: int) -> Iterator[Label]:
@@ -144,16 +137,10 @@ def labels_of(run: Run, trial: int) -> Iterator[Label]:
         yield _label(trial, "touch", "", touch_s, math.nan, 0.0, TRUTH)
     if found.get("slip_s") is not None:
         source = TRUTH if found.get("reference") == "truth" else COMMAND
-        end_s = found.get("slip_end_s")
-        yield _label(
-            trial,
-            "slip",
-            "",
-            float(found["slip_s"]),
-            math.nan if end_s is None else float(end_s),
-            0.0,
-            source,
+        begin_s, end_s = (
+            math.nan if found.get(key) is None else float(found[key]) for key in ("slip_s", "slip_end_s")
         )
+        yield _label(trial, "slip", "", begin_s, end_s, 0.0, source)
     for stream in recording.streams:
         series = recording.stream(stream)
         if series.unit == "m":
@@ -173,10 +160,8 @@ def moves(series: Series) -> Sequence[tuple[float, float]]:
     way = np.linalg.norm(x[size:] - x[:-size], axis=1)
     if not len(way):
         return []
-    pieces = [
-        float(np.sqrt(np.mean(piece**2))) for piece in np.array_split(way, max(1, len(way) // (5 * size)))
-    ]
-    noise = float(np.quantile(pieces, REST))
+    pieces = np.array_split(way, max(1, len(way) // (5 * size)))
+    noise = float(np.quantile([np.sqrt(np.mean(piece**2)) for piece in pieces], REST))
     moving = np.zeros(len(t_s), dtype=bool)
     moving[size // 2 : size // 2 + len(way)] = way > max(LEAST_M, SIGMAS * noise)
     edges = np.flatnonzero(np.diff(moving.astype(int), prepend=0, append=0))

@@ -141,13 +141,8 @@ def as_line(event: Detected, kind: str) -> dict[str, Any]:
     def plain(value: float) -> float | None:
         return float(value) if math.isfinite(value) else None
 
-    line = {
-        "t_s": round(float(event.t_s), 9),
-        "detector": kind,
-        "event": type(event).__name__,
-        "value": plain(event.value),
-        "threshold": plain(event.threshold),
-    }
+    line = {"t_s": round(float(event.t_s), 9), "detector": kind, "event": type(event).__name__}
+    line |= {"value": plain(event.value), "threshold": plain(event.threshold)}
     for extra in ("began_s", "sigma_s"):
         if hasattr(event, extra):
             line[extra] = plain(round(getattr(event, extra), 9))
@@ -277,9 +272,9 @@ def read_trial(path: Path, trial: int | None) -> tuple[Mapping[str, Any], TrialR
     run = open_run(path)
     trials = run.recorded_trials
     chosen = trials[0] if trial is None and trials else trial
+    if not trials:
+        raise ReplayError(f"{path}: holds no recording of a trial (recording.mcap)")
     if chosen is None or chosen not in trials:
-        if not trials:
-            raise ReplayError(f"{path}: holds no recording of a trial (recording.mcap)")
         raise ReplayError(
             f"{path}: no recording of trial {trial}; recorded are {min(trials)} to {max(trials)}"
         )
@@ -350,20 +345,17 @@ def _from_columns(
         remark = "" if asked_hz else f"; rate from {chosen.clock}"
         return [SampleBlock(stream, 0, t0_s, values, rate_hz=rate_hz, unit=unit)], remark
     # periods and frequencies come one a cycle: even where they look regular they are no samples
-    found = None if unit in ("s", "Hz") else regular(times_s, values)
+    found, remark = None if unit in ("s", "Hz") else regular(times_s, values), f"; times from {chosen.clock}"
     if found is None:
-        return [
-            SampleBlock(stream, 0, t0_s, values, times_s=times_s, unit=unit)
-        ], f"; times from {chosen.clock}"
+        return [SampleBlock(stream, 0, t0_s, values, times_s=times_s, unit=unit)], remark
     blocks = [
         SampleBlock(stream, seq, float(at_s[0]), piece, rate_hz=found.rate_hz, times_s=at_s, unit=unit)
         for seq, piece, at_s in found.pieces
     ]
-    wander = (
-        f"; resampled, for its times wander by up to {1e3 * found.jitter_s:.3g} ms" if found.resampled else ""
-    )
+    if found.resampled:
+        remark += f"; resampled, for its times wander by up to {1e3 * found.jitter_s:.3g} ms"
     slow = "; are these milliseconds? then call the column t_ms" if found.rate_hz < SLOW_HZ else ""
-    return blocks, f"; times from {chosen.clock}{wander}{slow}"
+    return blocks, remark + slow
 
 
 def _no_times(times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -391,15 +383,8 @@ def at_rail(blocks: Sequence[SampleBlock]) -> str:
 
     A channel of a few values alone, as a switch, has no rails."""
     channels = np.concatenate([block.physical for block in blocks]).T
-    for x in (x for x in channels if len(np.unique(x[:RAIL_LOOK])) > RAIL_LEVELS):
-        said = _channel_at_rail(x, blocks)
-        if said:
-            return said
-    return ""
-
-
-def _channel_at_rail(x: NDArray[np.float64], blocks: Sequence[SampleBlock]) -> str:
-    for end in (float(x.max()), float(x.min())):
+    live = [x for x in channels if len(np.unique(x[:RAIL_LOOK])) > RAIL_LEVELS]
+    for x, end in ((each, float(end)) for each in live for end in (each.max(), each.min())):
         edges = np.flatnonzero(np.diff((x == end).astype(np.int8), prepend=0, append=0))
         begins, lengths = edges[::2], edges[1::2] - edges[::2]
         if (lengths >= RAIL).any():
@@ -443,16 +428,10 @@ def between(blocks: Sequence[SampleBlock], t0_s: float, t1_s: float = math.inf) 
     for block in blocks:
         first, last = (int(at) for at in np.searchsorted(block.times, [t0_s - 1e-9, t1_s - 1e-9]))
         if first < last:
-            timed = block.times_s is not None
-            kept.append(
-                replace(
-                    block,
-                    seq=block.seq + first,
-                    t0_s=float(block.times[first]),
-                    values=block.values[first:last],
-                    times_s=block.times[first:last] if timed else None,
-                )
-            )
+            inside, times_s = slice(first, last), block.times
+            own: dict[str, Any] = {"seq": block.seq + first, "t0_s": float(times_s[first])}
+            own["times_s"] = None if block.times_s is None else times_s[inside]
+            kept.append(replace(block, values=block.values[inside], **own))
     return kept
 
 

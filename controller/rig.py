@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from drivers.core.clock import Clock
+from drivers.core.messages import DeviceInfo, StreamInfo
 from drivers.core.protocols import Asking, Device
 
 BenchKind = Literal["mock", "emulated", "hardware"]
@@ -73,3 +74,8 @@ class Rig:
     def asking(self) -> Sequence[Asking]:
         """The devices that ask the person at the console."""
         return [device for device in self.devices.values() if isinstance(device, Asking)]
+
+
+def streams_of(infos: Mapping[str, DeviceInfo]) -> dict[str, StreamInfo]:
+    """What opened devices send, by `device.stream`."""
+    return {name: stream for info in infos.values() for name, stream in info.streams.items()}

@@ -105,11 +105,9 @@ def draw_sweep(path: Path, measured: Measured, sweep: Sweep) -> None:
         axes.plot(1e-3 * measured.frequencies_hz, measured.response, "o", color=INK, label="measured")
         axes.axvline(1e-3 * sweep.peak_hz, color=FAINT, label=f"peak {1e-3 * sweep.peak_hz:.2f} kHz")
         if math.isfinite(sweep.low_hz + sweep.high_hz):
-            axes.axvspan(
-                1e-3 * sweep.low_hz, 1e-3 * sweep.high_hz, color=FAINT, alpha=0.3, label="within 6 dB"
-            )
-        axes.set_xlabel("frequency, kHz")
-        axes.set_ylabel(measured.kind)
+            ends = 1e-3 * sweep.low_hz, 1e-3 * sweep.high_hz
+            axes.axvspan(*ends, color=FAINT, alpha=0.3, label="within 6 dB")
+        axes.set(xlabel="frequency, kHz", ylabel=measured.kind)
         axes.set_ylim(bottom=0.0)
         axes.legend()
         save(drawing, path)

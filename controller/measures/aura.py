@@ -2,18 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.aura import AuraSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, PreTouch
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence, delay_s, not_before
+from controller.measures.trial import TrialEvidence, delay_s, not_before, spans_within
+from controller.recording.series import Series
 
-Floats = NDArray[np.float64]
+Span = tuple[float, float]
+"""From when to when, s."""
 
 METHODS = ("paper", "ours")
 """Detectors are named `pretouch_METHOD` and `contact_METHOD`."""
@@ -57,8 +57,7 @@ COLUMNS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Passage:
+class Passage(NamedTuple):
     """One approach: start of the rest before it, of the motion, of the rest after it and of the return; and its end."""
 
     rest_s: float
@@ -81,7 +80,7 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
     if not passages:
         return outcome, row
     there = evidence.factors.get("object", "pipe") != "none"
-    contacts = None if evidence.truth is None else _spans(evidence.truth)
+    contacts = None if evidence.truth is None else spans_within(evidence.truth)
     for passage in passages:
         pose = evidence.covered(settings.pose_stream, passage.rest_s, passage.over_s)
         for method in settings.methods:
@@ -96,14 +95,11 @@ def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tu
         row["truth_contact_s"], over_s = contacts[0]
         row["truth_release_s"] = over_s if math.isfinite(over_s) else None
     for method in settings.methods:
-        events = [
-            event
-            for event in evidence.events
-            if isinstance(event, Detected) and event.detector.endswith(f"_{method}")
-        ]
+        detected = (event for event in evidence.events if isinstance(event, Detected))
+        events = [event for event in detected if event.detector.endswith(f"_{method}")]
         seen = [_seen(events, passage, contacts, there) for passage in passages]
         distances_m = [
-            _distance(pose.times_s, pose.values[:, :3], t_s, passage, contacts, settings.end_gap_m)
+            _distance(pose, t_s, passage, contacts, settings.end_gap_m)
             for (t_s, _), passage in zip(seen, passages, strict=True)
             if t_s is not None and len(pose)
         ]
@@ -139,26 +135,13 @@ def _passages(evidence: TrialEvidence) -> list[Passage]:
     return passages
 
 
-def _spans(truth: Sequence[tuple[float, bool]]) -> list[tuple[float, float]]:
-    """Spans of contact from instants of making and losing it; overlapping contacts of several fingers are one."""
-    spans: list[tuple[float, float]] = []
-    touching, begun_s = 0, math.nan
-    for t_s, made in truth:
-        if made and touching == 0:
-            begun_s = t_s
-        touching += 1 if made else -1
-        if touching == 0:
-            spans.append((begun_s, t_s))
-    return [*spans, (begun_s, math.inf)] if touching > 0 else spans
-
-
-def _within(spans: Sequence[tuple[float, float]] | None, passage: Passage) -> tuple[float, float] | None:
+def _within(spans: Sequence[Span] | None, passage: Passage) -> Span | None:
     """The first contact of an approach."""
     return next((span for span in spans or () if passage.begun_s <= span[0] < passage.over_s), None)
 
 
 def _seen(
-    events: Sequence[Any], passage: Passage, contacts: Sequence[tuple[float, float]] | None, there: bool
+    events: Sequence[Any], passage: Passage, contacts: Sequence[Span] | None, there: bool
 ) -> tuple[float | None, bool]:
     """Time of the first pre-touch in an approach to an object, and whether there was a false one."""
     contact = _within(contacts, passage)
@@ -170,21 +153,16 @@ def _seen(
 
 
 def _distance(
-    times_s: Floats,
-    places_m: Floats,
-    t_s: float,
-    passage: Passage,
-    contacts: Sequence[tuple[float, float]] | None,
-    end_gap_m: float,
+    pose: Series, t_s: float, passage: Passage, contacts: Sequence[Span] | None, end_gap_m: float
 ) -> float:
     """How far the finger was from the object at an instant, along its way."""
     contact = _within(contacts, passage)
     end_s, gap_m = (passage.arrived_s, end_gap_m) if contact is None else (contact[0], 0.0)
 
-    def place(at_s: float) -> Floats:
-        return np.array([np.interp(at_s, times_s, column) for column in places_m.T])
-
-    return float(np.linalg.norm(place(end_s) - place(t_s))) + gap_m
+    here, there = (
+        np.array([np.interp(at_s, pose.times_s, c) for c in pose.values[:, :3].T]) for at_s in (t_s, end_s)
+    )
+    return float(np.linalg.norm(there - here)) + gap_m
 
 
 def _reported_columns(
@@ -192,12 +170,11 @@ def _reported_columns(
 ) -> dict[str, Any]:
     """The reported contacts, whether true or not."""
     approaches = held = ended = contacts = of_nothing = 0
+    begun_s = [event.t_s for event in events if isinstance(event, Contact)]
     for passage in passages:
         own = [event for event in events if passage.begun_s <= event.t_s < passage.over_s]
-        begins = [event.t_s for event in own if isinstance(event, Contact)]
-        early = any(
-            isinstance(event, Contact) and passage.rest_s <= event.t_s < passage.begun_s for event in events
-        )
+        begins = [t_s for t_s in begun_s if passage.begun_s <= t_s < passage.over_s]
+        early = any(passage.rest_s <= t_s < passage.begun_s for t_s in begun_s)
         of_nothing += early or bool(begins and not there)
         if not begins:
             continue
@@ -215,14 +192,12 @@ def _reported_columns(
 
 
 def _contact_columns(
-    events: Sequence[Detected],
-    passages: Sequence[Passage],
-    contacts: Sequence[tuple[float, float]],
-    method: str,
+    events: Sequence[Detected], passages: Sequence[Passage], contacts: Sequence[Span], method: str
 ) -> dict[str, Any]:
-    begins = [event.t_s for event in events if isinstance(event, Contact)]
-    holds = [event.t_s for event in events if isinstance(event, ContactHeld)]
-    ends = [event.t_s for event in events if isinstance(event, ContactLost)]
+    begins, holds, ends = (
+        [event.t_s for event in events if isinstance(event, kind)]
+        for kind in (Contact, ContactHeld, ContactLost)
+    )
     delays_s, held, ended = [], 0, 0
     for begun_s, over_s in contacts:
         own = next((each for each in passages if each.begun_s <= begun_s < each.over_s), None)
@@ -241,9 +216,7 @@ def _contact_columns(
     return {
         f"felt_{method}": len(delays_s),
         f"delay_s_{method}": float(np.median(delays_s)) if delays_s else None,
-        f"false_{method}": sum(
-            any(passage.rest_s <= t_s < passage.over_s for t_s in false) for passage in passages
-        ),
+        f"false_{method}": sum(any(each.rest_s <= t_s < each.over_s for t_s in false) for each in passages),
         f"held_{method}": held,
         f"ended_{method}": ended,
     }
@@ -255,9 +228,7 @@ def _undulations(evidence: TrialEvidence, settings: AuraSettings, passage: Passa
     pose = evidence.stream(settings.pose_stream, passage.rest_s, passage.over_s)
     if len(envelope) < 64 or len(pose) < 2 or envelope.values.shape[1] < 2:
         return None
-    places_m = np.column_stack(
-        [np.interp(envelope.times_s, pose.times_s, column) for column in pose.values[:, :3].T]
-    )
+    places_m = np.column_stack([np.interp(envelope.times_s, pose.times_s, c) for c in pose.values[:, :3].T])
     way_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(places_m, axis=0), axis=1))))
     moving = np.concatenate(([True], np.diff(way_m) > 0.0))
     length_m = float(way_m[-1])
@@ -265,9 +236,8 @@ def _undulations(evidence: TrialEvidence, settings: AuraSettings, passage: Passa
     if length_m < 0.01 or count < 64:
         return None
     grid_m = np.linspace(0.0, length_m, count)
-    z = np.interp(grid_m, way_m[moving], envelope.values[moving, 0]) + 1j * np.interp(
-        grid_m, way_m[moving], envelope.values[moving, 1]
-    )
+    i, q = (np.interp(grid_m, way_m[moving], column) for column in envelope.values[moving, :2].T)
+    z = i + 1j * q
     s = np.linspace(-1.0, 1.0, count)
     z = z - np.polyval(np.polyfit(s, z, 2), s)
     padded = 8 * count

@@ -20,7 +20,8 @@ DETECTED_SIGMA = 3.5
 with Gaussian noise one sample in 4,300 goes as far by itself in either direction."""
 
 CONFIDENCE = 0.95
-"""Of every interval."""
+UPPER = 0.5 + CONFIDENCE / 2.0
+"""Of every interval, and the share below its upper end."""
 
 BRIDGES = ("x", "y", "t")
 """Names of the bridges in the order of the stream's channels."""
@@ -100,9 +101,8 @@ def steps_of(
     ends_s = [*loads.times_s[1:].tolist(), math.inf]
     zeros, before_n = 0, 0.0
     steps: list[Step] = []
-    for load_n, begin_s, end_s in zip(
-        loads.values[:, channel].tolist(), loads.times_s.tolist(), ends_s, strict=True
-    ):
+    hung = zip(loads.values[:, channel].tolist(), loads.times_s.tolist(), ends_s, strict=True)
+    for load_n, begin_s, end_s in hung:
         values_v = volts.between(begin_s, end_s).values[:, channel]
         if len(values_v) < 2:
             continue
@@ -158,11 +158,9 @@ def calibrate(trials: Iterable[Sequence[Step]], weight_uncertainty: float) -> Br
     top_n = float(loads_n.max())
     full_v = gain.value * top_n
     left_v = [step.mean_v for steps in cycles for step in steps if step.going == "zero"]
-    slopes = [slope for steps in cycles if (slope := _slope_of(steps)) is not None]
-    middles = {
-        load_n: np.mean([v for (n, _), v in points.items() if n == load_n])
-        for load_n in set(loads_n.tolist())
-    }
+    loaded = [np.array([(s.load_n, s.mean_v) for s in steps if s.going != "zero"]) for steps in cycles]
+    slopes = [_slope(*pairs.T) for pairs in loaded if len(pairs)]
+    middles = {n: np.mean(volts[loads_n == n]) for n in set(loads_n.tolist())}
     return BridgeCalibration(
         gain_v_n=gain,
         hysteresis=_hysteresis(cycles, full_v, _relative(gain)),
@@ -189,13 +187,6 @@ def _slope(loads_n: NDArray[np.float64], volts: NDArray[np.float64]) -> float:
     return float(loads_n @ volts / (loads_n @ loads_n))
 
 
-def _slope_of(steps: Sequence[Step]) -> float | None:
-    loaded = [step for step in steps if step.going != "zero"]
-    if not loaded:
-        return None
-    return _slope(np.array([step.load_n for step in loaded]), np.array([step.mean_v for step in loaded]))
-
-
 def _gain(loads_n: NDArray[np.float64], volts: NDArray[np.float64], weight_uncertainty: float) -> Estimate:
     """Least squares through zero, with the residuals' and the weights' uncertainty."""
     from scipy.special import ndtri, stdtrit  # a third of what all of scipy.stats takes to load
@@ -204,10 +195,8 @@ def _gain(loads_n: NDArray[np.float64], volts: NDArray[np.float64], weight_uncer
     freedom = len(loads_n) - 1
     residuals_v = volts - gain * loads_n
     fit = math.sqrt(float(residuals_v @ residuals_v) / freedom / float(loads_n @ loads_n))
-    half = math.hypot(
-        float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0)) * fit,
-        float(ndtri(0.5 + CONFIDENCE / 2.0)) * weight_uncertainty * gain,
-    )
+    student, normal = (float(each) for each in (stdtrit(freedom, UPPER), ndtri(UPPER)))
+    half = math.hypot(student * fit, normal * weight_uncertainty * gain)
     return Estimate(gain, gain - half, gain + half)
 
 
@@ -232,12 +221,8 @@ def _hysteresis(cycles: Sequence[Sequence[Step]], full_v: float, relative: float
     mean = float(np.mean(shares))
     if len(shares) < 2:
         return Estimate(mean, math.nan, math.nan)
-    cycles_half = (
-        float(stdtrit(len(shares) - 1, 0.5 + CONFIDENCE / 2.0))
-        * float(np.std(shares, ddof=1))
-        / math.sqrt(len(shares))
-    )
-    half = math.hypot(cycles_half, relative * mean)
+    student, sigma = float(stdtrit(len(shares) - 1, UPPER)), float(np.std(shares, ddof=1))
+    half = math.hypot(student * sigma / math.sqrt(len(shares)), relative * mean)
     return Estimate(mean, mean - half, mean + half)
 
 
@@ -252,7 +237,5 @@ def _resolution(steps: Sequence[Step], gain: Estimate) -> Estimate:
     high, low = (2.0 * float(gammaincinv(0.5 * freedom, 0.5 + side * CONFIDENCE / 2.0)) for side in (1, -1))
     below = resolution_n * (1.0 - math.sqrt(freedom / high))
     above = resolution_n * (math.sqrt(freedom / low) - 1.0)
-    of_gain = resolution_n * _relative(gain)
-    return Estimate(
-        resolution_n, resolution_n - math.hypot(below, of_gain), resolution_n + math.hypot(above, of_gain)
-    )
+    below, above = (math.hypot(each, resolution_n * _relative(gain)) for each in (below, above))
+    return Estimate(resolution_n, resolution_n - below, resolution_n + above)

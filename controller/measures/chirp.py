@@ -98,9 +98,8 @@ def transfer(times_s: Floats, values: Floats, settings: ChirpSettings) -> tuple[
     swept_hz = abs(slope_hz_s) * times_s[inside]
     cells = np.floor(swept_hz / STEP_HZ).astype(np.int64)
     count = np.bincount(cells) if len(cells) else np.empty(0, dtype=np.int64)
-    squares = np.column_stack(
-        [np.bincount(cells, weights=column**2, minlength=len(count)) for column in values[inside].T]
-    )
+    fingers = values[inside].T
+    squares = np.column_stack([np.bincount(cells, weights=x**2, minlength=len(count)) for x in fingers])
     filled = count > 0
     middles_hz = settings.from_hz + np.sign(slope_hz_s) * (np.arange(len(count)) + 0.5) * STEP_HZ
     return middles_hz[filled], squares[filled] / count[filled, None]

@@ -50,11 +50,9 @@ def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) ->
         return outcome, row
     until_s = touch_s or evidence.entered_s.get("RETRACTING", evidence.ended_s)
     row |= {"flexed_s": until_s - begun_s, "free_rise_hz": _rise_hz(evidence, settings, begun_s)}
-    for name in LISTENERS:
-        if name in evidence.detectors:
-            row |= {
-                f"{name}_{what}": value for what, value in _scores(evidence, name, begun_s, until_s, touch_s)
-            }
+    for name in (each for each in LISTENERS if each in evidence.detectors):
+        scores = _scores(evidence, name, begun_s, until_s, touch_s)
+        row |= {f"{name}_{what}": value for what, value in scores}
     if evidence.truth is None or outcome not in ("contact", "false_contact"):
         return outcome, row
     row["false_contacts"] = row[f"{settings.detector}_false"]
@@ -83,10 +81,10 @@ def _scores(
     ]
 
 
-def curve(
-    periods: tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]],
-    tendon: tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]],
-) -> Mapping[str, Any]:
+TimedValues = tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]
+
+
+def curve(periods: TimedValues, tendon: TimedValues) -> Mapping[str, Any]:
     """Frequency of each period against where the tendon was, and the parabola through it."""
     at_m = np.interp(periods[0], *tendon)
     hz = 1.0 / periods[1]

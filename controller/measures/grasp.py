@@ -8,7 +8,7 @@ import numpy as np
 
 from behaviors.grasp import GraspSettings
 from controller.measures import Column, centering
-from controller.measures.trial import TrialEvidence, not_before
+from controller.measures.trial import TrialEvidence, not_before, spans_within
 from drivers.core.messages import Grip, Sent
 
 OFF_TABLE_M = 0.001
@@ -117,8 +117,12 @@ def _true(
     """What a simulated bench knows."""
     known: dict[str, Any] = {}
     lifts = [lift for lift in evidence.lifts or () if lift.t_s <= over_s]
-    slips = [span for span in _spans(evidence.slips or ()) if lifting_s <= span[1] and span[0] <= over_s]
-    slides = [span for span in _spans(evidence.slides or ()) if lifting_s <= span[1] and span[0] <= over_s]
+    slips = [
+        span for span in spans_within(evidence.slips or ()) if lifting_s <= span[1] and span[0] <= over_s
+    ]
+    slides = [
+        span for span in spans_within(evidence.slides or ()) if lifting_s <= span[1] and span[0] <= over_s
+    ]
     known["slipped"] = len(slips)
     known["told_true"] = sum(any(_within(t_s, span) for span in (*slips, *slides)) for t_s in told_s)
     known["told_false"] = len(told_s) - known["told_true"]
@@ -143,12 +147,6 @@ def _true(
             known["grip_over_least"] = float(np.median([lift.grip_n / lift.least_n for lift in firm]))
             known["friction_true"] = float(np.median([0.5 * lift.weight_n / lift.least_n for lift in firm]))
     return known
-
-
-def _spans(changes: Sequence[tuple[float, bool]]) -> list[tuple[float, float]]:
-    """From when to when it slid, of instants at which it began and ceased to."""
-    times_s = [t_s for t_s, _ in changes]
-    return list(zip(times_s[::2], times_s[1::2], strict=True))
 
 
 def _within(t_s: float, span: tuple[float, float]) -> bool:

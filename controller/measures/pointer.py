@@ -89,15 +89,15 @@ def touches_of(
         own, places = forces.between(*span).values, poses.between(*span).values
         if len(own) < 2 or not len(places):
             continue
-        fx_n, fy_n = own[:, 0], own[:, 1]
-        measured_rad = math.atan2(float(fx_n.mean()), float(fy_n.mean()))
-        each_rad = np.arctan2(fx_n, fy_n) - measured_rad
+        mean_n = [float(own[:, channel].mean()) for channel in (0, 1)]
+        measured_rad = math.atan2(*mean_n)
+        each_rad = np.arctan2(own[:, 0], own[:, 1]) - measured_rad
         touches.append(
             Touch(
                 true_rad=turned_rad(start, _mean_vector(places[:, 3:])),
                 measured_rad=measured_rad,
                 spread_rad=float(np.std((each_rad + math.pi) % FULL_TURN - math.pi)),
-                force_n=math.hypot(float(fx_n.mean()), float(fy_n.mean())),
+                force_n=math.hypot(*mean_n),
                 going="up" if len(touches) < angles else "down",
             )
         )

@@ -20,7 +20,7 @@ from behaviors.events import (
 from behaviors.slip import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence, delay_s, not_before
+from controller.measures.trial import TrialEvidence, delay_s, not_before, spans_within
 from controller.signals.spectrum import BlockCutter, block_peaks
 from drivers.core.messages import SampleBlock
 
@@ -75,19 +75,13 @@ AFTER_S = 0.2
 """Slip reported this soon after its end is late, not false: a block and a half of the slowest sensor."""
 
 
-class SlipSpan(NamedTuple):
-    """A stretch of bench time, s."""
-
-    begin_s: float
-    end_s: float
-
-
 class Slip(NamedTuple):
-    """A slip, bench time in seconds: command to slide, beginning and end of the slip."""
+    """A slip, or a stretch that may hold one: bench time in seconds of its beginning and its end, and when it was
+    commanded."""
 
-    commanded_s: float
     begin_s: float
     end_s: float
+    commanded_s: float = math.nan
 
 
 def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -> tuple[str, dict[str, Any]]:
@@ -105,14 +99,14 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
         row["touch_truth_s"] = next((t_s for t_s, made in evidence.truth if made), None)
     _require_samples(evidence, run, row["touch_s"])
     commanded = _commanded(evidence)
-    true_slips = None if evidence.slips is None else _spans(evidence.slips)
-    slips = [Slip(t.begin_s, *t) for t in commanded] if true_slips is None else _true(commanded, true_slips)
+    true_slips = None if evidence.slips is None else [Slip(*span) for span in spans_within(evidence.slips)]
+    slips = commanded if true_slips is None else _true(commanded, true_slips)
     row["reference"] = "command" if true_slips is None else "truth"
     row["slips"] = len(slips)
     row["slide_s"] = commanded[0].begin_s if commanded else None
     if slips:
         row["slip_s"], row["slip_end_s"] = slips[0].begin_s, slips[-1].end_s
-    slipping = [SlipSpan(slip.begin_s, slip.end_s) for slip in slips] + (true_slips or [])
+    slipping = [*slips, *(true_slips or [])]
     descent = _descent(evidence)
     row["listen_s"] = listen_s = _listen_s(evidence, run)
     arming_s, row["ours_least_delay_s"] = _ours_at_best(evidence, run)
@@ -158,32 +152,20 @@ def _require_samples(evidence: TrialEvidence, run: SensorRunSettings, touch_s: f
 # --- when it slipped ------------------------------------------------------------------------------
 
 
-def _commanded(evidence: TrialEvidence) -> list[SlipSpan]:
+def _commanded(evidence: TrialEvidence) -> list[Slip]:
     """From each command to slide until standstill or the next command."""
-    ends_s = [t_s for _, t_s in evidence.visits[1:]]
-    if evidence.visits:
-        ends_s.append(evidence.ended_s)
-    return [
-        SlipSpan(t_s, end_s)
-        for (state, t_s), end_s in zip(evidence.visits, ends_s, strict=True)
-        if state == "SLIPPING"
-    ]
+    ends_s = [*(t_s for _, t_s in evidence.visits[1:]), evidence.ended_s]
+    visits = zip(evidence.visits, ends_s, strict=False)
+    return [Slip(t_s, end_s, t_s) for (state, t_s), end_s in visits if state == "SLIPPING"]
 
 
-def _spans(changes: Sequence[tuple[float, bool]]) -> list[SlipSpan]:
-    """Pairs of beginning and end, in order."""
-    begins = [t_s for t_s, began in changes if began]
-    ends = [t_s for t_s, began in changes if not began]
-    return [SlipSpan(begin_s, end_s) for begin_s, end_s in zip(begins, ends, strict=True)]
-
-
-def _true(commanded: Sequence[SlipSpan], true_slips: Sequence[SlipSpan]) -> list[Slip]:
+def _true(commanded: Sequence[Slip], true_slips: Sequence[Slip]) -> list[Slip]:
     """True slip for each command to slide; none where the tip held."""
     found = []
     for span in commanded:
         within = [slip for slip in true_slips if slip.end_s >= span.begin_s and slip.begin_s <= span.end_s]
         if within:
-            found.append(Slip(span.begin_s, max(span.begin_s, within[0].begin_s), within[-1].end_s))
+            found.append(Slip(max(span.begin_s, within[0].begin_s), within[-1].end_s, span.begin_s))
     return found
 
 
@@ -200,41 +182,28 @@ def _cuts_s(evidence: TrialEvidence) -> Sequence[float]:
 # --- what the detectors reported ------------------------------------------------------------------
 
 
-def _events_of(
-    events: Sequence[Event], detector: str, listen_s: float | None
-) -> list[SlipStarted | SlipEnded]:
-    return [
-        event
-        for event in events
-        if isinstance(event, SlipStarted | SlipEnded)
-        and event.detector == detector
-        and listen_s is not None
-        and event.t_s >= listen_s
-    ]
+SlipEvents = Sequence[SlipStarted | SlipEnded]
+
+
+def _events_of(events: Sequence[Event], detector: str, listen_s: float | None) -> SlipEvents:
+    own = (
+        event for event in events if isinstance(event, SlipStarted | SlipEnded) and event.detector == detector
+    )
+    return [event for event in own if listen_s is not None and event.t_s >= listen_s]
 
 
 def _score(
-    events: Sequence[SlipStarted | SlipEnded],
-    slips: Sequence[Slip],
-    missed_after_s: float,
-    cuts_s: Sequence[float],
+    events: SlipEvents, slips: Sequence[Slip], missed_after_s: float, cuts_s: Sequence[float]
 ) -> Mapping[str, Any]:
     """Score slip by slip; one interrupted before the detector's time was up does not count as missed."""
     delays_s: list[float] = []
     early = missed = 0
+    started_s = [event.t_s for event in events if isinstance(event, SlipStarted)]
     for slip in slips:
         before = [event for event in events if not not_before(event.t_s, slip.begin_s)]
         latest_s = min(slip.begin_s + missed_after_s, slip.end_s + AFTER_S)
-        found = [
-            event.t_s
-            for event in events
-            if isinstance(event, SlipStarted)
-            and not_before(event.t_s, slip.begin_s)
-            and event.t_s <= latest_s
-        ]
-        called = [
-            event for event in before if event.t_s >= slip.commanded_s and isinstance(event, SlipStarted)
-        ]
+        found = [t_s for t_s in started_s if not_before(t_s, slip.begin_s) and t_s <= latest_s]
+        called = any(slip.commanded_s <= t_s and not not_before(t_s, slip.begin_s) for t_s in started_s)
         if called or (before and isinstance(before[-1], SlipStarted)):
             early += 1
         elif found:
@@ -250,17 +219,13 @@ def _score(
     }
 
 
-def _alarms(
-    events: Sequence[SlipStarted | SlipEnded], slips: Sequence[SlipSpan], descent: SlipSpan
-) -> Mapping[str, int]:
+def _alarms(events: SlipEvents, slips: Sequence[Slip], descent: Slip) -> Mapping[str, int]:
     """False alarms: during descent and pressing, and at any other time."""
+    started_s = [event.t_s for event in events if isinstance(event, SlipStarted)]
     alarms = [
-        event.t_s
-        for event in events
-        if isinstance(event, SlipStarted)
-        and not any(
-            not_before(event.t_s, slip.begin_s) and event.t_s <= slip.end_s + AFTER_S for slip in slips
-        )
+        t_s
+        for t_s in started_s
+        if not any(not_before(t_s, slip.begin_s) and t_s <= slip.end_s + AFTER_S for slip in slips)
     ]
     touching = sum(descent.begin_s <= t_s < descent.end_s for t_s in alarms)
     return {"false_alarms": len(alarms) - touching, "touch_alarms": touching}
@@ -286,15 +251,13 @@ def _ours_at_best(evidence: TrialEvidence, run: SensorRunSettings) -> tuple[floa
 def _silent_s(evidence: TrialEvidence, run: SensorRunSettings) -> float:
     """When the slip detectors were unsubscribed; those subscribed with motion, when the reflex has stopped it."""
     states = ("LIFTING",) if run.listen == "rest" else ("LIFTING", "STOPPED")
-    return min(
-        (evidence.entered_s[state] for state in states if state in evidence.entered_s),
-        default=evidence.ended_s,
-    )
+    ends_s = (evidence.entered_s[state] for state in states if state in evidence.entered_s)
+    return min(ends_s, default=evidence.ended_s)
 
 
-def _quiet_s(begin_s: float, end_s: float, slipping: Sequence[SlipSpan], descent: SlipSpan) -> float:
+def _quiet_s(begin_s: float, end_s: float, slipping: Sequence[Slip], descent: Slip) -> float:
     """Time in which a detector can alarm, without descent, pressing and slips."""
-    busy = sorted([descent, *(SlipSpan(span.begin_s, span.end_s + AFTER_S) for span in slipping)])
+    busy = sorted([descent, *(Slip(span.begin_s, span.end_s + AFTER_S) for span in slipping)])
     quiet_s, here_s = 0.0, begin_s
     for span in busy:
         quiet_s += max(0.0, min(span.begin_s, end_s) - here_s)
@@ -302,12 +265,12 @@ def _quiet_s(begin_s: float, end_s: float, slipping: Sequence[SlipSpan], descent
     return quiet_s + max(0.0, end_s - here_s)
 
 
-def _descent(evidence: TrialEvidence) -> SlipSpan:
+def _descent(evidence: TrialEvidence) -> Slip:
     """From the beginning of the descent until the tip was pressed and its ring had died away."""
     begin_s = evidence.entered_s.get("DESCENDING", math.inf)
     pressing_s = evidence.entered_s.get("PRESSING", math.inf)
     after_s = [t_s for _, t_s in evidence.visits if t_s > pressing_s]
-    return SlipSpan(begin_s, after_s[0] + AFTER_S if after_s else math.inf)
+    return Slip(begin_s, after_s[0] + AFTER_S if after_s else math.inf)
 
 
 # --- what the signals were ------------------------------------------------------------------------

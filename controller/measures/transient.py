@@ -73,9 +73,11 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         return outcome, row
     times_s, force_n = tared(evidence, settings.load_cell_stream, begun_s)
     above = np.flatnonzero(force_n >= ONSET_N)
-    too_noisy = (
-        evidence.truth is None and _noise(evidence, settings.load_cell_stream, begun_s) > ONSET_N / 4.0
-    )
+    baseline_n = evidence.series(
+        settings.load_cell_stream, -math.inf if baseline_s is None else baseline_s, begun_s
+    )[1]
+    noise_n = float(baseline_n.std()) if len(baseline_n) else 0.0
+    too_noisy = evidence.truth is None and noise_n > ONSET_N / 4.0
     onset_s = float(times_s[above[0]]) if len(above) and not too_noisy else None
     touched_s = None
     if evidence.truth is not None:
@@ -125,12 +127,6 @@ def tared(
 def pulls(force_n: NDArray[np.float64]) -> bool:
     """Whether a push was read as negative: the sensor's sign is wrong."""
     return bool(len(force_n) and force_n[abs(force_n).argmax()] <= -ONSET_N)
-
-
-def _noise(evidence: TrialEvidence, stream: str | None, begun_s: float) -> float:
-    """The load cell's standard deviation over the baseline, in newtons; 0 where it has none."""
-    _, force_n = evidence.series(stream, evidence.entered_s.get("BASELINE", -math.inf), begun_s)
-    return float(force_n.std()) if len(force_n) else 0.0
 
 
 def _largest(force_n: NDArray[np.float64]) -> float | None:

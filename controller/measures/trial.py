@@ -133,10 +133,8 @@ class TrialEvidence:
 
     def stop_sent_s(self, mover: str, from_s: float) -> float | None:
         """When the first `Stop` from some time on left the host (its last byte), or None."""
-        stops = (
-            event for event in self.events if isinstance(event, Sent) and isinstance(event.command, Stop)
-        )
-        return next((event.t_s for event in stops if event.device == mover and event.t_s >= from_s), None)
+        sent = (event for event in self.events if isinstance(event, Sent) and isinstance(event.command, Stop))
+        return next((event.t_s for event in sent if event.device == mover and event.t_s >= from_s), None)
 
     def first(
         self, kind: type[E], since_s: float = -math.inf, until_s: float = math.inf, **wanted: object
@@ -218,3 +216,16 @@ def spans_of(visits: Iterable[tuple[str, float]], state: str) -> list[tuple[floa
     """From when to when a state lasted, each time; from the states in order of entry, with the bench time."""
     listed = [*visits, ("", math.inf)]
     return [(t_s, listed[i + 1][1]) for i, (name, t_s) in enumerate(listed[:-1]) if name == state]
+
+
+def spans_within(changes: Iterable[tuple[float, bool]]) -> list[tuple[float, float]]:
+    """From when to when something held, from instants at which it began and ended; what overlaps is one."""
+    spans: list[tuple[float, float]] = []
+    held, begun_s = 0, math.nan
+    for t_s, began in changes:
+        if began and held == 0:
+            begun_s = t_s
+        held += 1 if began else -1
+        if held == 0:
+            spans.append((begun_s, t_s))
+    return [*spans, (begun_s, math.inf)] if held > 0 else spans

@@ -84,9 +84,8 @@ class DiskThread:
         if self._patient:
             self.flush(sync=False)
         else:
-            self._fail(
-                self._busy, TimeoutError(None, f"the disk cannot keep up, {BACKLOG} posts wait for it")
-            )
+            late = TimeoutError(None, f"the disk cannot keep up, {BACKLOG} posts wait for it")
+            self._fail(self._busy, late)
         return self.failure is None
 
     def fill(self) -> None:

@@ -70,14 +70,9 @@ def foxglove(topics: Mapping[str, Sequence[str]]) -> dict[str, Any]:
         "paths": [{"value": "/state.state", "timestampMethod": "receiveTime"}],
         "isSynced": True,
     }
-    above: Any = None
-    for name in reversed(panels):
-        left = list(panels)[list(panels).index(name) :]
-        above = (
-            name
-            if above is None
-            else {"first": name, "second": above, "direction": "column", "splitPercentage": 100 / len(left)}
-        )
+    above: Any = "StateTransitions!state"
+    for below, name in enumerate(list(panels)[-2::-1], start=2):
+        above = {"first": name, "second": above, "direction": "column", "splitPercentage": 100 / below}
     panels["RosOut!events"] = {"topicToRender": "/events", "minLogLevel": 1, "searchTerms": []}
     layout = {"first": above, "second": "RosOut!events", "direction": "row", "splitPercentage": 70}
     return {
@@ -96,13 +91,9 @@ def plotjuggler(topics: Mapping[str, Sequence[str]]) -> str:
     tab = ElementTree.SubElement(window, "Tab", tab_name="run", containers="1")
     edges = [round(1e6 * place / max(1, len(topics))) / 1e6 for place in range(len(topics) + 1)]
     sizes = ";".join(f"{after - before:.6f}" for before, after in pairwise(edges))
-    split = ElementTree.SubElement(
-        ElementTree.SubElement(tab, "Container"),
-        "DockSplitter",
-        orientation="-",
-        count=str(len(topics)),
-        sizes=sizes,
-    )
+    container = ElementTree.SubElement(tab, "Container")
+    look = {"orientation": "-", "count": str(len(topics)), "sizes": sizes}
+    split = ElementTree.SubElement(container, "DockSplitter", look)
     for topic, fields in topics.items():
         area = ElementTree.SubElement(split, "DockArea", name=topic)
         plot = ElementTree.SubElement(area, "plot", mode="TimeSeries", style="Lines")

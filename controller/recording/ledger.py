@@ -43,12 +43,12 @@ class Ledger:
         self._lines = ""
         self.columns = ("trial", "outcome", *factors, *measures)
         header = _line(self.columns)
-        if path.exists() and path.stat().st_size:
-            if path.read_text("utf-8").split("\n", 1)[0] + "\n" != header:
+        data = path.read_bytes() if path.exists() and path.stat().st_size else b""
+        if data:
+            if data.partition(b"\n")[0].decode() + "\n" != header:
                 raise ValueError(
                     f"{path}: its columns are not those of this profile; write to another folder"
                 )
-            data = path.read_bytes()
             if not data.endswith(b"\n"):  # cut off
                 os.truncate(path, data.rfind(b"\n") + 1)
         else:
@@ -191,11 +191,8 @@ class EventLog:
 
 def describe_event(event: Event) -> tuple[str, dict[str, object]]:
     """An event's name and, as JSON knows them, its other fields than the time."""
-    details: dict[str, object] = {}
-    for field in dataclasses.fields(event):
-        if field.name != "t_s":
-            details[field.name] = _plain(getattr(event, field.name))
-    return type(event).__name__, details
+    names = [field.name for field in dataclasses.fields(event) if field.name != "t_s"]
+    return type(event).__name__, {name: _plain(getattr(event, name)) for name in names}
 
 
 def describe_command(command: Command) -> str:

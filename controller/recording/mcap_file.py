@@ -97,10 +97,10 @@ class McapWriter:
             described = schema, descriptors
             if described not in self._schemas:
                 self._schemas[described] = self._writer.register_schema(schema, "protobuf", descriptors)
-            number = self._writer.register_channel(
-                topic, "protobuf", self._schemas[described], dict(metadata)
+            kind = self._schemas[described]
+            self._topics[topic] = number = self._writer.register_channel(
+                topic, "protobuf", kind, dict(metadata)
             )
-            self._topics[topic] = number
             if self._mirror is not None:
                 self._mirror.channel(number, topic, described, metadata)
         return self._topics[topic]

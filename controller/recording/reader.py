@@ -63,10 +63,8 @@ class Run:
     notes: list[str] = field(default_factory=list)
 
     def __repr__(self) -> str:
-        outcomes = counted(Counter(str(row["outcome"]) for row in self.trials), self.successes)
-        return (
-            f"Run({self.folder.path.name}: {outcomes or 'no trial'}; table, signal(TRIAL, STREAM), streams)"
-        )
+        outcomes = counted(Counter(str(row["outcome"]) for row in self.trials), self.successes) or "no trial"
+        return f"Run({self.folder.path.name}: {outcomes}; table, signal(TRIAL, STREAM), streams)"
 
     def _repr_html_(self) -> str:
         """For a notebook: what it is, its streams, and the first trials."""
@@ -82,22 +80,20 @@ class Run:
     def resolved(self) -> Mapping[str, Any]:
         """The profile with all its settings; what is "none" in it (a device, a detector, a signal) is not there."""
         profile = (self.manifest.get("profile") or {}).get("resolved") or {}
-        named = {name: profile.get(name) or {} for name in ("devices", "detectors", "signals")}
-        there = {
-            name: {key: table for key, table in tables.items() if isinstance(table, Mapping)}
-            for name, tables in named.items()
+        return {
+            name: {key: table for key, table in (value or {}).items() if isinstance(table, Mapping)}
+            if name in ("devices", "detectors", "signals")
+            else value
+            for name, value in profile.items()
         }
-        return {name: there.get(name, value) for name, value in profile.items()}
 
     @property
     def measured_by(self) -> list[str]:
         """Devices of a simulated bench that are real: each at a port of its own."""
-        ports = {
-            name: table.get("port")
-            for name, table in self.resolved.get("devices", {}).items()
-            if self.simulated
-        }
-        return [name for name, port in ports.items() if port not in (None, "mock", "emulated")]
+        devices = self.resolved.get("devices", {}) if self.simulated else {}
+        return [
+            name for name, table in devices.items() if table.get("port") not in (None, "mock", "emulated")
+        ]
 
     @property
     def cut_off(self) -> bool:
@@ -246,9 +242,8 @@ def _reading(what: object) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise RunFolderError(
-            f"{what}: damaged ({' '.join(str(error).split()) or type(error).__name__})"
-        ) from error
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RunFolderError(f"{what}: damaged ({reason})") from error
 
 
 def _check(rows: Sequence[Mapping[str, Any]], kinds: Mapping[str, Any]) -> None:
@@ -333,17 +328,17 @@ class RecordingIndex:
             raise KeyError(f"trial {trial}: nothing was recorded of it")
         if trial in self._kept:
             return self._kept[trial]
-        path, recording, size = self.trials[trial].path, TrialRecording(trial, self.trials[trial].factors), 0
+        found = self.trials[trial]
+        path, recording, size = found.path, TrialRecording(trial, found.factors), 0
         widths: dict[str, tuple[int, ...]] = {}
-        for chunk in self.trials[trial].chunks:
+        for chunk in found.chunks:
             with _reading(f"{path}, the chunk at byte {chunk.body}"):
                 channels = self._wanted(path)
                 readings: dict[int, list[tuple[int, bytes]]] = {}
                 for number, sequence, _, data in messages(path, chunk):
-                    channel = channels.get(number)
-                    if channel is None:
+                    if number not in channels:
                         continue
-                    size += len(data)
+                    channel, size = channels[number], size + len(data)
                     if channel.topic == SKIPPED:
                         skipped = self._skipped.message.FromString(data)
                         recording.skip(skipped.stream, skipped.t0_s, skipped.t1_s)
@@ -365,21 +360,15 @@ class RecordingIndex:
         """A detector's readings in a row."""
         read = [self._readings.message.FromString(data) for _, data in several]
         table = np.array([[getattr(each, name) for name in READINGS] for each in read])
-        stream, unit = channel.metadata["stream"], channel.metadata["unit"]
-        return SampleBlock(
-            stream, several[0][0], float(table[0, 0]), table[:, 1:], times_s=table[:, 0], unit=unit
-        )
+        stream, unit, times_s = channel.metadata["stream"], channel.metadata["unit"], table[:, 0]
+        return SampleBlock(stream, several[0][0], float(times_s[0]), table[:, 1:], times_s=times_s, unit=unit)
 
     def _wanted(self, path: Path) -> Mapping[int, Channel]:
         """The channels that are read: blocks, detectors' readings where these are no blocks, and skipped spans."""
         if path not in self._channels:
             found = {number: channel for number, (channel, _) in topics(path).items()}
             names = {each.topic for each in found.values()}
-            self._channels[path] = {
-                number: channel
-                for number, channel in found.items()
-                if channel.topic == SKIPPED
-                or channel.topic.startswith(RAW)
-                or (channel.topic.startswith(READ) and f"/raw{channel.topic}" not in names)
-            }
+            wanted = {name for name in names if name == SKIPPED or name.startswith(RAW)}
+            wanted |= {name for name in names if name.startswith(READ) and f"/raw{name}" not in names}
+            self._channels[path] = {number: each for number, each in found.items() if each.topic in wanted}
         return self._channels[path]

@@ -142,10 +142,10 @@ class Recorder:
         readings, stream = gathered[kept, :3], DETECTOR + detector
         before = self.trial.blocks(stream, -1)
         seq = before[-1].seq + len(before[-1]) if before else 0
-        unit = self._quantities[detector].unit if detector in self._quantities else None
-        t0_s = float(readings[0, 0])
+        unit = (self._quantities[detector].unit if detector in self._quantities else None) or ""
+        times_s = readings[:, 0]
         self.record(
-            [SampleBlock(stream, seq, t0_s, readings[:, 1:], times_s=readings[:, 0], unit=unit or "")]
+            [SampleBlock(stream, seq, float(times_s[0]), readings[:, 1:], times_s=times_s, unit=unit)]
         )
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
@@ -159,13 +159,10 @@ class Recorder:
     ) -> None:
         """Write down an event, the state that handled it, the state that followed and the commands given."""
         self._now_s = max(self._now_s, event.t_s)
-        if not self._disk.room():
-            return
-        given = tuple(commands)
-        self._disk.post(
-            self._events, self._events.add, self.trial.trial, event, state, next_state or state, given
-        )
-        self._disk.post(self._streams, self._log_event, event, state, next_state or state, given)
+        if self._disk.room():
+            what = event, state, next_state or state, tuple(commands)
+            self._disk.post(self._events, self._events.add, self.trial.trial, *what)
+            self._disk.post(self._streams, self._log_event, *what)
 
     def end_trial(self, outcome: str, measures: Mapping[str, object], length_s: float = 0.0) -> None:
         """Append the trial's row to trials.csv, on the disk when this returns; it took `length_s` of bench time.
@@ -229,9 +226,8 @@ class Recorder:
 
     def _log_event(self, event: Event, state: str, next_state: str, commands: Sequence[Command]) -> None:
         """An event as a line of the log panel."""
-        level = (
-            "ERROR" if isinstance(event, _ERRORS) else "WARNING" if isinstance(event, _WARNINGS) else "INFO"
-        )
+        bad, odd = isinstance(event, _ERRORS), isinstance(event, _WARNINGS)
+        level = "ERROR" if bad else "WARNING" if odd else "INFO"
         change = f" → {next_state}" if next_state != state else ""
         text = "; ".join([f"{as_text(event)}{change}", *map(as_text, commands)])
         self._streams.log(event.t_s, state, text, level)

@@ -79,9 +79,8 @@ class Schema:
 
 
 def _file(package: str, message: str, fields: Mapping[str, str]) -> descriptor_pb2.FileDescriptorProto:
-    file = descriptor_pb2.FileDescriptorProto(
-        name=f"{package}/{message}.proto", package=package, syntax="proto3"
-    )
+    name = f"{package}/{message}.proto"
+    file = descriptor_pb2.FileDescriptorProto(name=name, package=package, syntax="proto3")
     described = file.message_type.add(name=message)
     for number, (name, kind) in enumerate(fields.items(), start=1):
         rule, _, plain = kind.rpartition(" ")
@@ -114,18 +113,9 @@ def log_schema() -> Schema:
     names = level.enum_type.add(name="LogLevel").value
     for number, name in enumerate(LOG_LEVELS):
         names.add(name=name, number=number)
-    log = _file(
-        "foxglove",
-        "Log",
-        {
-            "timestamp": ".google.protobuf.Timestamp",
-            "level": ".foxglove.LogLevel",
-            "message": "string",
-            "name": "string",
-            "file": "string",
-            "line": "fixed32",
-        },
-    )
+    fields = {"timestamp": ".google.protobuf.Timestamp", "level": ".foxglove.LogLevel"}
+    fields |= {"message": "string", "name": "string", "file": "string", "line": "fixed32"}
+    log = _file("foxglove", "Log", fields)
     log.dependency.extend([stamp.name, level.name])
     return Schema([stamp, level, log], "foxglove.Log")
 
@@ -134,9 +124,8 @@ class RowSchema(Schema):
     """Messages of doubles alone, all fields of each in the file: all are equally long, and many are encoded at once."""
 
     def __init__(self, message: str, names: Sequence[str]) -> None:
-        super().__init__(
-            [_file("touchbench", message, dict.fromkeys(names, "double"))], f"touchbench.{message}"
-        )
+        described = _file("touchbench", message, dict.fromkeys(names, "double"))
+        super().__init__([described], f"touchbench.{message}")
         columns: list[tuple[Any, ...]] = []
         self._tags: list[NDArray[np.uint8]] = []
         for number in range(1, len(names) + 1):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -96,10 +97,8 @@ class Series:
         except ImportError as error:
             raise ImportError("; ".join(lacking("xarray", "xarray"))) from error
         time = ("t_s", self.times_s, {"units": "s"})
-        coordinates = {"t_s": time, "channel": self.channels}
-        return xarray.DataArray(
-            self.values, coordinates, ("t_s", "channel"), name=self.name, attrs={"units": self.unit}
-        )
+        coordinates, attrs = {"t_s": time, "channel": self.channels}, {"units": self.unit}
+        return xarray.DataArray(self.values, coordinates, ("t_s", "channel"), name=self.name, attrs=attrs)
 
     def between(self, t0_s: float, t1_s: float) -> Series:
         """The samples with t0_s <= t < t1_s, and the gaps and skipped spans that touch them."""
@@ -122,9 +121,8 @@ class TrialRecording:
         self.factors = dict(factors or {})
         self._blocks: dict[str, list[SampleBlock]] = {}
         self._skipped: dict[str, list[Span]] = {}
-        self._joined: tuple[tuple[str, int, int], Series] | None = (
-            None  # the last, of so many blocks and skipped spans
-        )
+        # the last that was asked for, of so many blocks and skipped spans
+        self._joined: tuple[tuple[str, int, int], Series] | None = None
 
     @property
     def streams(self) -> Sequence[str]:
@@ -168,28 +166,13 @@ def _joined(name: str, blocks: Sequence[SampleBlock], skipped: tuple[Span, ...])
     if not blocks:
         return Series(np.empty(0), np.empty((0, 1)), skipped=skipped, name=name)
     times = [block.times for block in blocks]
-    return Series(
-        np.concatenate(times),
-        np.concatenate([block.physical for block in blocks]),
-        blocks[0].unit,
-        tuple(_gaps(blocks, times, skipped)),
-        skipped,
-        name,
-    )
-
-
-def _gaps(
-    blocks: Sequence[SampleBlock], times: Sequence[NDArray[np.float64]], skipped: Sequence[Span]
-) -> list[Gap]:
-    """Jumps of the sequence that no skipped span explains."""
-    gaps = []
-    for index in range(1, len(blocks)):
-        before, after = blocks[index - 1], blocks[index]
-        missing = after.seq - before.seq - len(before)
-        t0_s, t1_s = float(times[index - 1][-1]), float(times[index][0])
+    gaps = []  # jumps of the sequence that no skipped span explains
+    for (before, last), (after, first) in pairwise(zip(blocks, times, strict=True)):
+        missing, t0_s, t1_s = after.seq - before.seq - len(before), float(last[-1]), float(first[0])
         if missing > 0 and not any(span.t0_s < t1_s and span.t1_s > t0_s for span in skipped):
             gaps.append(Gap(t0_s, t1_s, missing))
-    return gaps
+    values = np.concatenate([block.physical for block in blocks])
+    return Series(np.concatenate(times), values, blocks[0].unit, tuple(gaps), skipped, name)
 
 
 def extremes(values: NDArray[np.float64], points: int) -> NDArray[np.intp]:

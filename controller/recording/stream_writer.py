@@ -76,13 +76,8 @@ class StreamWriter:
         self._limits, self._state = limits, ""
         self._base_ns = self._start_ns + round(offset_s * 1e9)
         self._trial = trial
-        described = {
-            "trial": str(trial),
-            "offset_s": repr(offset_s),
-            "base_ns": str(self._base_ns),
-            "factors": json.dumps(factors, default=str),
-        }
-        self._file.add_metadata(TRIAL, described)
+        described = {"trial": str(trial), "offset_s": repr(offset_s), "base_ns": str(self._base_ns)}
+        self._file.add_metadata(TRIAL, described | {"factors": json.dumps(factors, default=str)})
 
     def end_trial(self, length_s: float, row: Mapping[str, str]) -> None:
         """The trial took so long and came to this row of trials.csv; the next one begins behind it."""
@@ -108,14 +103,14 @@ class StreamWriter:
         described = {"stream": block.stream, "unit": block.unit}
         if block.stream.startswith(DETECTOR):
             seqs = range(block.seq, block.seq + len(block))
-            self._add_rows(topic, self._readings, block.times, block.physical, seqs, described)
+            self._add_rows(self._readings, block.times, block.physical, seqs, topic, **described)
             return
         if block.stream not in self._streams:
             width = block.values.shape[1]
             channels = ("value",) if width == 1 else tuple(f"value_{place}" for place in range(width))
             self._streams[block.stream] = StreamInfo(block.stream, channels, block.unit)
         data = encode_block(self._block, block)
-        self._add(f"/raw{topic}", self._block, block.t0_s, data, block.seq, described)
+        self._add(f"/raw{topic}", self._block, block.t0_s, data, block.seq, **described)
         numbers = np.arange(block.seq, block.seq + len(block))
         self._pieces.setdefault(block.stream, []).append((block.times, block.physical, numbers))
 
@@ -165,25 +160,19 @@ class StreamWriter:
         return self._base_ns + round(t_s * 1e9)
 
     def _add(
-        self,
-        topic: str,
-        schema: Schema,
-        t_s: float,
-        data: bytes,
-        sequence: int = 0,
-        described: Mapping[str, str] | None = None,
+        self, topic: str, schema: Schema, t_s: float, data: bytes, sequence: int = 0, **described: str
     ) -> None:
-        number = self._file.topic(topic, schema.name, schema.descriptors, described or {})
+        number = self._file.topic(topic, schema.name, schema.descriptors, described)
         self._file.add(number, self._ns(t_s), data, sequence)
 
     def _add_rows(
         self,
-        topic: str,
         schema: RowSchema,
         times_s: Floats,
         values: Floats,
         numbers: Sequence[int],
-        described: Mapping[str, str],
+        topic: str,
+        **described: str,
     ) -> None:
         channel = self._file.topic(topic, schema.name, schema.descriptors, described)
         times_ns = (self._base_ns + np.rint(times_s * 1e9).astype(np.int64)).tolist()
@@ -225,4 +214,4 @@ class StreamWriter:
         if info.name not in self._plots:
             self._plots[info.name] = sample_schema(info)
         topic = f"/{info.name.replace('.', '/')}"
-        self._add_rows(topic, self._plots[info.name], times_s, values, numbers, {"unit": info.unit})
+        self._add_rows(self._plots[info.name], times_s, values, numbers, topic, unit=info.unit)

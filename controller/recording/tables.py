@@ -114,9 +114,8 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
     """
     read = READERS.get(path.suffix.lower())
     if read is None:
-        raise ReplayError(
-            f"{path}: '{path.suffix}' is no recording; give a run folder or a file of {', '.join(READERS)}"
-        )
+        kinds = ", ".join(READERS)
+        raise ReplayError(f"{path}: '{path.suffix}' is no recording; give a run folder or a file of {kinds}")
     try:
         if path.stat().st_size > LARGEST_BYTES:
             raise ReplayError(f"{path}: larger than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
@@ -143,11 +142,8 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
     wanted = column.split(",") if column else names
     listed = ", ".join([*names[:NAMED], *(["…"] if len(names) > NAMED else [])]) or "none besides the times"
     if not column and len(names) != count:
-        rising = next((name for name in names if not clock and _rises(table[name])), None)
-        named = ",".join("t_ms" if name == rising else name for name in names[:NAMED])
         raise ReplayError(
-            f"{path}: which column? choose with --column; there are {listed}"
-            + (f"; {rising} {_how(table[rising])} times, write as the first line {named}" if rising else "")
+            f"{path}: which column? choose with --column; there are {listed}{_rising(table, names, clock)}"
         )
     for name in wanted:
         if name not in table:
@@ -161,7 +157,8 @@ def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, c
     if other is not None:
         raise ReplayError(f"{path}: {wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
     values = np.column_stack([table[name].astype(np.float64) for name in wanted])
-    return Chosen(wanted[0], values, *_times(path, clock, table))
+    times_s, source = _times(path, clock, table)
+    return Chosen(wanted[0], values, times_s, clock=source)
 
 
 def _stated(chosen: Chosen, lines: Sequence[str]) -> Chosen:
@@ -207,16 +204,16 @@ def _unrolled(
     return Chosen(ends[0], rows.values.reshape(-1, 1), times_s, clock=rows.clock)
 
 
-def _rises(cells: NDArray[Any]) -> bool:
-    """Whether a column could have the times."""
-    number = np.issubdtype(cells.dtype, np.number) and len(cells) > 2
-    return bool(number and (np.diff(cells) > 0).all())
-
-
-def _how(cells: NDArray[Any]) -> str:
-    """How a column rises, up to what it may be: a count of samples would give a rate of 1,000 Hz as milliseconds."""
-    counts = bool((np.diff(cells) == 1).all())
-    return "counts the samples: give --rate HZ; or, if these are" if counts else "rises: if it has the"
+def _rising(table: Mapping[str, NDArray[Any]], names: Sequence[str], clock: str | None) -> str:
+    """What is said of the first column that may have the times, where none is named after them: a count of samples
+    would give a rate of 1,000 Hz as milliseconds."""
+    for name, cells in ((name, table[name]) for name in names if clock is None):
+        if np.issubdtype(cells.dtype, np.number) and len(cells) > 2 and (np.diff(cells) > 0).all():
+            counts = (np.diff(cells) == 1).all()
+            how = "counts the samples: give --rate HZ; or, if these are" if counts else "rises: if it has the"
+            named = ",".join("t_ms" if each == name else each for each in names[:NAMED])
+            return f"; {name} {how} times, write as the first line {named}"
+    return ""
 
 
 def _odd(cells: NDArray[Any]) -> str:
@@ -226,24 +223,21 @@ def _odd(cells: NDArray[Any]) -> str:
     return f"holds {cell.item() if isinstance(cell, np.generic) else cell!r} in row {row + 1}"
 
 
-def _times(
-    path: Path, clock: str | None, table: Mapping[str, NDArray[Any]]
-) -> tuple[Floats | None, None, str]:
-    """Times in seconds, no rate, and where they come from."""
+def _times(path: Path, clock: str | None, table: Mapping[str, NDArray[Any]]) -> tuple[Floats | None, str]:
+    """Times in seconds, and where they come from."""
     if clock is None:
-        return None, None, ""
+        return None, ""
     times, unit = table[clock], TIME.fullmatch(clock)
     if not np.issubdtype(times.dtype, np.number):
-        return _calendar_dates(path, clock, times), None, f"{clock}, a date, from its first row on"
+        return _calendar_dates(path, clock, times), f"{clock}, a date, from its first row on"
     first = float(times[0]) if len(times) else 0.0
     scale_s = SCALES_S[unit[1].lower()] if unit and unit[1] else None
     if scale_s is None:
         scale_s = next((scale_s for least, scale_s in CALENDAR if first >= least), 1.0)
-    if (
-        first * scale_s >= CALENDAR[-1][0]
-    ):  # as whole numbers first: a float of nanoseconds since 1970 knows 256 ns
-        return (times - times[0]).astype(np.float64) * scale_s, None, f"{clock}, from its first row on"
-    return times.astype(np.float64) * scale_s, None, clock
+    if first * scale_s >= CALENDAR[-1][0]:
+        # as whole numbers first: a float of nanoseconds since 1970 knows 256 ns
+        return (times - times[0]).astype(np.float64) * scale_s, f"{clock}, from its first row on"
+    return times.astype(np.float64) * scale_s, clock
 
 
 def _calendar_dates(path: Path, clock: str, times: NDArray[Any]) -> Floats:
@@ -283,7 +277,11 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     comment = lines[begin - 1].lstrip() if begin else ""
     marked = comment.lstrip("#%/ \t") if comment.startswith(COMMENT) else ""
     names, body, separator = _header(rows, marked)
-    _check_names(path, names)
+    twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
+    if twice is not None:
+        raise ReplayError(f"{path}: two columns are called '{twice}' in the first line; rename one")
+    if not names:
+        raise ReplayError(f"{path}: has no columns")
     if body and (fields := len(_fields(body[0], separator))) != len(names):
         raise ReplayError(
             f"{path}: no table of numbers under one line of names: {len(names)} names ({', '.join(names[:NAMED])}), but"
@@ -355,7 +353,9 @@ def _below_preamble(path: Path, rows: Sequence[str]) -> Sequence[str]:
 
 def _separator(row: str) -> str:
     separator = next((one for one in SEPARATORS if one in row), "")
-    return "" if separator == "," and _spaced(row) else separator
+    # with decimal commas alone, between numbers with spaces between them
+    spaced = all(map(_numeric, row.split())) and not all(map(_numeric, _fields(row, ",")))
+    return "" if separator == "," and spaced else separator
 
 
 def _split(row: str) -> list[str]:
@@ -391,25 +391,12 @@ def _fields(line: str, separator: str) -> list[str]:
     return [field.strip() for field in next(csv.reader([line], delimiter=separator))]
 
 
-def _spaced(row: str) -> bool:
-    """Whether all commas of a row are decimal ones, between numbers with spaces between them."""
-    return all(map(_numeric, row.split())) and not all(map(_numeric, _fields(row, ",")))
-
-
 def _numeric(field: str) -> bool:
     try:
         float(field.replace(",", ".") or "nan")
     except ValueError:
         return False
     return True
-
-
-def _check_names(path: Path, names: Sequence[str]) -> None:
-    twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
-    if twice is not None:
-        raise ReplayError(f"{path}: two columns are called '{twice}' in the first line; rename one")
-    if not names:
-        raise ReplayError(f"{path}: has no columns")
 
 
 # --- arrays --------------------------------------------------------------------------------------
@@ -480,16 +467,12 @@ def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
 
     _check_riff(path)
     rate_hz, samples = wavfile.read(path)
-    channels = samples if samples.ndim == 2 else samples[:, None]
-    if column is None and channels.shape[1] != count:
-        raise ReplayError(f"{path}: {channels.shape[1]} channels; choose one with --column 0")
-    numbers = channel_numbers(f"{path}:", column or "0", channels.shape[1])
-    values = channels[:, numbers].astype(np.float64)
+    full = 1.0
     if samples.dtype == np.uint8:  # 8-bit WAV is unsigned, silence is 128
-        values = (values - 128.0) / 128.0
+        samples, full = samples.astype(np.float64) - 128.0, 128.0
     elif np.issubdtype(samples.dtype, np.integer):
-        values = values / float(np.iinfo(samples.dtype).max + 1)
-    return Chosen(f"channel {column or 0}", values, rate_hz=float(rate_hz), clock="the file itself")
+        full = float(np.iinfo(samples.dtype).max + 1)
+    return _sound(path, samples if samples.ndim == 2 else samples[:, None], full, rate_hz, column, count)
 
 
 def _read_flac(path: Path, column: str | None, count: int) -> Chosen:
@@ -499,12 +482,18 @@ def _read_flac(path: Path, column: str | None, count: int) -> Chosen:
     except (ImportError, OSError) as error:
         raise ReplayError(f"{path}: FLAC takes soundfile: install the extra 'sound' ({error})") from None
     samples, rate_hz = soundfile.read(path, always_2d=True)
+    return _sound(path, samples, 1.0, rate_hz, column, count)
+
+
+def _sound(
+    path: Path, samples: NDArray[Any], full: float, rate_hz: float, column: str | None, count: int
+) -> Chosen:
+    """Channels of sound, as shares of full scale."""
     if column is None and samples.shape[1] != count:
         raise ReplayError(f"{path}: {samples.shape[1]} channels; choose one with --column 0")
     numbers = channel_numbers(f"{path}:", column or "0", samples.shape[1])
-    return Chosen(
-        f"channel {column or 0}", samples[:, numbers], rate_hz=float(rate_hz), clock="the file itself"
-    )
+    values = samples[:, numbers].astype(np.float64) / full
+    return Chosen(f"channel {column or 0}", values, rate_hz=float(rate_hz), clock="the file itself")
 
 
 def _check_riff(path: Path) -> None:
@@ -584,9 +573,8 @@ def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
     first_log_ns, first_stamp_ns = clocks[0]
     since_ns = [stamp - first_stamp_ns if stamped else log - first_log_ns for log, stamp in clocks]  # type: ignore[operator]
     times_s: Floats = (np.array(since_ns, np.int64) + anchor_ns).astype(np.float64) * 1e-9
-    return Chosen(
-        fields[0], np.array(rows, np.float64), times_s, clock="header.stamp" if stamped else "log_time"
-    )
+    clock = "header.stamp" if stamped else "log_time"
+    return Chosen(fields[0], np.array(rows, np.float64), times_s, clock=clock)
 
 
 class _Bounded(io.BufferedReader):
@@ -634,12 +622,7 @@ def _stamp_ns(message: Any) -> int | None:
 
 
 READERS: Mapping[str, Callable[[Path, str | None, int], Chosen]] = {
-    ".csv": _read_text,
-    ".tsv": _read_text,
-    ".txt": _read_text,
-    ".dat": _read_text,
-    ".lvm": _read_text,
-    ".log": _read_text,
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".lvm", ".log"), _read_text),
     ".npz": _read_npz,
     ".mat": _read_mat,
     ".wav": _read_wav,

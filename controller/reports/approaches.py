@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,6 @@ from controller.reports.counts import (
     within_scatter,
 )
 from controller.reports.papers import table
-from controller.reports.run_account import acting_of
 from controller.reports.settings import varied_of
 
 TABLE_1 = table("backus_table_1")
@@ -87,10 +85,16 @@ class Approach:
         """Settings of the profile that this trial varied, by path."""
         return varied_of(self.row)
 
-    @property
-    def acting(self) -> str:
-        """Name of the detector that ends it."""
-        return str(self.varied.get("behavior.detector") or acting_of(self.run))
+    def contact_s(self, detector: str) -> float | None:
+        """Bench time of a detector's first contact in it; None where it reported none."""
+        contacts = (
+            float(event["t_s"])
+            for event in self.run.events_of(self.row["trial"])
+            if event["event"] == "Contact"
+            and event.get("state") == "APPROACH"
+            and event.get("detector") == detector
+        )
+        return next(contacts, None)
 
 
 def read_approaches(runs: Iterable[Run]) -> list[Approach]:
@@ -107,7 +111,7 @@ class TableRow(NamedTuple):
 
     location: str
     speed_m_s: float
-    approaches: Sequence[Approach]
+    approaches: list[Approach]
     paper: Row | None
 
     @property
@@ -133,20 +137,15 @@ class TableRow(NamedTuple):
 def table_rows(approaches: Sequence[Approach]) -> list[TableRow]:
     """Rows in the order of Table I, then those that the paper does not have, by location and speed; trials in which
     a setting was varied are in none."""
-    rest = [approach for approach in approaches if not approach.varied]
-    rows = []
-    for paper in TABLE_1:
-        mine = [approach for approach in rest if _belongs(approach, paper)]
-        rest = [approach for approach in rest if not _belongs(approach, paper)]
-        if mine:
-            rows.append(TableRow(paper["location"], paper["speed_m_s"], mine, paper))
-
-    def key(approach: Approach) -> tuple[str, float]:
-        return approach.location, approach.speed_m_s
-
-    for (location, speed_m_s), group in groupby(sorted(rest, key=key), key=key):
-        rows.append(TableRow(location, speed_m_s, list(group), None))
-    return rows
+    found: dict[tuple[int, str, float], TableRow] = {}
+    for each in approaches:
+        if each.varied:
+            continue
+        place = next((place for place, paper in enumerate(TABLE_1) if _belongs(each, paper)), len(TABLE_1))
+        paper = TABLE_1[place] if place < len(TABLE_1) else None
+        at = (paper["location"], paper["speed_m_s"]) if paper else (each.location, each.speed_m_s)
+        found.setdefault((place, *at), TableRow(at[0], at[1], [], paper)).approaches.append(each)
+    return [found[key] for key in sorted(found)]
 
 
 def _belongs(approach: Approach, paper: Row) -> bool:
@@ -199,11 +198,8 @@ def compare_columns(approaches: Sequence[Approach], rows: Sequence[TableRow]) ->
         largest = math.nan if worst is None else float(worst[column])
         mean = mean_of(each[column] for each in known)
         value = mean.mean if bound["over"] == "mean" else largest
-        pairs = [
-            (row.mean(column).mean, row.paper[column]) for row in rows if row.paper and not row.fitted(bound)
-        ]
-        agree = over_rows(pairs)
         own = [(row.mean(column), row.paper[column]) for row in rows if row.paper and not row.fitted(bound)]
+        agree = over_rows((mean.mean, theirs) for mean, theirs in own)
         tests = [same for mean, theirs in own if (same := within_scatter(mean, theirs, TRIALS)) is not None]
         kept = every(sum(each[column] > bound["bound"] for each in known), len(known))
         if bound["over"] == "mean":
@@ -294,22 +290,16 @@ class DetectorScore(NamedTuple):
 
 def score_detectors(approaches: Sequence[Approach]) -> dict[str, DetectorScore]:
     """First contact of each detector in each approach, against the truth where it is simulated, else the onset."""
-    runs = {id(each.run): each.run for each in approaches}
-    first = {key: _first_contacts(run) for key, run in runs.items()}
     listening = {
-        key: {str(e.get("detector")) for e in run.events if e.get("event") in ("BaselineReady", "Contact")}
-        for key, run in runs.items()
+        id(run): {str(e.get("detector")) for e in run.events if e["event"] in ("BaselineReady", "Contact")}
+        for run in {id(each.run): each.run for each in approaches}.values()
     }
     scores = {}
     for name in sorted(set().union(*listening.values())):
         members = [each for each in approaches if name in listening[id(each.run)]]
         false, silent, delays_s = 0, 0, []
         for each in members:
-            t_s, onset_s, touch_s = (
-                first[id(each.run)].get((each["trial"], name)),
-                each["onset_s"],
-                each["truth_contact_s"],
-            )
+            t_s, onset_s, touch_s = each.contact_s(name), each["onset_s"], each["truth_contact_s"]
             touch_s = onset_s if touch_s is None else touch_s
             if t_s is None:
                 silent += 1
@@ -319,12 +309,3 @@ def score_detectors(approaches: Sequence[Approach]) -> dict[str, DetectorScore]:
                 delays_s.append(None if onset_s is None else t_s - onset_s)
         scores[name] = DetectorScore(len(members), len(delays_s), false, silent, mean_of(delays_s))
     return scores
-
-
-def _first_contacts(run: Run) -> Mapping[tuple[int, str], float]:
-    """Bench time of each detector's first contact in each approach, by trial and detector."""
-    first: dict[tuple[int, str], float] = {}
-    for event in run.events:
-        if event.get("event") == "Contact" and event.get("state") == "APPROACH":
-            first.setdefault((int(event["trial"]), str(event.get("detector"))), float(event["t_s"]))
-    return first

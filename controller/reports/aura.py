@@ -327,9 +327,8 @@ def _draw(runs: Sequence[Run], figures: Figures) -> str:
     for run in runs:
         for row in rows_of([run], AuraFactors):
             if row["object"] == PIPE and row["axis"] == "x" and int(row["trial"] or 0) in run.recorded_trials:
-                panels.setdefault(
-                    (SIDES.index(row["side"]), float(row["speed_m_s"])), (run, int(row["trial"]))
-                )
+                key = SIDES.index(row["side"]), float(row["speed_m_s"])
+                panels.setdefault(key, (run, int(row["trial"])))
     if not panels:
         return ""
     keys = sorted(panels)[:PANELS]
@@ -355,8 +354,8 @@ def _draw_panel(axes: Any, name: str, run: Run, trial: int) -> None:
         over = 3 if part == "I" else 2
         axes.plot(series.times_s[::thin] - start_s, column, color=color, lw=0.7, label=part, zorder=over)
     top = float(np.abs(envelope).max())
-    for event in run.events:
-        if event.get("trial") == trial and event.get("event") in ("PreTouch", "Contact"):
+    for event in run.events_of(trial):
+        if event["event"] in ("PreTouch", "Contact"):
             ours = str(event.get("detector", "")).endswith("_ours")
             look: Mapping[str, Any] = {"marker": "o", "mfc": "none"} if ours else {"marker": "x"}
             color = GOOD if event["event"] == "PreTouch" else FALSE

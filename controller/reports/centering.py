@@ -1,5 +1,6 @@
 """The part of the page on C3: how well the middle is found, beside the paper's Fig. 8c."""
 
+import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -82,9 +83,8 @@ def _summary(groups: Groups, kind: Kind) -> list[Result]:
         trials = (
             f"worst error {quantity('error_m', worst_m)} in {found} {'trial' if found == 1 else 'trials'}"
         )
-        bound_m, whose = (
-            (WANTED_M, "aimed at") if method == "ours" else (WORST_CENTERING_M, "that the paper has")
-        )
+        papers = WORST_CENTERING_M, "that the paper has"
+        bound_m, whose = (WANTED_M, "aimed at") if method == "ours" else papers
         beside = f"{Comparison(worst_m, bound_m).times} the {quantity('error_m', bound_m, 1)} {whose}"
         # the paper's method below the paper's own worst is no result of ours, and little of one of the bench
         beyond = sum(abs(error_m) > bound_m for error_m in values(own, "error_m")) + len(own) - found
@@ -112,13 +112,9 @@ def _errors(own: Sequence[Row]) -> Row:
     errors_m = values(own, "error_m")
     mean = mean_of(errors_m)
     line: dict[str, Any] = {"trials": len(own), "no middle": len(own) - len(errors_m)}
-    middle_m = median([{"size_m": abs(error)} for error in errors_m], "size_m")
-    for head, value in (
-        ("worst", _worst_m(own)),
-        ("mean", mean.mean),
-        ("sigma", mean.sigma),
-        ("median |error|", middle_m),
-    ):
+    middle_m = statistics.median(map(abs, errors_m)) if errors_m else None
+    found = {"worst": _worst_m(own), "mean": mean.mean, "sigma": mean.sigma, "median |error|": middle_m}
+    for head, value in found.items():
         line |= under("error_m", value, head, 2)
     return line
 
@@ -126,9 +122,7 @@ def _errors(own: Sequence[Row]) -> Row:
 def _grasps(own: Sequence[Row]) -> Row:
     touched = [row for row in own if row.get("touched") is not None]
     grasped = [row for row in own if row.get("gripped") is not None]
-    both = sum(
-        all(row.get(f"contact_{finger}_s") is not None for finger in ("left", "right")) for row in grasped
-    )
+    both = sum(None not in (row.get("contact_left_s"), row.get("contact_right_s")) for row in grasped)
     return under("search_s", median(own, "search_s"), digits=1) | {
         "touched before": str(total(touched, "touched")) if touched else "unknown",
         "contact by both": share(both, len(grasped)) if grasped else "not requested",
@@ -147,16 +141,13 @@ def _waits_s(runs: Sequence[Run]) -> Mapping[str, Sequence[float]]:
 
 def _draw(groups: Groups, figures: Figures) -> str:
     """One histogram for each method and speed, all objects together."""
-    found = {
-        (method, speed_m_s): values(own, "error_m") for (_, method, speed_m_s), own in _pooled(groups).items()
-    }
+    found = {key[1:]: values(own, "error_m") for key, own in _pooled(groups).items()}
     cells = {key: errors for key, errors in found.items() if errors}
     if not cells:
         return ""
     scale = scale_of("error_m")
-    reach = np.ceil(
-        scale.factor * max(0.009, *(abs(error) + 0.001 for errors in cells.values() for error in errors))
-    )
+    largest_m = max(abs(error) for errors in cells.values() for error in errors)
+    reach = np.ceil(scale.factor * max(0.009, largest_m + 0.001))
     with figures.panels(len(cells), 2 if len(cells) > 1 else 1, 1.7, sharex=True, sharey=True) as drawing:
         for axes, ((method, speed_m_s), errors) in zip(drawing.axes, sorted(cells.items()), strict=True):
             color = OURS if method == "ours" else PAPER

@@ -9,7 +9,7 @@ import numpy as np
 from behaviors.chirp import ChirpSettings
 from controller.measures.chirp import COLUMNS, LATENCY_UNSURE_S, STEP_HZ, beginning, transfer
 from controller.recording.reader import Run
-from controller.reports.counts import Comparison, all_of, number, quantity, under, values
+from controller.reports.counts import Comparison, all_of, number, quantity, sure, under, values
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
 from controller.reports.papers import BEST_HZ
 from controller.reports.run_account import entered_s, recorded, setting_of
@@ -36,12 +36,15 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     rows = [row for run in runs for row in run.trials if row.get("best_hz") is not None]
     found = values(rows, "best_hz")
     unsure = [float(row.get("unsure_hz") or 0.0) for row in rows]
-    met = all_of(_near(hz, half_hz) for hz, half_hz in zip(found, unsure, strict=True)) if found else False
+    off = [(abs(hz - BEST_HZ), half_hz) for hz, half_hz in zip(found, unsure, strict=True)]
+    # whether each sweep found the paper's frequency, by band and latency
+    near = [sure(off_hz + half_hz <= NEAR_HZ, off_hz - half_hz > NEAR_HZ) for off_hz, half_hz in off]
+    met = all_of(near) if found else False
     text = "No sweep came to its end"
     if found:
         beside = Comparison(statistics.median(found), BEST_HZ)
-        off = beside.off("off_hz", 0)
-        text = f"{off[:1].upper()}{off[1:]} the paper's {PRINTED}: {quantity('best_hz', beside.ours, 0)} transfers "
+        far = beside.off("off_hz", 0)
+        text = f"{far[:1].upper()}{far[1:]} the paper's {PRINTED}: {quantity('best_hz', beside.ours, 0)} transfers "
         text += f"best in {len(found)} {'sweep' if len(found) == 1 else 'sweeps'} (median)"
     put_in_hz = setting_of(runs[0], "plant", "resonance_hz")
     best = []
@@ -66,19 +69,11 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     )
 
 
-def _near(best_hz: float, unsure_hz: float) -> bool | None:
-    """Whether a sweep found the paper's frequency, by band and latency; None where these do not decide it."""
-    off_hz = abs(best_hz - BEST_HZ)
-    return True if off_hz + unsure_hz <= NEAR_HZ else False if off_hz - unsure_hz > NEAR_HZ else None
-
-
 def _draw(runs: Sequence[Run], figures: Figures) -> str:
     for run, row, recording in recorded(runs):
         settings = ChirpSettings.model_validate(setting_of(run, "behavior") or {})
-        ended_s, series = (
-            entered_s(run, row["trial"]).get("RINGING"),
-            recording.stream(settings.fingers_stream),
-        )
+        ended_s = entered_s(run, row["trial"]).get("RINGING")
+        series = recording.stream(settings.fingers_stream)
         if ended_s is None or not len(series):
             continue
         times_s = series.times_s - beginning(ended_s, settings)

@@ -95,10 +95,7 @@ def within_scatter(ours: Mean, paper: float, n: int) -> bool | None:
     t, of our scatter); None for fewer than three of ours."""
     if ours.n < 3 or math.isnan(ours.mean):
         return None
-    from scipy.special import stdtrit
-
-    half = float(stdtrit(ours.n - 1, 0.975)) * ours.sigma * math.sqrt(1.0 / ours.n + 1.0 / n)
-    return abs(ours.mean - paper) <= half
+    return abs(ours.mean - paper) <= half_width(ours) * math.sqrt(1.0 + ours.n / n)
 
 
 def wilson(hits: int, of: int) -> tuple[float, float]:
@@ -111,10 +108,15 @@ def wilson(hits: int, of: int) -> tuple[float, float]:
     return max(0.0, (middle - half) / (1.0 + z**2 / of)), min(1.0, (middle + half) / (1.0 + z**2 / of))
 
 
+def sure(yes: bool, no: bool) -> bool | None:
+    """A verdict where the data decide it, else None."""
+    return True if yes else False if no else None
+
+
 def decided(hits: int, of: int, least: float) -> bool | None:
     """Whether a share is at least `least`, or below it: where its 95 % interval (Wilson) says so, else None."""
     low, high = wilson(hits, of)
-    return True if low >= least else False if high < least else None
+    return sure(low >= least, high < least)
 
 
 def every(beyond: int, of: int) -> bool | None:
@@ -136,7 +138,7 @@ def near(mean: Mean, aim: float, within: float) -> bool | None:
     """Whether a mean is within so much of what is aimed at: where its whole 95 % interval is, or none of it; else
     None."""
     off, half = abs(mean.mean - aim), half_width(mean)
-    return True if off + half <= within else False if off - half > within else None
+    return sure(off + half <= within, off - half > within)
 
 
 def median_within(ascending: NDArray[np.float64]) -> tuple[float, float]:
@@ -144,9 +146,8 @@ def median_within(ascending: NDArray[np.float64]) -> tuple[float, float]:
     from scipy.special import bdtr
 
     n = len(ascending)
-    below = int(
-        (bdtr(np.arange(n), n, 0.5) <= 0.025).sum()
-    )  # so many of the values on either side may be left out
+    # so many of the values on either side may be left out
+    below = int((bdtr(np.arange(n), n, 0.5) <= 0.025).sum())
     return (float(ascending[below - 1]), float(ascending[n - below])) if below else (0.0, math.inf)
 
 
@@ -154,7 +155,7 @@ def larger(one: Mean, other: Mean) -> bool | None:
     """Whether a mean is larger than another: where the 95 % intervals of the two, added as independent errors are, do
     not reach from one to the other; else None."""
     off, half = one.mean - other.mean, math.hypot(half_width(one), half_width(other))
-    return True if off > half else False if -off > half else None
+    return sure(off > half, -off > half)
 
 
 def all_of(verdicts: Iterable[bool | None]) -> bool | None:
@@ -260,8 +261,7 @@ def stop_times(
         lost = sum(int((run.manifest.get("loss") or {}).get(stream, 0)) for run in own)
         for name, waits_s in spans_s(own).items():
             line = {"bench": bench} | ({"method": name} if name else {}) | {"stops": len(waits_s)}
-            for p in (50, 99, 100):
-                head = f"p{p}" if p < 100 else "max"
+            for head, p in (("p50", 50), ("p99", 99), ("max", 100)):
                 line |= under("to_stop_s", float(np.percentile(waits_s, p)), head, 1)
             found.append({**line, **more(own), "lost": lost})
     return found
@@ -274,9 +274,8 @@ def missing(runs: Sequence[Run]) -> str:
     is reported, and not judged.
     """
     planned = sum(int(run.manifest.get("trials") or len(run.trials)) for run in runs)
-    measured = sum(
-        len({row["trial"] for row in run.trials if row.get("outcome") not in UNMEASURED}) for run in runs
-    )
+    rows = [(place, row) for place, run in enumerate(runs) for row in run.trials]
+    measured = len({(place, row["trial"]) for place, row in rows if row.get("outcome") not in UNMEASURED})
     if measured >= planned:
         return ""
     return f"{measured} of {planned} planned trials were measured: no verdict in these lines."
@@ -327,11 +326,8 @@ def printed(name: str, value: object, digits: int | None = None) -> str:
     factor = scale_of(name).factor
     if isinstance(value, Mean):
         return spread(value, 2 if digits is None else digits, factor)
-    return (
-        scale_of(name).cell(value)
-        if digits is None or isinstance(value, str)
-        else number(value, digits, factor)
-    )
+    whole = digits is None or isinstance(value, str)
+    return scale_of(name).cell(value) if whole else number(value, digits or 0, factor)
 
 
 def under(name: str, value: object, head: str | None = None, digits: int | None = None) -> dict[str, str]:

@@ -130,17 +130,8 @@ class Figures:
             # A line of small print above the axes, where no legend is that makes room for it.
             strip = 0.0 if figure.legends else 0.17 / figure.get_size_inches()[1]
             figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - strip))
-            figure.text(
-                1.0,
-                1.0,
-                self._simulated,
-                ha="right",
-                va="top",
-                fontsize=8,
-                color=FALSE,
-                style="italic",
-                alpha=0.9,
-            )
+            look: Any = {"fontsize": 8, "color": FALSE, "style": "italic", "alpha": 0.9}
+            figure.text(1.0, 1.0, self._simulated, ha="right", va="top", **look)
         # drawn in memory first: a full disk is then one plain error, not one from the inside of a writer
         buffer = io.StringIO()
         # the canvas lays out and draws once, where `savefig` does it twice
@@ -149,10 +140,8 @@ class Figures:
         if self._folder:
             self._folder.mkdir(parents=True, exist_ok=True)
             for kind in self._also:
-                picture = io.BytesIO()
-                figure.savefig(
-                    picture, format=kind, dpi=300, metadata={"CreationDate": None} if kind == "pdf" else None
-                )
+                picture, dates = io.BytesIO(), {"CreationDate": None} if kind == "pdf" else None
+                figure.savefig(picture, format=kind, dpi=300, metadata=dates)
                 (self._folder / f"{name}.{kind}").write_bytes(picture.getvalue())
             (self._folder / f"{name}.svg").write_text(text, "utf-8")
         self._count += 1

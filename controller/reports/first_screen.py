@@ -5,6 +5,7 @@ import shlex
 import statistics
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -41,12 +42,10 @@ def headline_of(
     count = f"{good} of {n} {'trial' if n == 1 else 'trials'} {came_to(experiment)}"
     missed = f" ({', '.join(f'{n} {title(name)}' for name, n in bad.most_common())})" if bad else ""
     lines = headlines(experiment)
-    found = (
-        given
-        or _listed(lines, rows, set(map(_kind, runs)))
-        or _measured(runs, rows)
-        or _successes(good, rows)
-    )
+    found = given or _listed(lines, rows, set(map(_kind, runs))) or _measured(runs, rows)
+    if found is None and rows:
+        found = rated("trials that succeeded", good, len(rows))._replace(verdict="")
+    found = found or Headline("trials that succeeded", "none", "0 of 0")
     beside = f"; {found.verdict}" if found.verdict else ""
     beside += "; no paper has this figure" if lines and not found.paper else ""
     if found.column == "delay_s" and any(setting_of(run, "behavior", "detector") for run in runs):
@@ -125,9 +124,7 @@ def _span_of_mean(known: Sequence[float]) -> tuple[float, float]:
     return max(least, mean.mean - half_width(mean)), mean.mean + half_width(mean)
 
 
-OVER: Mapping[
-    str, tuple[str, Callable[[Sequence[float]], float], Callable[[Sequence[float]], tuple[float, float]]]
-] = {
+OVER: Mapping[str, tuple[str, Callable[[Sequence[float]], float], Callable[[Sequence[float]], Any]]] = {
     "mean": ("mean", statistics.fmean, _span_of_mean),
     "median": ("median", statistics.median, lambda known: median_within(np.sort(known))),
     "worst": ("largest", lambda known: max(map(abs, known)), lambda known: (math.nan, math.nan)),
@@ -179,16 +176,10 @@ def _measured(runs: Sequence[Run], rows: Sequence[Row]) -> Headline | None:
 def first_measured(runs: Sequence[Run], rows: Sequence[Row]) -> str:
     """Its column; "" for none."""
     factors = {"trial", "outcome", *(name for run in runs for name in run.factors)}
-    names = dict.fromkeys(name for row in rows for name in row if name not in factors)
-    return next(
-        (name for name in names if any(is_number(row.get(name)) for row in rows) and not is_instant(name)), ""
-    )
-
-
-def _successes(good: int, rows: Sequence[Row]) -> Headline:
-    if not rows:
-        return Headline("trials that succeeded", "none", "0 of 0")
-    return rated("trials that succeeded", good, len(rows))._replace(verdict="")
+    names = (name for row in rows for name, cell in row.items() if name not in factors and is_number(cell))
+    known = {*names}
+    ordered = dict.fromkeys(name for row in rows for name in row)
+    return next((name for name in ordered if name in known and not is_instant(name)), "")
 
 
 def again(run: Run) -> str:

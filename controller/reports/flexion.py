@@ -22,7 +22,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.run_account import entered_s, recorded, setting_of
-from controller.reports.section import Kind, Result, Section, judged
+from controller.reports.section import Kind, Result, Section, judged, kind_of
 from controller.scales import scale_of
 
 NAMES = dict(zip(LISTENERS, ("fixed (the paper's)", "follows the tendon", "waveform"), strict=True))
@@ -40,7 +40,6 @@ SAID = {
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """False contacts of each detector by the tendon's speed, and the free resonance against its position."""
     rows = [row for run in runs for row in run.trials if row.get("flexed_s") is not None]
-    simulated = runs[0].simulated
     summary = []
     if not rows:
         summary.append(Result(None, "In no trial did the tendon move."))
@@ -49,19 +48,14 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         over = quantity("flexed_m", setting_of(runs[0], "behavior", "flexed_m"), 0)
         text = f"The free resonance rises by {spread(rise)} Hz over {over} of tendon (n = {rise.n}); "
         text += "the paper says that it rises"
-        met = larger(rise, Mean(0.0, 0.0, 2))
-        summary.append(judged(Kind.ASSUMED if simulated else Kind.MEASURED, text, met, rise.n))
+        summary.append(judged(kind_of(runs, Kind.ASSUMED), text, larger(rise, Mean(0.0, 0.0, 2)), rise.n))
     for name in LISTENERS:
         if blind := values(rows, f"{name}_blind"):
-            text = SAID[name].format(
-                blind=rate(int(sum(blind)), len(blind)), share=_percent(rows, f"{name}_share")
-            )
-            kind = Kind.PREDICTED if simulated else Kind.MEASURED
-            if name == "ours":
-                summary.append(Result(kind, f"{text}."))
-                continue
-            hits = int(sum(blind)) if name == "contact" else len(blind) - int(sum(blind))
-            summary.append(judged(kind, text, decided(hits, len(blind), 0.5), len(blind)))
+            share, n, hits = _percent(rows, f"{name}_share"), len(blind), int(sum(blind))
+            text = SAID[name].format(blind=rate(hits, n), share=share)
+            hits = hits if name == "contact" else n - hits
+            verdict = judged(kind_of(runs), text, decided(hits, n, 0.5), n)
+            summary.append(verdict if name != "ours" else Result(kind_of(runs), f"{text}."))
     return Section(
         title="Contact while the finger is flexed (A3)",
         content={"by_speed": list(_by_speed(rows)), "figure": _draw(runs, figures) if rows else ""},
@@ -112,9 +106,8 @@ def _draw(runs: Sequence[Run], figures: Figures) -> str:
         ]
         with figures.figure(2.6) as drawing:
             axes, scale = drawing.axes[0], scale_of("tendon_m")
-            axes.plot(
-                scale.factor * found["at_m"], found["hz"], ".", ms=2.0, color=FAINT, label="each period"
-            )
+            places = scale.factor * found["at_m"]
+            axes.plot(places, found["hz"], ".", ms=2.0, color=FAINT, label="each period")
             at_m = np.linspace(0.0, found["at_m"].max(), 50)
             shown = np.polynomial.polynomial.polyval(at_m, found["terms"])
             axes.plot(scale.factor * at_m, shown, color=OURS, label="free resonance")

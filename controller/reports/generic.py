@@ -27,19 +27,17 @@ def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     measured = [name for name in names if name not in ("trial", "outcome", *factors)]
     numbers = [name for name in measured if any(is_number(row.get(name)) for row in rows)]
     groups = list(grouped(rows, *factors).values())
-    content: dict[str, Any] = {
-        "what": "This experiment has no section of its own: these are its trials and what was measured in them."
-    }
+    what = "This experiment has no section of its own: these are its trials and what was measured in them."
+    content: dict[str, Any] = {"what": what}
     if numbers:
         left_out = f" {len(numbers) - PANELS} more columns are in the table." if len(numbers) > PANELS else ""
+        shown = (
+            "Every trial as a dot, by its factors in the order of the table above; bars are mean ± standard "
+        )
         content |= {
             "caption": "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials.",
             "measured": [_line(own, factors, numbers) for own in groups],
-            "drawn": Figure(
-                _draw(figures, groups, numbers[:PANELS]),
-                "Every trial as a dot, by its factors in the order of the table above; bars are mean ± standard "
-                f"deviation (n − 1).{left_out}",
-            ),
+            "drawn": Figure(_draw(figures, groups, numbers[:PANELS]), f"{shown}deviation (n − 1).{left_out}"),
         }
     good = sum(run.succeeded(row) for run in runs for row in run.trials)
     outcomes = sorted({str(row.get("outcome")) for row in rows})
@@ -49,12 +47,8 @@ def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     said = [f"Succeeded: {rate(good, len(rows))}."]
     said += [f"{title(name).capitalize()}: {rate(count, len(rows))}." for name, count in counts.items()]
     said += [f"{scale_of(name).heading}: {_shown(rows, name)}." for name in numbers[:3]]
-    name = title(experiment.rpartition(":")[2])
-    return Section(
-        str(setting_of(runs[0], "title") or name or "trials"),
-        content,
-        summary=[Result(None, each) for each in said],
-    )
+    heading = str(setting_of(runs[0], "title") or title(experiment.rpartition(":")[2]) or "trials")
+    return Section(heading, content, summary=[Result(None, each) for each in said])
 
 
 def with_spread(mean: Mean, factor: float) -> str:

@@ -75,16 +75,9 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     over = values(rows, "grip_over_least")
     summary = [Result(kind, f"Held: {rate(held, len(rows))}.")]
     if over:
+        text = f"Grip over least force: {three(float(np.median(over)))} in the median"
         met = decided(sum(each <= 1.2 for each in over), len(over), 0.5)
-        summary.append(
-            judged(
-                kind,
-                f"Grip over least force: {three(float(np.median(over)))} in the median",
-                met,
-                len(over),
-                goal=True,
-            )
-        )
+        summary.append(judged(kind, text, met, len(over), goal=True))
     return Section(
         "A grasp with little more than the least force (D1)",
         content,
@@ -130,11 +123,8 @@ def _shown(runs: Sequence[Run], run: Run, row: Row) -> Markup:
 
 def _measures(rows: Sequence[Row]) -> Row:
     """One line in NIST's words."""
-    resistance_n = [
-        float(row["friction_true"]) * float(row["felt_n"])
-        for row in rows
-        if row.get("friction_true") is not None and row.get("felt_n") is not None
-    ]
+    known = [row for row in rows if None not in (row.get("friction_true"), row.get("felt_n"))]
+    resistance_n = [float(row["friction_true"]) * float(row["felt_n"]) for row in known]
     resistance = float(np.median(resistance_n)) if resistance_n else None
     shown = {
         "touch sensitivity, N": median(rows, "felt_n"),
@@ -182,24 +172,19 @@ def _goals(rows: Sequence[Row]) -> list[Row]:
             known = [value for value in known if value]
         if known:
             value = float(np.quantile(known, part))
-            shown = (
-                f"{quantity(column, value)} of {len(known)}" if column != "grip_over_least" else three(value)
-            )
-            aim = quantity(column, bound) if column != "grip_over_least" else three(bound)
+            shown, aim = f"{quantity(column, value)} of {len(known)}", quantity(column, bound)
+            if column == "grip_over_least":
+                shown, aim = three(value), three(bound)
             within = sum(each <= bound for each in known)
             met = every(len(known) - within, len(known)) if part == 1.0 else decided(within, len(known), part)
             found.append({"goal": name, "aimed at": aim, "found": shown, "met": met})
     false = [row for row in rows if row.get("told_false") is not None]
     if false:
         hits = sum(bool(row["told_false"]) for row in false)
-        found.append(
-            {
-                "goal": "lifts with a slip acted on that was none",
-                "aimed at": "2 %",
-                "found": f"{hits} of {len(false)}, {percent(hits / len(false))}",
-                "met": decided(len(false) - hits, len(false), 0.98),
-            }
-        )
+        name, text = "lifts with a slip acted on that was none", f"{hits} of {len(false)}"
+        text += f", {percent(hits / len(false))}"
+        met = decided(len(false) - hits, len(false), 0.98)
+        found.append({"goal": name, "aimed at": "2 %", "found": text, "met": met})
     return found
 
 
@@ -247,15 +232,9 @@ def _shade(axes: Sequence[Any], entered_s: Mapping[str, float], last_s: float) -
         for each in axes:
             if number % 2:
                 each.axvspan(edges_s[number], edges_s[number + 1], color=PAPER, alpha=0.08, lw=0)
-        middle_s = 0.5 * (edges_s[number] + edges_s[number + 1])
-        axes[0].annotate(
-            state.lower(),
-            (middle_s, 1.0),
-            xycoords=("data", "axes fraction"),
-            ha="center",
-            va="bottom",
-            fontsize=7.5,
-        )
+        place = 0.5 * (edges_s[number] + edges_s[number + 1]), 1.0
+        look: Any = {"ha": "center", "va": "bottom", "fontsize": 7.5}
+        axes[0].annotate(state.lower(), place, xycoords=("data", "axes fraction"), **look)
 
 
 def _commanded(

@@ -46,13 +46,13 @@ def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
     method = next((each for each in METHODS if measured and column.startswith(f"{each}_")), "")
     seen: list[tuple[Run, Row]] = []
     missed: list[tuple[Run, Row]] = []
-    for run in runs:
-        recorded = set(run.recorded_trials)
-        for row in (row for row in run.trials if row["trial"] in recorded):
-            if moments_of(run, row, method).decided_s is not None:
-                seen.append((run, row))
-            elif method and not is_number(row.get(column)):
-                missed.append((run, row))
+    recorded = {(id(run), trial) for run in runs for trial in run.recorded_trials}
+    trials = [(run, row) for run in runs for row in run.trials if (id(run), row["trial"]) in recorded]
+    for run, row in trials:
+        if moments_of(run, row, method).decided_s is not None:
+            seen.append((run, row))
+        elif method and not is_number(row.get(column)):
+            missed.append((run, row))
     column = column or first_measured(runs, [row for _, row in seen])
     seen = [each for each in seen if holds(line, each[1])] or seen
 
@@ -97,9 +97,7 @@ def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row, method: str) -> D
         "marks": {look: t for look, t in marks.items() if t is not None and start <= t <= end},
     }
     name = f"{moments.zero} missed" if name == "missed" else name
-    said = (
-        factors_of(run, row) if run.succeeded(row) else said_of(run, row)
-    )  # what a success is called says no more
+    said = factors_of(run, row) if run.succeeded(row) else said_of(run, row)  # a success's name says no more
     return Drawn(name, key, trial, said, moments, shown)
 
 

@@ -74,11 +74,8 @@ def located(rows: Sequence[Row], column: str) -> Iterator[Found]:
         others = [each for each in curves if is_number(odd) or each["location"] != row["location"]]
         if len({each["location"] for each in others}) < 3:
             continue
-        slope, offset = np.polyfit(
-            [_abscissa(each, column) for each in others],
-            [arm_of(str(each["location"])) ** 2 for each in others],
-            1,
-        )
+        arms = [arm_of(str(each["location"])) ** 2 for each in others]
+        slope, offset = np.polyfit([_abscissa(each, column) for each in others], arms, 1)
         arm_m = math.sqrt(max(0.0, slope * _abscissa(row, column) + offset))
         found_m = from_tip_m("f") + ARM_M - arm_m
         true_m = from_tip_m(str(row["location"]))
@@ -133,22 +130,17 @@ def _said_of_stiffness(kind: Kind, other: Mapping[str, Sequence[Found]]) -> list
         return []
     text = "A contact 0.8 or 1.25 times as stiff is misplaced by as much as "
     text += ", ".join(f"{quantity('error_m', max(errors[c]), 1)} ({name})" for c, name in METHODS.items())
-    return [
-        Result(
-            kind, text + ": the phase tells stiffness and location no better apart than the frequency does."
-        )
-    ]
+    text += ": the phase tells stiffness and location no better apart than the frequency does."
+    return [Result(kind, text)]
 
 
 def _by_location(rows: Sequence[Row], usual: Mapping[str, Sequence[Found]]) -> Iterator[Row]:
     for place in sorted({str(row["location"]) for row in rows}):
         own = [row for row in rows if row["location"] == place and row.get(STIFFNESS) is None]
-        errors = {
-            name: number(
-                mean_of(_errors([each for each in usual[column] if each.location == place])).mean, 2, 1e3
-            )
-            for column, name in METHODS.items()
-        }
+        errors = {}
+        for column, name in METHODS.items():
+            here = [each for each in usual[column] if each.location == place]
+            errors[name] = number(mean_of(_errors(here)).mean, 2, 1e3)
         yield {
             "location": place,
             **under("from_tip_m", from_tip_m(place), digits=2),
@@ -161,14 +153,10 @@ def _by_location(rows: Sequence[Row], usual: Mapping[str, Sequence[Found]]) -> I
 
 def _by_stiffness(other: Mapping[str, Sequence[Found]]) -> Iterator[Row]:
     for contact_n_m in sorted({each.contact_n_m or 0.0 for each in other["phase_rad"]}):
-        off = {
-            name: number(
-                mean_of([e.found_m - e.true_m for e in other[column] if e.contact_n_m == contact_n_m]).mean,
-                1,
-                1e3,
-            )
-            for column, name in METHODS.items()
-        }
+        off = {}
+        for column, name in METHODS.items():
+            off_m = [e.found_m - e.true_m for e in other[column] if e.contact_n_m == contact_n_m]
+            off[name] = number(mean_of(off_m).mean, 1, 1e3)
         own = [each for each in other["phase_rad"] if each.contact_n_m == contact_n_m]
         yield {"contact, N/m": number(contact_n_m, 0), "n": len(own), "found minus true, mm, from the": off}
 
@@ -181,17 +169,14 @@ def _draw(
 ) -> str:
     with figures.figure(2.8, columns=2) as drawing:
         near, far = drawing.axes
-        for odd, look, label in (
-            (False, LOOKS["ours"], "the pad's stiffness"),
-            (True, LOOKS["rival"], "another"),
+        for odd, found, look, label in (
+            (False, usual["phase_rad"], LOOKS["ours"], "the pad's stiffness"),
+            (True, other["phase_rad"], LOOKS["rival"], "another"),
         ):
             own = [row for row in rows if is_number(row.get(STIFFNESS)) == odd and _holds(row)]
             at_hz, phase = values(own, "frequency_hz"), np.degrees(values(own, "phase_rad"))
             near.plot(at_hz, phase, ls="", **look, label=label)
-            found = [1e3 * each.found_m for each in (other if odd else usual)["phase_rad"]]
-            far.plot(
-                [1e3 * each.true_m for each in (other if odd else usual)["phase_rad"]], found, ls="", **look
-            )
+            far.plot([1e3 * e.true_m for e in found], [1e3 * e.found_m for e in found], ls="", **look)
         ends = [0.0, 25.4]
         far.plot(ends, ends, color=FAINT, lw=1.0, zorder=0)
         near.set(xlabel="frequency of the loop (Hz)", ylabel="phase, distal before proximal (°)")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.measures.pointer import Errors, Touch, errors_of, touches_of
+from controller.measures.pointer import Touch, errors_of, touches_of
 from controller.reports.counts import Row, number, signed, under
 from controller.reports.figures import FAINT, FALSE, GOOD, PAPER, Figures
 from controller.reports.run_account import acting_of, recorded, setting_of
@@ -25,28 +25,24 @@ SAME_FORCE = 0.05
 """Trials whose thresholds differ by less than this share were touched with the same force."""
 
 
-class PointerSweep(NamedTuple):
+class PointerSweep:
     """All touches of one force.
 
-    Attributes:
+    Args:
         force_n: Threshold that ended the descents; NaN where the profile has none.
         trials: The touches of each trial.
-        errors: Over all of them; the hysteresis is the largest of any trial.
+
+    Attributes:
+        errors: Over all touches; the hysteresis is the largest of any trial.
+        pressed_n: Mean normal force.
     """
 
-    force_n: float
-    trials: Sequence[Sequence[Touch]]
-    errors: Errors
-
-    @property
-    def touches(self) -> Sequence[Touch]:
-        """All of them."""
-        return [touch for touches in self.trials for touch in touches]
-
-    @property
-    def pressed_n(self) -> float:
-        """Mean normal force."""
-        return float(np.mean([touch.force_n for touch in self.touches]))
+    def __init__(self, force_n: float, trials: Sequence[Sequence[Touch]]) -> None:
+        self.force_n, self.trials = force_n, trials
+        self.touches = [touch for touches in trials for touch in touches]
+        self.pressed_n = float(np.mean([touch.force_n for touch in self.touches]))
+        loops = [width for touches in trials if not math.isnan(width := errors_of(touches).hysteresis)]
+        self.errors = errors_of(self.touches)._replace(hysteresis=max(loops, default=math.nan))
 
 
 def read_sweeps(runs: Sequence[Run]) -> list[PointerSweep]:
@@ -57,13 +53,7 @@ def read_sweeps(runs: Sequence[Run]) -> list[PointerSweep]:
             force_n = _force_n(run, row)
             same = next((known for known in found if abs(known - force_n) <= SAME_FORCE * force_n), force_n)
             found.setdefault(same, []).append(touches)
-    return [_sweep(force_n, trials) for force_n, trials in sorted(found.items())]
-
-
-def _sweep(force_n: float, trials: Sequence[Sequence[Touch]]) -> PointerSweep:
-    whole = errors_of([touch for touches in trials for touch in touches])
-    loops = [width for touches in trials if not math.isnan(width := errors_of(touches).hysteresis)]
-    return PointerSweep(force_n, trials, whole._replace(hysteresis=max(loops, default=math.nan)))
+    return [PointerSweep(force_n, trials) for force_n, trials in sorted(found.items())]
 
 
 def _force_n(run: Run, row: Row) -> float:

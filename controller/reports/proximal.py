@@ -10,8 +10,6 @@ from controller.reports.figures import Figures
 from controller.reports.run_account import acting_of, criterion_of
 from controller.reports.section import Result, Section, judged, kind_of, rated
 
-LINKS = ("proximal", "distal")
-
 RELIABLY = 0.9
 """Share of contacts that is called so (assumption): the paper prints no figure."""
 
@@ -19,14 +17,12 @@ RELIABLY = 0.9
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """The confusion table, and delay and force by link."""
     rows = [row for run in runs for row in run.trials]
-    of = {
-        link: [row for row in rows if (row.get("location") == "p") == (link == "proximal")] for link in LINKS
-    }
-    near = of["proximal"]
+    near, far = ([row for row in rows if (row.get("location") == "p") == own] for own in (True, False))
+    of = {"proximal": near, "distal": far}
     named = sum(bool(row.get("identified")) for row in rows)
     right = sum(row.get("identified") == link for link, own in of.items() for row in own)
     felt = sum(row.get("outcome") == "contact" for row in near)
-    kind = kind_of(runs)
+    kind, met = kind_of(runs), decided(felt, len(near), RELIABLY)
     detected = (
         f"Contact on the proximal link is detected in {rate(felt, len(near))} of the approaches; the paper: "
     )
@@ -40,12 +36,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         template="proximal",
         paper="backus",
         summary=[
-            judged(
-                kind,
-                f"{detected}reliably, by preliminary results",
-                decided(felt, len(near), RELIABLY),
-                len(near),
-            ),
+            judged(kind, f"{detected}reliably, by preliminary results", met, len(near)),
             Result(kind, told),
         ],
         headline=rated("contacts whose link was named right", right, named) if named else None,
@@ -60,7 +51,7 @@ def _row(link: str, own: Sequence[Row]) -> Row:
     return {
         "touched": link,
         "n": len(own),
-        "named": {each: named.count(each) for each in LINKS},
+        "named": {each: named.count(each) for each in ("proximal", "distal")},
         "false": total(own, "false_contacts"),
         **line,
     }

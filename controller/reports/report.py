@@ -14,7 +14,7 @@ from markupsafe import Markup
 from controller.own_modules import own_folders
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
-from controller.registry import experiment_of
+from controller.registry import ExperimentKind, experiment_of
 from controller.reports import generic
 from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
@@ -141,8 +141,7 @@ def _page(
         key = str(run.manifest.get("experiment", "")), str(run.manifest.get("bench", ""))
         kinds.setdefault(key, []).append(run)
     for (experiment, bench), members in kinds.items():
-        pooled = experiment_of(experiment, own_folders(members[-1].manifest)).pooled
-        groups = _named(bench, by_settings(members, not pooled))
+        groups = _named(bench, by_settings(members, not _experiment(members[-1]).pooled))
         if comparing:
             groups = {run.folder.path.name: [run] for run in members}
         for number, (name, group) in enumerate(groups.items(), start=1):
@@ -151,28 +150,30 @@ def _page(
             if folder and not alone:
                 folder /= f"{experiment}_{bench}"
                 folder = folder / str(number) if len(groups) > 1 else folder
-            figures = Figures(folder, simulated=_marked(group[0]), prefix=f"s{len(parts)}", also=also)
+            simulated = (
+                ("partly simulated" if group[0].measured_by else "simulated") if group[0].simulated else ""
+            )
+            figures = Figures(folder, simulated=simulated, prefix=f"s{len(parts)}", also=also)
             whole = [run for run in members if run.folder.path in {part.folder.path for part in group}]
             parts.append(_part(experiment, name, group, missing(whole), figures))
         if len(groups) > 1 and not comparing:
             apart.append(differences(groups))
     sections = [part.section for part in parts]
+    results = [result for part in parts for result in part.results]
     tables = [table for run in runs for table in run.resolved.get("devices", {}).values()]
-    drivers = dict.fromkeys(str(table.get("driver")) for table in tables)
-    ours = [_OURS[driver] for driver in drivers if driver in _OURS]
+    ours = [_OURS[driver] for table in tables if (driver := str(table.get("driver"))) in _OURS]
     ours += [text for part in parts for text in part.ours]
+    papers = [CITATION.get(each.paper, each.paper) for each in sections if each.paper]
     real = list(dict.fromkeys(name for run in runs for name in run.measured_by))
     heading = setting_of(runs[0], "title") if len(runs) == 1 else None
     facts: dict[str, Any] = {
         "heading": title or heading or " and ".join(dict.fromkeys(section.title for section in sections)),
         "contents": _contents(paper, parts),
-        "citations": list(
-            dict.fromkeys(CITATION.get(each.paper, each.paper) for each in sections if each.paper)
-        ),
+        "citations": list(dict.fromkeys(papers)),
         "simulated": any(run.simulated for run in runs),
         "all_simulated": all(run.simulated for run in runs) and not real,
         "real": ", ".join(real),
-        "kinds": any(result.kind not in (None, Kind.MEASURED) for part in parts for result in part.results),
+        "kinds": any(result.kind not in (None, Kind.MEASURED) for result in results),
         "papers_too": any(".paper" in str(setting_of(run, "detectors")) for run in runs),
         "ours": list(dict.fromkeys(ours)),
         "parts": parts,
@@ -181,12 +182,10 @@ def _page(
         "ends": [end for run in runs if (end := early_end(run)) is not None],
         "runs": [(run.folder.path.name, run.notes, facts_of(run)) for run in runs],
         "verdict": _verdict(parts),
-        "agreement": agreement_of(result for part in parts for result in part.results),
+        "agreement": agreement_of(results),
         "state": "all" if {part.headline.state for part in parts} == {"all"} else "some",
         "again": list(dict.fromkeys(again(run) for run in runs)),
-        "summary": experiment_of(next(iter(kinds))[0], own_folders(runs[-1].manifest)).summary
-        if len(kinds) == 1
-        else "",
+        "summary": _experiment(runs[-1]).summary if len(kinds) == 1 else "",
         "started": str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
         "trials": trial_table(runs),
     }
@@ -210,11 +209,6 @@ def _verdict(parts: Sequence[SectionPart]) -> str:
     done = words.pop() if len(words) == 1 else "succeeded"
     goals = goals_of(result for part in parts for result in part.results)
     return f"{good} of {len(rows)} trials {done}, in {len(parts)} parts{beside}{goals}."
-
-
-def _marked(run: Run) -> str:
-    """What figures say of their numbers."""
-    return ("partly simulated" if run.measured_by else "simulated") if run.simulated else ""
 
 
 def _named(bench: str, groups: Sequence[Sequence[Run]]) -> dict[str, Sequence[Run]]:
@@ -244,14 +238,8 @@ def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[SectionPart]) 
             if item["part"] in map(_profile, part.runs)
         ]
         here = Markup(", ").join(links) or ("not run" if item["part"] else NOTHING)
-        rows.append(
-            {
-                "paper": item["item"],
-                "what it shows": item["shows"],
-                "here": here,
-                "why ours differs": item["differs"],
-            }
-        )
+        line = {"paper": item["item"], "what it shows": item["shows"], "here": here}
+        rows.append(line | {"why ours differs": item["differs"]})
     return rows
 
 
@@ -265,20 +253,9 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     pictures = [Markup(each) for each in FIGURE.findall(body)]
     body = Markup(FIGURE.sub("", body))  # figures stand before what is said about them
     headline = headline_of(experiment, runs, results, section.headline)
-    settings = settings_table(runs[0], printed)
-    return SectionPart(
-        name,
-        runs,
-        section,
-        results,
-        settings,
-        body,
-        ours,
-        headline,
-        drawn,
-        pictures,
-        _set_differently(runs[0], printed),
-    )
+    settings, differs = settings_table(runs[0], printed), _set_differently(runs[0], printed)
+    shown = headline, drawn, pictures, differs
+    return SectionPart(name, runs, section, results, settings, body, ours, *shown)
 
 
 def _set_differently(run: Run, printed: Mapping[str, Printed]) -> list[Any]:
@@ -291,9 +268,12 @@ def _set_differently(run: Run, printed: Mapping[str, Printed]) -> list[Any]:
     ]
 
 
+def _experiment(run: Run) -> ExperimentKind:
+    return experiment_of(str(run.manifest.get("experiment", "")), own_folders(run.manifest))
+
+
 def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
-    module = experiment_of(experiment, own_folders(runs[-1].manifest)).report
-    if module:
+    if module := _experiment(runs[-1]).report:
         own: Callable[[Sequence[Run], Figures], Section] = import_module(module).section
         return own(runs, figures)
     return generic.section(experiment, runs, figures)

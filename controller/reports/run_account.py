@@ -119,11 +119,8 @@ def setting_of(run: Run, *path: str) -> Any:
 
 def entered_s(run: Run, trial: object) -> dict[str, float]:
     """When a trial last entered each of its states; an event within a state has that state as its next one, too."""
-    return {
-        str(event["next"]): float(event["t_s"])
-        for event in run.events
-        if event.get("trial") == trial and event.get("next") != event.get("state")
-    }
+    own = run.events_of(trial)
+    return {str(e["next"]): float(e["t_s"]) for e in own if e.get("next") != e.get("state")}
 
 
 def acting_of(run: Run) -> str:
@@ -142,13 +139,9 @@ def criterion_of(run: Run, detector: str) -> str:
     name, unit = statistic_of(run, detector)
     declared = (run.manifest.get("detectors") or {}).get(detector) or {}
     kind = setting_of(run, "detectors", detector, "kind")
-    what = ", on ".join(
-        part for part in (str(kind or ""), " and ".join(declared.get("inputs") or ())) if part
-    )
-    return (
-        f"the detector “{detector}”{f' ({what})' if what else ''} compares the {name}"
-        f"{f' ({unit})' if unit else ''} with its threshold"
-    )
+    what = ", on ".join(filter(None, (str(kind or ""), " and ".join(declared.get("inputs") or ()))))
+    named, measured = (f" ({text})" if text else "" for text in (what, unit))
+    return f"the detector “{detector}”{named} compares the {name}{measured} with its threshold"
 
 
 def _flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

@@ -192,10 +192,8 @@ def laid_out(rows: Sequence[Row], foot: Row | None = None) -> Table:
     columns = list(dict.fromkeys(column for line in lines for column in line))
     cells = [[line.get(column, NOTHING) for column in columns] for line in lines[: len(rows)]]
     groups = [(name, len(list(own))) for name, own in groupby(group for group, _ in columns)]
-    looks = [
-        _look(head, [row[place] for row in cells], place == 0) for place, (_, head) in enumerate(columns)
-    ]
     heads = [head for _, head in columns]
+    looks = [_look(head, [row[place] for row in cells], place == 0) for place, head in enumerate(heads)]
     last = [lines[-1].get(column, "") for column in columns] if foot else ()
     filters = [str(row.get(ROWS, "")) for row in rows]
     return Table(groups if any(name for name, _ in groups) else [], heads, looks, cells, last, filters)

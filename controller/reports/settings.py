@@ -57,13 +57,11 @@ def _parts(run: Run) -> list[tuple[str, Run]]:
 
 def differences(groups: Mapping[str, Sequence[Run]]) -> list[Row]:
     """The runs of named groups, and one row a setting that differs between them: its path, and each group's value."""
-    tables = {}
+    tables, runs = {}, {}
     for name, group in groups.items():
         own = varied_of(group[0].trials[0]) if group[0].trials else {}
         tables[name] = dict(flat(settings_of(group[0]))) | own
-    runs = {
-        name: ", ".join(dict.fromkeys(run.folder.path.name for run in own)) for name, own in groups.items()
-    }
+        runs[name] = ", ".join(dict.fromkeys(run.folder.path.name for run in group))
     rows: list[Row] = [{"setting": "runs", **runs}]
     for path in sorted(set().union(*tables.values())):
         values = {name: shown(table.get(path)) for name, table in tables.items()}
@@ -77,9 +75,8 @@ def settings_table(run: Run, printed: Mapping[str, Printed]) -> list[Row]:
     leaves = dict(flat(settings))
     for path in dict.fromkeys(name for row in run.trials for name in varied_of(row)):
         base = leaves.get(path)
-        values = list(
-            dict.fromkeys(shown(base if row.get(path) is None else row[path]) for row in run.trials)
-        )
+        cells = [base if row.get(path) is None else row[path] for row in run.trials]
+        values = list(dict.fromkeys(map(shown, cells)))
         leaves[path] = values[0] if len(values) == 1 else f"{shown(base)} (varied: {', '.join(values)})"
     rows: list[Row] = [
         {"setting": path, "here": shown(leaves[path]), "the paper": f"{shown(paper.value)} ({paper.source})"}

@@ -76,10 +76,16 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "frequencies": _frequencies(runs),
             "stops": stop_times(runs, "arm.force", _waits_s, _way),
             "drawn": list(_draw(runs, figures)),
-            "disagreeing": [_disagreeing(score) for score in scores if _disagrees(score)],
-            "too_slow": list(
-                {score.sensor: _too_slow(score, runs) for score in scores if score.too_slow}.values()
-            ),
+            "disagreeing": [
+                {"score": score, "median": quantity("delay_s", score.median_s, 3)}
+                for score in scores
+                if (score.method, score.condition) == ("paper", TABLE_1)
+                and score.decided
+                and score.verdict != score.paper["verdict"]
+            ],
+            "too_slow": [
+                *{score.sensor: _too_slow(score, runs) for score in scores if score.too_slow}.values()
+            ],
         },
         template="slip",
         paper="fernandez",
@@ -96,23 +102,20 @@ def _headline(scores: Sequence[SensorScore]) -> Headline | None:
     known = [score for score in plain if score.slips and score.decided]
     if 2 * len(known) <= len(plain):
         return _ours_beside(scores)
-    theirs = [SENSORS[score.sensor]["verdict"] for score in known]
-    same = sum(score.verdict == paper for score, paper in zip(known, theirs, strict=True))
-    of = f"{same} of {len(known)}"
+    same = sum(score.verdict == score.paper["verdict"] for score in known)
 
     def counted(verdicts: Sequence[str]) -> str:
-        return ", ".join(
-            f"{n} {name}" for name in ("good", "regular", "bad") if (n := list(verdicts).count(name))
-        )
+        counts = {name: verdicts.count(name) for name in ("good", "regular", "bad")}
+        return ", ".join(f"{n} {name}" for name, n in counts.items() if n)
 
     return Headline(
         f"the paper's detector on {len(known)} sensors, by misses and delay",
         counted([score.verdict for score in known]),
         f"{len(known)} sensors",
-        counted(theirs),
+        counted([score.paper["verdict"] for score in known]),
         "the paper, Table 1",
         f"agree on {rate(same, len(known))}",
-        f"the paper's detector does as in the paper on {of} sensors",
+        f"the paper's detector does as in the paper on {same} of {len(known)} sensors",
     )
 
 
@@ -160,29 +163,21 @@ SAME_SAMPLES = "the paper's detector (same samples)"
 
 
 def _of_condition(scores: Sequence[SensorScore], condition: Condition) -> Mapping[str, Any]:
-    """Slips, and false alarms, of every sensor and detector under one condition."""
+    """Slips, and false alarms, of every sensor and detector under one condition: `With bumps, 1 a second; the arm stops
+    when ours detects slip`."""
     own = [score for score in scores if score.condition == condition]
+    nuisance = "As in Table 1" if condition.nuisance == PLAIN else f"With {condition.nuisance}"
     return {
         "table_1": condition == TABLE_1,
-        "under": _under(condition),
+        "under": nuisance + _reflex(condition) * bool(condition.reflex),
         "cut": bool(condition.reflex),
         "slips": [_slips(score) for score in own if score.slips],
         "alarms": [_alarms(score) for score in own],
     }
 
 
-def _under(condition: Condition) -> str:
-    """`With bumps, 1 a second; the arm stops when ours detects slip`."""
-    nuisance = "As in Table 1" if condition.nuisance == PLAIN else f"With {condition.nuisance}"
-    return nuisance + _reflex(condition) * bool(condition.reflex)
-
-
 def _reflex(condition: Condition) -> str:
     return f"; the arm stops when {METHODS.get(condition.reflex)} detects slip"
-
-
-def _name(sensor: str) -> str:
-    return f"{SENSORS[sensor]['id']} {SENSORS[sensor]['name']}"
 
 
 def _slips(score: SensorScore) -> Row:
@@ -193,20 +188,20 @@ def _slips(score: SensorScore) -> Row:
     if score.slips and not score.decided:
         verdict = f"{score.verdict} (n = {score.scored} of {score.slips})"
     line = {
-        "sensor": _name(score.sensor),
+        "sensor": score.name,
         "detector": METHODS[score.method],
         "early": f"{score.early} of {score.slips}",
         "missed (95 %)": missed,
     }
-    for head, p in (("median", 50), ("p95", 95)):
-        line |= under("delay_s", float(np.percentile(score.delays_s, p)) if score.delays_s else None, head, 3)
-    papers = {"the paper's": SENSORS[score.sensor]["verdict"]} if score.condition == TABLE_1 else {}
+    late_s = float(np.percentile(score.delays_s, 95)) if score.delays_s else None
+    line |= under("delay_s", score.median_s, "median", 3) | under("delay_s", late_s, "p95", 3)
+    papers = {"the paper's": score.paper["verdict"]} if score.condition == TABLE_1 else {}
     return line | {"verdict": verdict} | papers
 
 
 def _alarms(score: SensorScore) -> Row:
     return {
-        "sensor": _name(score.sensor),
+        "sensor": score.name,
         "detector": METHODS[score.method],
         "false alarms": score.alarms,
         "in": _minutes(score.quiet_s),
@@ -233,6 +228,7 @@ def _minutes(seconds: float) -> str:
 
 def _frequencies(runs: Sequence[Run]) -> list[Row]:
     found: list[Row] = []
+    shown = "none stands out"
     for sensor, paper in SENSORS.items():
         rows = [
             row
@@ -246,11 +242,11 @@ def _frequencies(runs: Sequence[Run]) -> list[Row]:
         product, before = (median(rows, name) for name in ("peak_product", "peak_product_before"))
         found.append(
             {
-                "sensor": _name(sensor),
+                "sensor": f"{paper['id']} {paper['name']}",
                 **under("dominant_hz", median(rows, "dominant_hz"), "in slip"),
                 **under(
                     "paper_hz",
-                    number(paper["dominant_hz"], 0) if paper["dominant_hz"] else "none stands out",
+                    number(paper["dominant_hz"], 0) if paper["dominant_hz"] else shown,
                     "the paper",
                 ),
                 "product": {
@@ -321,14 +317,11 @@ def _summary(scores: Sequence[SensorScore], simulated: bool) -> list[Result]:
 
 def _compared_with_the_paper(score: SensorScore, simulated: bool) -> Result:
     """The verdict on the paper's detector beside the paper's own; good news only where it leaves nothing out."""
-    paper = SENSORS[score.sensor]
+    paper = score.paper
     kind = Kind(paper["kind"]) if simulated else Kind.MEASURED
     early = f"{score.early} of {score.slips} slips were called before they began"
-    text = f"{_name(score.sensor)}: the paper's detector "
-    median_s = quantity("delay_s", float(np.median(score.delays_s)), 3) if score.delays_s else ""
-    text += (
-        f"misses {score.missed} of {score.scored}, {f'median {median_s}' if median_s else 'none detected'}: "
-    )
+    found = f"median {quantity('delay_s', score.median_s, 3)}" if score.delays_s else "none detected"
+    text = f"{score.name}: the paper's detector misses {score.missed} of {score.scored}, {found}: "
     text += f"{score.verdict if score.decided else 'no grade'}; the paper says {paper['verdict']}"
     text += f"; beside that, {early}" * bool(score.early)
     if not score.decided:
@@ -359,23 +352,12 @@ def _printed(run: Run) -> Mapping[str, Printed]:
     return found
 
 
-def _disagrees(score: SensorScore) -> bool:
-    """Whether the verdict on the paper's detector is not the paper's."""
-    own = score.method == "paper" and score.condition == TABLE_1
-    return own and score.decided and score.verdict != SENSORS[score.sensor]["verdict"]
-
-
-def _disagreeing(score: SensorScore) -> Mapping[str, Any]:
-    median_s = float(np.median(score.delays_s)) if score.delays_s else None
-    return {"score": score, "paper": SENSORS[score.sensor], "median": quantity("delay_s", median_s, 3)}
-
-
 def _too_slow(score: SensorScore, runs: Sequence[Run]) -> Mapping[str, Any]:
     """Ours cannot be in time at its threshold: its verdict was settled before the run."""
     names = {setting_of(run, "behavior", "sensors", score.sensor, "ours") for run in runs}
     thresholds = {setting_of(run, "detectors", str(name), "threshold") for run in runs for name in names}
     at = " or ".join(f"{value:g}" for value in thresholds if isinstance(value, int | float))
-    return {"id": SENSORS[score.sensor]["id"], "at": at, "least_s": number(score.least_delay_s)}
+    return {"id": score.paper["id"], "at": at, "least_s": number(score.least_delay_s)}
 
 
 # --- figures -----------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """What slip detectors detected, missed and called too early, pooled over trials of one kind."""
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -116,6 +117,21 @@ class SensorScore(NamedTuple):
     touch_alarms: int
     least_delay_s: float
     verdict: str
+
+    @property
+    def paper(self) -> Row:
+        """What the paper prints of the sensor."""
+        return SENSORS[self.sensor]
+
+    @property
+    def name(self) -> str:
+        """`B3 BarrettHand finger torque`."""
+        return f"{self.paper['id']} {self.paper['name']}"
+
+    @property
+    def median_s(self) -> float | None:
+        """Of the delays."""
+        return statistics.median(self.delays_s) if self.delays_s else None
 
     @property
     def scored(self) -> int:

@@ -60,8 +60,12 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             if (recording := run.readable(int(row["trial"] or 0)))
             and len(series := series_of(recording, "accelerometer")) > 1
         ][:1]
+    # whether an amplitude falls from condition to condition
     falls, too = (
-        _falls([each[name] for each in means.values()]) for name in ("amplitude_m", "amplitude_m_s2")
+        all_of(larger(*pair) for pair in pairwise(each[name] for each in means.values()))
+        if len(means) > 2
+        else None
+        for name in ("amplitude_m", "amplitude_m_s2")
     )
     if len(means) == 3:
         ratio = number(means["none"]["amplitude_m"].mean / means["full"]["amplitude_m"].mean, 1)
@@ -105,11 +109,6 @@ def _row(paper: Row, n: int, means: Mapping[str, Mean], beside: Comparison, kind
         | under("amplitude_m", found["amplitude_m"], ""),
         "force, N": {"mean": found["force_n"], "peak": found["force_peak_n"]},
     }
-
-
-def _falls(means: Sequence[Mean]) -> bool | None:
-    """Whether an amplitude falls from condition to condition; None where one is missing, or not decided."""
-    return all_of(larger(one, other) for one, other in pairwise(means)) if len(means) > 2 else None
 
 
 def _erratic(means: Mapping[str, Mapping[str, Mean]]) -> str:

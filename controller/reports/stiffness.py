@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from behaviors.static import StaticFactors
 from controller.recording.reader import Run
 from controller.reports.counts import (
@@ -19,7 +21,7 @@ from controller.reports.counts import (
     under,
     values,
 )
-from controller.reports.figures import FAINT, LOOKS, Drawing, Figures
+from controller.reports.figures import FAINT, INK, LOOKS, Figures
 from controller.reports.papers import table
 from controller.reports.run_account import setting_of
 from controller.reports.section import Kind, Result, Section, judged
@@ -85,7 +87,9 @@ def _mean(rows: Sequence[Row], column: str) -> float:
 
 
 def _seen(rows: Sequence[Row]) -> Row:
-    return {name: number(_mean(rows, column), 1) for name, column in SEEN.items()}
+    """How the finger oscillated, by both ways to read it."""
+    seen = {name: number(_mean(rows, column), 1) for name, column in SEEN.items()}
+    return {"finger, Hz": {**seen, "σ of a period": number(_mean(rows, "frequency_sd_hz"), 2)}}
 
 
 def _stiffness_row(contact_n_m: float, own: Sequence[Row]) -> Row:
@@ -97,7 +101,7 @@ def _stiffness_row(contact_n_m: float, own: Sequence[Row]) -> Row:
             "paper": f"{printed['frequency_hz']:g}" if printed else NOTHING,
             "its equation": number(model_hz(contact_n_m), 1),
         },
-        "finger, Hz": {**_seen(own), "σ of a period": number(_mean(own, "frequency_sd_hz"), 2)},
+        **_seen(own),
         **under("amplitude_m_s2", _mean(own, "amplitude_m_s2"), digits=2),
     }
 
@@ -109,7 +113,7 @@ def _location_row(location: str, own: Sequence[Row], usual_n_m: Any) -> Row:
         **under("from_joint_m", arm_of(location), digits=1),
         "n": len(own),
         "single link, Hz": {"its equation": model},
-        "finger, Hz": {**_seen(own), "σ of a period": number(_mean(own, "frequency_sd_hz"), 2)},
+        **_seen(own),
         **under("force_n", _mean(own, "force_n"), digits=2),
     }
 
@@ -120,7 +124,7 @@ def _depth_row(place_m: float, own: Sequence[Row]) -> Row:
         "n": len(own),
         **under("force_n", _mean(own, "force_n"), digits=3),
         "touches": f"{number(_mean(own, 'touching'), 0, 100.0)} %",
-        "finger, Hz": {**_seen(own), "σ of a period": number(_mean(own, "frequency_sd_hz"), 2)},
+        **_seen(own),
         **under("amplitude_m_s2", _mean(own, "amplitude_m_s2"), digits=2),
     }
 
@@ -128,8 +132,10 @@ def _depth_row(place_m: float, own: Sequence[Row]) -> Row:
 def _beside_the_model(by_stiffness: Mapping[float, Sequence[Row]], simulated: bool) -> list[Result]:
     """The printed frequencies of the model, beside what rings."""
     results = []
+    measured = Kind.PREDICTED if simulated else Kind.MEASURED
     for printed in table("backus_model"):
-        ring = mean_of(values(by_stiffness.get(printed["stiffness_n_m"], ()), "ring_hz"))
+        own, stiff = by_stiffness.get(printed["stiffness_n_m"], ()), printed["stiffness_n_m"] == 10000.0
+        ring = mean_of(values(own, "ring_hz"))
         ring_hz = ring.mean
         if math.isnan(ring_hz):
             continue
@@ -138,15 +144,14 @@ def _beside_the_model(by_stiffness: Mapping[float, Sequence[Row]], simulated: bo
         text += f": the finger rings at {number(ring_hz, 1)} Hz, the paper's single link at {printed['frequency_hz']:g}"
         text += f" ({signed(ring_hz - printed['frequency_hz'], 1)})"
         # free, the base's inertia was fitted to what the paper measured, 28 Hz, and not to its model
-        stiff = printed["stiffness_n_m"] == 10000.0
-        kind = Kind.MEASURED if not simulated else Kind.PREDICTED if stiff else Kind.FITTED
+        kind = measured if stiff or not simulated else Kind.FITTED
         met = near(ring, printed["frequency_hz"], printed["tolerance_hz"])
         results.append(judged(kind, text, met, ring.n))
-        loop_hz = _mean(by_stiffness[printed["stiffness_n_m"]], "frequency_hz")
+        loop_hz = _mean(own, "frequency_hz")
         if stiff and abs(loop_hz - ring_hz) > 5.0:
             lost = f"The loop does not follow to there: it stays at {number(loop_hz, 0)} Hz, where the accelerometer's "
-            lost += f"amplitude is {number(_mean(by_stiffness[10000.0], 'amplitude_m_s2'), 2)} m/s²."
-            results.append(Result(Kind.PREDICTED if simulated else Kind.MEASURED, lost))
+            lost += f"amplitude is {number(_mean(own, 'amplitude_m_s2'), 2)} m/s²."
+            results.append(Result(measured, lost))
     return results
 
 
@@ -183,15 +188,13 @@ def _draw(
     stiff = {n_m: own for n_m, own in by_stiffness.items() if n_m}
     panels = []
     if len(stiff) > 1:
-        ends = math.log10(min(stiff)), math.log10(max(stiff))
-        line = [10.0 ** (ends[0] + part * (ends[1] - ends[0]) / 60.0) for part in range(61)]
+        line = np.geomspace(min(stiff), max(stiff), 61).tolist()
         curve = (line, [model_hz(n_m) for n_m in line])
         panels.append(("stiffness of the contact (N/m)", list(stiff), list(stiff.values()), curve))
     if len(by_location) > 1:
         at_mm = [1e3 * arm_of(str(where)) for where in by_location]
-        line = [min(at_mm) + part * (max(at_mm) - min(at_mm)) / 60.0 for part in range(61)]
-        known = is_number(usual_n_m)
-        curve = (line if known else [], [model_hz(usual_n_m, mm / 1e3) for mm in line] if known else [])
+        line = np.linspace(min(at_mm), max(at_mm), 61).tolist() if is_number(usual_n_m) else []
+        curve = (line, [model_hz(usual_n_m, mm / 1e3) for mm in line])
         panels.append(("location: from the joint (mm)", at_mm, list(by_location.values()), curve))
     if len(by_depth) > 1:
         force_n = [_mean(own, "force_n") for own in by_depth.values()]
@@ -201,20 +204,15 @@ def _draw(
     with figures.figure(2.7, columns=len(panels)) as drawing:
         for axes, (label, at, groups, curve) in zip(drawing.axes, panels, strict=True):
             axes.plot(*curve, color=FAINT, lw=1.4, label="single link (the paper's equation)")
-            for name, look in (("loop", LOOKS["paper"]), ("ringing", LOOKS["ours"])):
+            for name, look, said in (("loop", "paper", "the loop"), ("ringing", "ours", "ringing")):
                 seen_hz = [_mean(own, SEEN[name]) for own in groups]
-                axes.plot(at, seen_hz, ls="", **look, label={"loop": "the loop", "ringing": "ringing"}[name])
+                axes.plot(at, seen_hz, ls="", **LOOKS[look], label=said)
             axes.set(xlabel=label, xscale="log" if label.startswith("stiff") else "linear")
-        _printed(drawing)
+        if len(stiff) > 1:
+            printed = [row for row in table("backus_model") if row["stiffness_n_m"]]
+            hz = [row["frequency_hz"] for row in printed]
+            crosses: Any = {"ls": "", "marker": "+", "ms": 9, "color": INK, "label": "printed"}
+            drawing.axes[0].plot([row["stiffness_n_m"] for row in printed], hz, **crosses)
         drawing.axes[0].set_ylabel("frequency (Hz)")
         drawing.legend(drawing.axes[0], 4)
         return drawing.save("frequency_against_contact")
-
-
-def _printed(drawing: Drawing) -> None:
-    axes = drawing.axes[0]
-    if axes.get_xscale() != "log":
-        return
-    printed = [row for row in table("backus_model") if row["stiffness_n_m"]]
-    at, seen_hz = [row["stiffness_n_m"] for row in printed], [row["frequency_hz"] for row in printed]
-    axes.plot(at, seen_hz, ls="", marker="+", ms=9, color="#1a1a1a", label="printed")

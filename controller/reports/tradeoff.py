@@ -101,9 +101,8 @@ def _draw(figures: Figures, scores: Mapping[str, Scores]) -> str:
             left.plot(sigmas, 100.0 * false, color=COLORS[name], ls=(0, (2, 2)))
             right.plot(100.0 * false, 100.0 * soon, color=COLORS[name], label=NAMES[name])
         left.axvline(3.0, color=INK, lw=0.6)
-        left.set(
-            xlim=(0.0, 10.0), xlabel="threshold (deviations of the free finger)", ylabel="approaches (%)"
-        )
+        label = "threshold (deviations of the free finger)"
+        left.set(xlim=(0.0, 10.0), xlabel=label, ylabel="approaches (%)")
         right.set(xlim=(-1.0, 40.0), xlabel="false contacts (% of approaches)", ylabel="detected in time (%)")
         drawing.legend(right, 3)
         return drawing.save("tradeoff")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -64,7 +64,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     other = next((name for name in others if kinds[name] != "resonance.paper"), next(iter(others), ""))
     outcomes = Counter(str(each.row["outcome"]) for each in approaches).most_common()
     chosen = runs[0].simulated and setting_of(runs[0], "detectors", acting, "sigma_of") == "samples"
-    n = len(approaches)
     return Section(
         title="Stop at first contact (A2)",
         content={
@@ -76,7 +75,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "other": other,
             "chosen": chosen,
             "onset": f"{ONSET_N:g}",
-            "approaches": f"{n} {'approach' if n == 1 else 'approaches'}",
+            "approaches": _counted(approaches),
             "outcomes": ", ".join(f"{count} {title(name)}" for name, count in outcomes),
             "table_1": [_table_row(row, other) for row in rows],
             "foot": _foot(plain, other),
@@ -98,6 +97,10 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 
 # --- tables ------------------------------------------------------------------------------------------
+
+
+def _counted(approaches: Sequence[Approach]) -> str:
+    return f"{len(approaches)} {'approach' if len(approaches) == 1 else 'approaches'}"
 
 
 def _table_row(row: TableRow, other: str, terminal: bool = False) -> Row:
@@ -135,7 +138,7 @@ def _other(score: DetectorScore | None, terminal: bool = False) -> Row:
 
 
 def _foot(plain: Sequence[Approach], other: str) -> Row:
-    every = TableRow("", 0.0, plain, None)
+    every = TableRow("", 0.0, list(plain), None)
     foot: dict[str, Any] = {"where": "all true contacts"}
     for bound in BOUNDS:
         mean = spread(every.mean(bound["column"]), int(bound["decimals"]), scale_of(bound["column"]).factor)
@@ -180,25 +183,27 @@ def _score(name: str, score: DetectorScore) -> Row:
     }
 
 
-STOPS: Sequence[tuple[str, str, int, Callable[[Approach], Any]]] = (
-    ("detection to stop command", "to_command_s", 2, lambda each: each.span("detect_s", "command_s")),
-    ("command to standstill", "to_standstill_s", 1, lambda each: each.span("command_s", "standstill_s")),
-    ("travel, detection to standstill", "stop_travel_m", 3, lambda each: each["stop_travel_m"]),
-    (
-        "peak force of true contacts",
-        "force_peak_n",
-        3,
-        lambda each: each["force_peak_n"] if each.detected else None,
-    ),
-)
-"""Of a stop: what, the column whose unit it has, decimals, and that of an approach."""
-
-
 def _stops(approaches: Sequence[Approach]) -> Iterator[Row]:
     """Median, 95th percentile by rank and largest of what is of a stop; none where no stop was sent."""
-    sent = any(each.span("detect_s", "command_s") is not None for each in approaches)
-    for name, column, digits, of in STOPS if sent else ():
-        known = sorted(value for each in approaches if (value := of(each)) is not None)
+    to_command_s = [each.span("detect_s", "command_s") for each in approaches]
+    rows = (
+        ("detection to stop command", "to_command_s", 2, to_command_s),
+        (
+            "command to standstill",
+            "to_standstill_s",
+            1,
+            [e.span("command_s", "standstill_s") for e in approaches],
+        ),
+        ("travel, detection to standstill", "stop_travel_m", 3, [e["stop_travel_m"] for e in approaches]),
+        (
+            "peak force of true contacts",
+            "force_peak_n",
+            3,
+            [e["force_peak_n"] for e in approaches if e.detected],
+        ),
+    )
+    for name, column, digits, found in rows if any(each is not None for each in to_command_s) else ():
+        known = sorted(value for value in found if value is not None)
         if known:
             high = known[min(len(known) - 1, int(0.95 * len(known)))]
             shown = {"median": statistics.median(known), "95th percentile": high, "largest": known[-1]}
@@ -232,18 +237,15 @@ def _summary(
         if each.worst and each.rows:
             own = chosen and each.bound["column"] in ("delay_s", "extent_m")
             yield _beside_table_1(each, Kind.FITTED if own else kind)
-    text = f"{n} {'approach' if n == 1 else 'approaches'}: {len(contacts)} stopped at a contact, {false} at a false "
+    text = f"{_counted(approaches)}: {len(contacts)} stopped at a contact, {false} at a false "
     text += f"contact, {rate(false, n)}{f', {rest} otherwise' if rest > 0 else ''}"
     yield Result(None, text + ("; the paper reports no false one." if false else "."))
     if other:
         yield from _sooner(scores, acting, other)
     for name in scores:
         if name not in (acting, other) and simulated:
-            score = scores[name]
-            text = (
-                f"The detector “{name}” on the same approaches: {rate(score.false, score.n)} false contacts."
-            )
-            yield Result(None, text)
+            false_rate = rate(scores[name].false, scores[name].n)
+            yield Result(None, f"The detector “{name}” on the same approaches: {false_rate} false contacts.")
     yield from _scatter(table_rows(approaches), simulated)
     if noisy := sum(_onset_is_noise(each) for each in contacts):
         text = f"In {noisy} of {len(contacts)} contacts the load cell's noise reached {ONSET_N:g} N before the probe "
@@ -290,12 +292,8 @@ def _beside_table_1(each: Bounded, kind: Kind) -> Result:
     """A column beside Table I, row by row and on average: one comparison, one verdict."""
     bound, rows = each.bound, each.rows
     assert rows is not None
-    name = bound["title"].capitalize()
-    text = (
-        f"{name}: {each.within} of {each.judged} rows of Table I within scatter; "
-        if each.judged
-        else f"{name}: "
-    )
+    within = f"{each.within} of {each.judged} rows of Table I within scatter; " if each.judged else ""
+    text = f"{bound['title'].capitalize()}: {within}"
     text += f"on average over {rows.n} rows {rows.ours / rows.paper:.2f} times the paper's"
     if not math.isnan(rows.low):
         low, high = (1.0 + end / rows.paper for end in (rows.low, rows.high))
@@ -320,9 +318,8 @@ def _learned(run: Run, acting: str) -> str:
     if not (baseline_s and samples and rate_hz):
         return ""
     if of == "samples":
-        return (
-            f"A baseline of {baseline_s:g} s holds {baseline_s * rate_hz:g} samples to learn mean and σ from."
-        )
+        count = f"{baseline_s * rate_hz:g}"
+        return f"A baseline of {baseline_s:g} s holds {count} samples to learn mean and σ from."
     text = f"A baseline of {baseline_s:g} s of {samples}-sample averages at {rate_hz:g} a second holds some "
     return f"{text}{number(baseline_s * rate_hz / samples, 1)} independent values to learn mean and σ from."
 
@@ -349,22 +346,17 @@ def _figures(figures: Figures, rows: Sequence[TableRow]) -> dict[str, str]:
     }
 
 
-MADE = ("delay_s", "false", "n")
-"""What a row of the study has beside the settings that were varied."""
-
-
 def _study(figures: Figures, cells: Sequence[Row]) -> dict[str, Any]:
     """What varied settings do: a table with a column for each, and a figure where noise and rate are among them."""
-    names = list(dict.fromkeys(name for cell in cells for name in cell if name not in MADE))
+    made = ("delay_s", "false", "n")  # beside the settings that were varied
+    names = list(dict.fromkeys(name for cell in cells for name in cell if name not in made))
     rows = []
     for cell in cells:
         line = {head: text for name in names for head, text in under(name, cell.get(name)).items()}
         line |= under("delay_s", cell["delay_s"], "delay, mean (σ)")
         rows.append(line | {"false contacts": share(cell["false"], cell["n"])})
-    rests = [{name: cell[name] for name in cell if name not in (NOISE, SAMPLE_HZ, *MADE)} for cell in cells]
-    drawn = [
-        (cell, rest) for cell, rest in zip(cells, rests, strict=True) if NOISE in cell and SAMPLE_HZ in cell
-    ]
+    rests = [{name: cell[name] for name in cell if name not in (NOISE, SAMPLE_HZ, *made)} for cell in cells]
+    drawn = [each for each in zip(cells, rests, strict=True) if NOISE in each[0] and SAMPLE_HZ in each[0]]
     like = [cell for cell, rest in drawn if rest == drawn[0][1]]
     said = ", ".join(f"{name} {shown(value)}" for name, value in drawn[0][1].items()) if drawn else ""
     drawing = _draw_study(figures, like) if len(like) > 1 else ""
@@ -396,12 +388,11 @@ def _draw_pair(
             theirs = np.array([(along(p), p[what], p[f"{what}.sd"]) for p in papers]).T
             squares: Any = {"fmt": "s", "mfc": "white", "color": PAPER, "lw": 0.8, "label": "paper, mean ± σ"}
             axes.errorbar(theirs[0] - shift, theirs[1] * scale.factor, theirs[2] * scale.factor, **squares)
-            means = [(x + shift, row.mean(what)) for x, row in mine]
-            sigmas = np.nan_to_num([mean.sigma for _, mean in means]) * scale.factor
+            means = [row.mean(what) for _, row in mine]
+            sigmas = np.nan_to_num([mean.sigma for mean in means]) * scale.factor
             circles: Any = {"fmt": "o", "color": OURS, "lw": 1.0, "label": "this run, mean ± σ"}
-            axes.errorbar(
-                [x for x, _ in means], [mean.mean * scale.factor for _, mean in means], sigmas, **circles
-            )
+            heights = [mean.mean * scale.factor for mean in means]
+            axes.errorbar([x + shift for x, _ in mine], heights, sigmas, **circles)
             single = [(x + 3.0 * shift, each[what]) for x, row in mine for each in row.contacts]
             known = [(x, value * scale.factor) for x, value in single if value is not None]
             dots: Any = {"alpha": 0.45, "ms": 4.5, "mew": 0, "label": "this run, single approaches"}
@@ -427,9 +418,8 @@ def _draw_study(figures: Figures, cells: Sequence[Row]) -> str:
             x = np.array([cell[NOISE] for cell in mine]) * (1.0 + 0.03 * (index - (len(rates) - 1) / 2.0))
             look: Any = {"color": OURS, "alpha": 1.0 - 0.7 * index / len(rates), "marker": "os^Dv"[index % 5]}
             sigmas = np.nan_to_num([cell["delay_s"].sigma for cell in mine])
-            left.errorbar(
-                x, [cell["delay_s"].mean for cell in mine], sigmas, label=f"{rate:g} samples/s", **look
-            )
+            delays_s = [cell["delay_s"].mean for cell in mine]
+            left.errorbar(x, delays_s, sigmas, label=f"{rate:g} samples/s", **look)
             right.plot(x, [100.0 * cell["false"] / cell["n"] for cell in mine], **look)
         for axes, label in ((left, "delay (s), mean ± σ"), (right, "false contacts (%)")):
             axes.set(xscale="log", xlabel="noise, relative to the plant's own", ylabel=label)

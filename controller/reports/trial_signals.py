@@ -102,7 +102,7 @@ def moments_of(run: Run, row: Mapping[str, Any], method: str = "") -> Moments:
     found = next(((EVENTS[name], float(row[name])) for name in EVENTS if is_number(row.get(name))), None)
     events = run.events_of(row["trial"])
     alarms = [event for event in events if _alarms(event) and str(event["detector"]).endswith(method)]
-    led = [event for event in alarms if _leads(event)]
+    led = [event for event in alarms if event.get("next") != event.get("state")]
     if found:
         slips = found[0] == "slip"  # a touch before it is no answer to it
         near = [e for e in led if (0.0 if slips else -NEAR_S) <= e["t_s"] - found[1] <= NEAR_S]
@@ -122,11 +122,6 @@ def _alarms(event: Mapping[str, Any]) -> bool:
     return event.get("detector") is not None and not event["event"].startswith("Baseline")
 
 
-def _leads(event: Mapping[str, Any]) -> bool:
-    """Whether it leads to another state, too."""
-    return _alarms(event) and event.get("next") != event.get("state")
-
-
 def payload(runs: Sequence[Run], room: int, first: Collection[str] = ()) -> str:
     """Every trial's signals as JSON; in `room` bytes, or nearly; those of the keys `first` before all others,
     and whole.
@@ -142,8 +137,8 @@ def payload(runs: Sequence[Run], room: int, first: Collection[str] = ()) -> str:
         if recording is None:
             continue
         events = run.events_of(trial)
-        decided = {str(event["detector"]) for event in events if _leads(event)} or {acting_of(run)}
-        curves = list(_chosen(run, recording, decided))
+        led = [event for event in events if _alarms(event) and event.get("next") != event.get("state")]
+        curves = list(_chosen(run, recording, {str(event["detector"]) for event in led} or {acting_of(run)}))
         share = room / len(trials) / max(1, len(curves)) / BYTES_A_POINT
         key = key_of(runs, run, trial)
         points = POINTS if key in first else int(min(POINTS, max(LEAST_POINTS, share)))
@@ -212,11 +207,10 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
     names = list(dict.fromkeys(name for _, row in trials for name in row)) or ["trial"]
     names = [name for name in names if any(row.get(name) is not None for _, row in trials)]
     names.sort(key=lambda name: "." in name)  # varied settings last: what was measured fits a screen
-    declared = {
-        name: column.meaning
-        for run in runs
-        for name, column in columns_of(str(run.manifest.get("experiment"))).items()
-    }
+    declared: dict[str, str] = {}
+    for run in runs:
+        columns_here = columns_of(str(run.manifest.get("experiment")))
+        declared |= {name: column.meaning for name, column in columns_here.items()}
     instants = {name for name in names if is_instant(name, declared.get(name, ""))}
     scales = {name: shown_as(name, [row.get(name) for _, row in trials]) for name in names}
     rows = []
@@ -224,17 +218,17 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
         zero_s = moments_of(run, row).zero_s
         cells = []
         for name in names:
-            value, exact = row.get(name), repr(row[name]) if is_number(row.get(name)) else ""
+            value = row.get(name)
+            exact = str(value) if name == "outcome" else repr(value) if is_number(value) else ""
             if name in instants and is_number(value) and zero_s is not None:
                 shown = f"{1e3 * (value - zero_s):z.0f}".replace("-", "−")
             else:
                 said = title(str(value)) if name == "outcome" else value
                 shown = "" if value is None else scales[name].cell(said)
-            cells.append((shown, str(value) if name == "outcome" else exact))
+            cells.append((shown, exact))
         cells[1:1] = [(_DATE.sub("", run.folder.path.name), "")] if len(runs) > 1 else []
         why = _excluded(run, row)
-        only_recorded = came_to(str(run.manifest.get("experiment", ""))) == RECORDED
-        good = "" if only_recorded else "good"
+        good = "" if came_to(str(run.manifest.get("experiment", ""))) == RECORDED else "good"
         state = "out" if why else good if run.succeeded(row) else "bad"
         rows.append(TrialRow(key_of(runs, run, int(row["trial"] or 0)), state, why, cells))
     columns = []
@@ -247,19 +241,16 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
 
 def is_instant(name: str, meaning: str = "") -> bool:
     """Whether a column holds a time of the trial's clock: its declared meaning says when."""
-    return name.endswith("_s") and (
-        meaning.startswith("when ") or name in EVENTS or name.startswith("truth_")
-    )
+    when = meaning.startswith("when ") or name in EVENTS or name.startswith("truth_")
+    return when and name.endswith("_s")
 
 
 def shown_as(name: str, values: Sequence[object]) -> Scale:
     """The scale of a column as a person reads it: in ms where its times are below a second."""
     scale = scale_of(name)
     scale = scale._replace(label=NAMES.get(name, scale.label))
-    known = [abs(value) for value in values if is_number(value)]
-    return (
-        scale._replace(unit="ms", factor=1e3) if scale.unit == "s" and known and max(known) < 1.0 else scale
-    )
+    largest = max((abs(value) for value in values if is_number(value)), default=1.0)
+    return scale._replace(unit="ms", factor=1e3) if scale.unit == "s" and largest < 1.0 else scale
 
 
 def _excluded(run: Run, row: Mapping[str, Any]) -> str:
@@ -270,10 +261,12 @@ def _excluded(run: Run, row: Mapping[str, Any]) -> str:
     return reasons[-1] if reasons else "it was broken off"
 
 
-def _chosen(
-    run: Run, recording: TrialRecording, deciding: Collection[str]
-) -> Iterator[tuple[str, str, Series, int]]:
-    """Curves as (panel, name, series, channel): first the detectors' statistics, of what decided before the others';
+Curve = tuple[str, str, Series, int]
+"""Panel, name, series, channel."""
+
+
+def _chosen(run: Run, recording: TrialRecording, deciding: Collection[str]) -> Iterator[Curve]:
+    """Curves: first the detectors' statistics, of what decided before the others';
     then the streams they subscribe to, then what else the profile names."""
     named = json.dumps([setting_of(run, part) for part in ("detectors", "behavior", "limits")], default=str)
 
@@ -295,11 +288,7 @@ def _chosen(
 
 
 def _trial(
-    run: Run,
-    trial: int,
-    events: Sequence[Mapping[str, Any]],
-    curves: Sequence[tuple[str, str, Series, int]],
-    points: int,
+    run: Run, trial: int, events: Sequence[Mapping[str, Any]], curves: Sequence[Curve], points: int
 ) -> dict[str, Any]:
     row = next((row for row in run.trials if row["trial"] == trial), {"trial": trial})
     moments = moments_of(run, row)
@@ -321,13 +310,8 @@ def _trial(
                 held[detector] = len(panels), float(known[-1]), unit
             panels[stream] = _statistic(run, events, detector, series, points, close)
             continue
-        fresh = {
-            "stream": stream,
-            "label": f"{stream}, {unit}" if unit else stream,
-            "whose": "ours",
-            "curves": [],
-        }
-        panel = panels.setdefault(stream, fresh)
+        label = f"{stream}, {unit}" if unit else stream
+        panel = panels.setdefault(stream, {"stream": stream, "label": label, "whose": "ours", "curves": []})
         panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points, close)})
     return {
         "title": f"Trial {trial}: {said_of(run, row)}",

@@ -91,18 +91,16 @@ def compared(paper: Mapping[str, str], own: BridgeCalibration, name: str) -> Com
     interval holds such a value."""
     printed, ours = float(paper[name]), getattr(own, name)
     half = 0.5 * 10.0 ** -len(paper[name].partition(".")[2])
-    return Comparison(
-        ours.value, printed, ours.low <= printed + half and printed - half <= ours.high, ours.low, ours.high
-    )
+    met = ours.low <= printed + half and printed - half <= ours.high
+    return Comparison(ours.value, printed, met, ours.low, ours.high)
 
 
 def _sentence(paper: Mapping[str, str], own: BridgeCalibration, simulated: bool) -> Result:
     missed = [name.partition("_")[0] for name in FIGURES if not compared(paper, own, name).met]
-    one = len(missed) == 1
     verdict = "the paper's gain, hysteresis and resolution agree with our 95 % intervals"
     if missed:
-        verdict = f"the paper's {' and '.join(missed)} {'lies' if one else 'lie'} outside our 95 % interval"
-        verdict += "" if one else "s"
+        lie = "lies outside our 95 % interval" if len(missed) == 1 else "lie outside our 95 % intervals"
+        verdict = f"the paper's {' and '.join(missed)} {lie}"
     gain = compared(paper, own, "gain_v_n")
     text = f"{paper['force']}: gain {number(100.0 * abs(gain.ours / gain.paper - 1.0), 1)} % {gain.side} the paper's "
     text += f"{quantity('gain_v_n', gain.paper, 4)}, {quantity('gain_v_n', gain.ours, 4)}; {verdict}."

@@ -6,6 +6,7 @@ from typing import Any
 from controller import by_hand
 from controller.console import PAUSED, ConsoleOperator
 from controller.loop import Aborted
+from controller.rig import streams_of
 
 
 class Between:
@@ -59,10 +60,7 @@ class Between:
         Raises:
             Aborted: they end the run.
         """
-        units = {
-            stream.name: stream.unit for info in session.infos.values() for stream in info.streams.values()
-        }
-        forces = [name for name, unit in units.items() if unit in by_hand.FORCES]
+        forces = [name for name, each in streams_of(session.infos).items() if each.unit in by_hand.FORCES]
         self._resumed = self._aborted = False
         self._operator.press("pause", "the live page, between two trials")
         self._show(PAUSED, 0.0)

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import os
 import socket
 from collections import Counter
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.campaign import Console, Watching
+from controller.campaign import Console
 from controller.console import PAUSED, ConsoleOperator
 from controller.live_view import Elapsed, LiveView
 from controller.outcomes import is_success
@@ -114,8 +115,8 @@ class Watched:
     def watch(self, view: LiveView) -> None:
         """Publishes this trial from now on."""
         self._view = view
-        if isinstance(self._console, Watching):
-            self._console.watch(view)
+        if watch := getattr(self._console, "watch", None):
+            watch(view)
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """From now on the run can be watched."""
@@ -199,9 +200,7 @@ class Watched:
         news["between"] = self.between.news()
         news["pressed_by"] = self._operator.pressed_by
         counts = dict(self._counts)
-        news["counts"] = [
-            [name, number, is_success(name, self._successes)] for name, number in counts.items()
-        ]
+        news["counts"] = [[name, n, is_success(name, self._successes)] for name, n in counts.items()]
         news["left_s"] = self._elapsed.left_s(sum(counts.values()), self._run["trials"])
         news["question"] = question and {"number": question.number, "text": question.text}
         if not client.greeted:
@@ -230,14 +229,11 @@ class Watched:
     def _signal(view: LiveView, stream: str, client: _Client) -> dict[str, Any]:
         """What is new of a stream: of each stretch its least and largest value, and the last threshold."""
         rest(GIVE_WAY_S)
-        blocks = view.recording.blocks(stream, client.blocks.get(stream, 0))
-        if stream not in client.blocks:
-            late_s = view.now() - LATE_S
-            client.blocks[stream] = 0
-            fresh = [block for block in blocks if len(block) and block.last_s >= late_s]
-        else:
-            fresh = [block for block in blocks if len(block)]
-        client.blocks[stream] += len(blocks)
+        seen = client.blocks.get(stream, 0)
+        blocks = view.recording.blocks(stream, seen)
+        since_s = -math.inf if stream in client.blocks else view.now() - LATE_S
+        client.blocks[stream] = seen + len(blocks)
+        fresh = [block for block in blocks if len(block) and block.last_s >= since_s]
         if not fresh:
             return {"t": [], "y": []}
         times, parts = [], []
@@ -349,9 +345,8 @@ class _Feed:
         ended = False
         while not ended:
             # The first message comes late as well: who has just come may only have looked whether a run is there.
-            await asyncio.wait(
-                {listening, self._ending}, timeout=PUBLISH_S, return_when=asyncio.FIRST_COMPLETED
-            )
+            first = asyncio.FIRST_COMPLETED
+            await asyncio.wait({listening, self._ending}, timeout=PUBLISH_S, return_when=first)
             if listening.done():
                 return
             ended = self._ending.done()
