@@ -130,9 +130,8 @@ class Arrivals:
             self._held[block.stream] = values[-1], last_s
             return None
         times_s = block.times
-        starts_s = np.concatenate(
-            ([before[1] if before is not None and same else times_s[0]], times_s[changes])
-        )
+        first_s = before[1] if before is not None and same else times_s[0]
+        starts_s = np.concatenate(([first_s], times_s[changes]))
         self._held[block.stream] = values[-1], float(min(starts_s[-1], last_s))
         ends_s = np.minimum(np.concatenate((times_s[changes - 1], times_s[-1:])), last_s)
         longest = int(np.argmax(ends_s - starts_s))
@@ -161,9 +160,7 @@ class Arrivals:
 def _within(since_s: float, gap_s: float, blocks: Iterable[SampleBlock], t_s: float) -> float:
     """When samples first stay out for longer than a gap, from `since_s` to `t_s`; infinite where they never do."""
     for block in blocks:
-        times_s = (
-            np.array([since_s, block.t0_s]) if block.times_s is None else np.append(since_s, block.times_s)
-        )
+        times_s = np.append(since_s, block.t0_s if block.times_s is None else block.times_s)
         if max(float(np.diff(times_s).max()), 1.0 / (block.rate_hz or math.inf)) > gap_s:
             return since_s + gap_s
         since_s = max(since_s, block.last_s)

@@ -363,15 +363,10 @@ class Campaign:
         from controller.by_hand import HandSession
 
         session = HandSession(
-            self._rig,
-            trial.guard.settings,
-            held,
-            self._plan.loop,
-            make_signals=lambda: deepcopy(trial.signals),  # the trial's own stay fresh
-            scene=trial.scene,
-            paced=True,
-            infos=dict(infos),
+            self._rig, trial.guard.settings, held, self._plan.loop, scene=trial.scene, paced=True
         )
+        session.make_signals = lambda: deepcopy(trial.signals)  # the trial's own stay fresh
+        session.infos.update(infos)
         for did, result in held.wait(session):
             note = {"before_trial": trial.trial, "did": did, "outcome": result.outcome}
             self._manifest.setdefault("by_hand", []).append(note)

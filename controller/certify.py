@@ -746,8 +746,8 @@ class Certifier:
         still = self._at_rest(result, mover)
         let_through = any(isinstance(each, GuardStopped | Reached | Gripped) for each in result.events)
         if said not in result.reason or let_through:
-            otherwise = f"the guard did not refuse it: {result.reason or 'it was carried out'}"
-            return proof.judged(False, still, otherwise)
+            reason = result.reason or "it was carried out"
+            return proof.judged(False, still, f"the guard did not refuse it: {reason}")
         failures = [each.reason for each in result.events if isinstance(each, Failed)]
         return proof.judged(not failures, still, "; ".join(["guard refused", *failures]))
 
@@ -831,8 +831,7 @@ class Certifier:
             with self.abandoned(mover, frozen) as place_m:
                 self.session.rig.clock.rest(most_m / mover.speed_m_s + 1.0)
         except (EOFError, TimeoutError) as error:
-            reason = str(error) or "the program that was to be ended ended by itself"
-            return proof.found("not shown", reason)
+            return proof.found("not shown", str(error) or "the program that was to be ended ended by itself")
         finally:
             for device in self._seams.values():
                 device.open()
@@ -960,10 +959,9 @@ def _nothing(limit: str, value: str, reason: str, verdict: Verdict = "nothing to
 
 def _short(command: Command) -> str:
     """A command in a table: its name and numbers."""
-    numbers = [
-        f"{each.name} {value:.6g}" if isinstance(value, float) else f"{each.name} {value}"
-        for each in fields(command)
-        if each.name not in ("device", "id", "blind_travel_m")
-        for value in (getattr(command, each.name),)
+    names = [each.name for each in fields(command) if each.name not in ("device", "id", "blind_travel_m")]
+    values = [(name, getattr(command, name)) for name in names]
+    shown = [
+        f"{name} {value:.6g}" if isinstance(value, float) else f"{name} {value}" for name, value in values
     ]
-    return f"{type(command).__name__} {', '.join(numbers)}"
+    return f"{type(command).__name__} {', '.join(shown)}"

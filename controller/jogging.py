@@ -71,7 +71,6 @@ def motions(
             for key, sign in zip(keys, (1, -1), strict=True):
                 what = f"tool {'+' if sign > 0 else '−'}{name}"
                 pairs.append((key, what, _along(session, pose, mover, number, sign)))
-    if f"{mover}.pose" in streams:
         pairs.append((LEAD, "led by hand", lambda speed: Lead(mover)))
     pairs.append(("h", "home", lambda speed: Home(mover)))
     found: dict[str, tuple[str, Callable[[], Command]]] = {}

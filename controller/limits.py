@@ -278,22 +278,19 @@ class Bounds:
     def _admit_turn(self, what: str, turn_rad_s: float) -> None:
         limit_rad_s = self.limits.turn_rad_s
         if turn_rad_s > limit_rad_s:
-            raise GuardRefusal(
-                f"{what}: {turn_rad_s:.6g} rad/s is beyond {self.where}.turn_rad_s = {limit_rad_s:.6g}"
-            )
+            limit = f"{self.where}.turn_rad_s = {limit_rad_s:.6g}"
+            raise GuardRefusal(f"{what}: {turn_rad_s:.6g} rad/s is beyond {limit}")
 
     def _admit_reach(self, what: str, distance_m: float, angle_rad: float) -> None:
         limit_m, limit_rad = self.limits.reach_m, self.limits.reach_rad
         if limit_m == 0.0:
             raise GuardRefusal(f"{what}: no free motion may be made without {self.where}.reach_m; give it")
         if distance_m > limit_m:
-            raise GuardRefusal(
-                f"{what}: leads {distance_m:.6g} m away, beyond {self.where}.reach_m = {limit_m:.6g}"
-            )
+            limit = f"{self.where}.reach_m = {limit_m:.6g}"
+            raise GuardRefusal(f"{what}: leads {distance_m:.6g} m away, beyond {limit}")
         if angle_rad > limit_rad:
-            raise GuardRefusal(
-                f"{what}: turns by {angle_rad:.6g} rad, beyond {self.where}.reach_rad = {limit_rad:.6g}"
-            )
+            limit = f"{self.where}.reach_rad = {limit_rad:.6g}"
+            raise GuardRefusal(f"{what}: turns by {angle_rad:.6g} rad, beyond {limit}")
 
     def _admit_target(self, what: str, target_m: float) -> None:
         least_m, most_m = self.limits.travel_min_m, self.limits.travel_m

@@ -159,12 +159,8 @@ class LiveView:
         behavior = self._behavior
         if behavior is None:
             return {"states": [], "final": [], "ways": []}
-        ways = [
-            (source, row.dest, row.trigger.replace("_", " "))
-            for row in behavior.table
-            if row.dest is not None and len(row.sources) <= 2
-            for source in row.sources
-        ]
+        rows = [row for row in behavior.table if row.dest is not None and len(row.sources) <= 2]
+        ways = [(source, row.dest, row.trigger.replace("_", " ")) for row in rows for source in row.sources]
         return {"states": list(behavior.states), "final": list(behavior.final), "ways": ways}
 
     def after_resume(self) -> str:
@@ -185,13 +181,14 @@ class LiveView:
 
     def ages(self) -> list[tuple[str, float, int]]:
         """Each stream that has arrived, s since its last sample, and how many samples were lost."""
-        now_s = self.now()
-        found = []
-        for stream in self.recording.streams:
-            last = self.recording.blocks(stream, -1)
-            if last and len(last[0]) and not stream.startswith(DETECTOR):
-                found.append((stream, now_s - last[0].last_s, self._lost.get(stream, 0)))
-        return found
+        now_s, streams = (
+            self.now(),
+            [name for name in self.recording.streams if not name.startswith(DETECTOR)],
+        )
+        newest = [
+            (stream, block) for stream in streams for block in self.recording.blocks(stream, -1) if len(block)
+        ]
+        return [(stream, now_s - block.last_s, self._lost.get(stream, 0)) for stream, block in newest]
 
     def events(self, first: int) -> list[tuple[float, str]]:
         """What happened, the first ones left out: when, and what as text."""

@@ -279,10 +279,10 @@ class Loop:
 
     def _go_back(self, command: Command, for_s: float) -> None:
         """Where a stop was not enough: take the load away."""
-        state, what = self._trial.behavior.state, "; it pressed beyond limits.retreat_n"
+        what = "; it pressed beyond limits.retreat_n"
         try:
             self._send(command)
-            self._record_event(Retreated(self._clock.now(), command.device), state, state, (command,))
+            self._record_aside(Retreated(self._clock.now(), command.device), (command,))
             self._see({command.device}, for_s)
             self.account.reason += f"{what}: {command.device} was sent back"
         except Exception as error:
@@ -308,7 +308,7 @@ class Loop:
                 with suppress(Exception):
                     for status in device.poll():
                         self._note(status)
-                        self._record_event(status, self._trial.behavior.state, self._trial.behavior.state, ())
+                        self._record_aside(status)
                         if isinstance(status, Standstill | Reached) and not self._trial.outdated(status):
                             pending.discard(name)
                         elif isinstance(status, Failed) and name in pending:
@@ -422,9 +422,8 @@ class Loop:
         self._record_foreseen()
 
     def _record_foreseen(self) -> None:
-        state = self._trial.behavior.state
         for forecast in self._trial.foreseen:
-            self._record_event(forecast, state, state, ())
+            self._record_aside(forecast)
         self._trial.foreseen.clear()
 
     def _turn(self, t_s: float, late_s: float) -> None:
@@ -459,7 +458,7 @@ class Loop:
             if self._passes_on(event):
                 self._handle(event)
             elif not isinstance(event, Tick):
-                self._record_event(event, trial.behavior.state, trial.behavior.state, ())
+                self._record_aside(event)
         while self._waits_for_operator():
             # Virtual time stands still while a person thinks; the processor may as well rest.
             rest(KEY_INTERVAL_S)
@@ -568,9 +567,8 @@ class Loop:
         """The trial ends by this event: its behavior may lead the movers out of it, for a while, from standing still.
         A second such event, or one in a pause, leaves no time for that."""
         again = bool(self.account.outcome)
-        self._trial.end_s = (
-            -math.inf if again or self._trial.paused_s is not None else self._clock.now() + WAY_OUT_S
-        )
+        hurried = again or self._trial.paused_s is not None
+        self._trial.end_s = -math.inf if hurried else self._clock.now() + WAY_OUT_S
         if not again:
             self.account.outcome, self.account.reason = verdict_of(event)
 
@@ -586,6 +584,10 @@ class Loop:
         if before != after:
             self.visits.append((after, event.t_s))
         self._witness.event(event, state=before, next_state=after, commands=commands)
+
+    def _record_aside(self, event: Event, commands: Sequence[Command] = ()) -> None:
+        """An event that leads to no other state."""
+        self._record_event(event, self._trial.behavior.state, self._trial.behavior.state, commands)
 
     # what follows from a decision
 
@@ -641,9 +643,8 @@ class Loop:
                 self._trial.foreseen.append(foreseen)
             self._send(admitted)
             # A mover with a command to stop is waited for like one that moves: it reports its standstill either way.
-            if isinstance(admitted, MOTION) or (
-                isinstance(admitted, Stop) and command.device in self._movers
-            ):
+            stops = isinstance(admitted, Stop) and command.device in self._movers
+            if stops or isinstance(admitted, MOTION):
                 self._trial.moving.add(command.device)
 
     def _send(self, command: Command) -> None:
@@ -689,8 +690,7 @@ class Loop:
             self._trial.resuming = False
             self._stop_all()
             self._arrange(())
-            name = self._trial.behavior.state
-            self._record_event(Paused(t_s), name, name, ())
+            self._record_aside(Paused(t_s))
             self._operator.state("PAUSED", t_s)
         elif request == "resume":
             self._trial.resuming = True

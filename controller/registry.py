@@ -228,10 +228,8 @@ def settings_of(made: Any, what: str = "settings") -> type[Settings]:
         for model in (named, _hint(known, what), *of_bases):
             if isinstance(model, type) and issubclass(model, Settings):
                 return model
-    raise KindError(
-        f"no {made.__name__}{what.capitalize()}, a class of Settings, beside the class {made.__name__}, and none is the"
-        f" type of its constructor's {what}"
-    )
+    wanted = f"no {made.__name__}{what.capitalize()}, a class of Settings, beside the class {made.__name__}"
+    raise KindError(f"{wanted}, and none is the type of its constructor's {what}")
 
 
 def _hint(made: Any, parameter: str) -> Any:

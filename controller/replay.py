@@ -418,7 +418,7 @@ def _from_run(path: Path, stream: str, trial: int | None, column: str | None) ->
         )
     if column is None:
         return blocks
-    channels = channel_numbers(f"{path}: {stream} has", column, blocks[0].values.shape[1])
+    channels = channel_numbers(f"{path}: {stream} has ", column, blocks[0].values.shape[1])
     return [replace(block, values=block.values[:, channels]) for block in blocks]
 
 

@@ -215,22 +215,20 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
         events, event_cut = _read_events(folder.events_path)
         _check(events, {"trial": int, "event": str, "t_s": int | float})
     run = Run(folder, manifest, trials, events)
-    index = run._index
-    if (manifest.get("exit") or {}).get("status") == "running":
-        run.notes.append("The run was cut off: its manifest still says that it is running.")
-    if row_cut:
-        run.notes.append("The last line of trials.csv is incomplete and was left out.")
-    if ended > len(trials):
-        run.notes.append(f"trials.csv has {len(trials)} rows, but {ended} trials ended: the others are lost.")
-    if event_cut:
-        run.notes.append("The last line of events.jsonl is incomplete and was left out.")
-    if trials and not folder.recordings:
-        run.notes.append("There is no recording.mcap: nothing that was sampled can be shown.")
-    if index.closed:
-        run.notes.append("The recording was cut off, and closed afterwards behind its last whole chunk.")
-    elif index.cut:
-        run.notes.append("The recording has no footer; it was read up to its last whole chunk.")
-    run.notes.extend(index.damage)
+    index, running = run._index, (manifest.get("exit") or {}).get("status") == "running"
+    found = {
+        "The run was cut off: its manifest still says that it is running.": running,
+        "The last line of trials.csv is incomplete and was left out.": row_cut,
+        f"trials.csv has {len(trials)} rows, but {ended} trials ended: the others are lost.": ended
+        > len(trials),
+        "The last line of events.jsonl is incomplete and was left out.": event_cut,
+        "There is no recording.mcap: nothing that was sampled can be shown.": trials
+        and not folder.recordings,
+        "The recording was cut off, and closed afterwards behind its last whole chunk.": index.closed,
+        "The recording has no footer; it was read up to its last whole chunk.": index.cut
+        and not index.closed,
+    }
+    run.notes.extend([*(note for note, holds in found.items() if holds), *index.damage])
     return run
 
 

@@ -140,9 +140,8 @@ class RunFolder:
         except FileExistsError:
             if (root / name).is_dir():  # the same second and the same four digits
                 return cls.create(root, profile, started_utc)
-            raise RecordingError(
-                root, "making", NotADirectoryError(errno.ENOTDIR, "a file is in the way")
-            ) from None
+            in_the_way = NotADirectoryError(errno.ENOTDIR, "a file is in the way")
+            raise RecordingError(root, "making", in_the_way) from None
         except OSError as error:
             raise RecordingError(root / name, "making", error) from error
         return cls(root / name)
@@ -164,9 +163,7 @@ class RunFolder:
             folder = cls(path)
             folder.read_manifest()
             return folder
-        whole, parts = (
-            [manifest.parent for manifest in root.glob(f"{below}/{MANIFEST}")] for below in ("*", "*/*")
-        )
+        whole, parts = ([each.parent for each in root.glob(f"{below}/{MANIFEST}")] for below in ("*", "*/*"))
         runs = sorted([*whole, *parts], key=lambda run: run.name)
         keyword, _, profile = str(text).partition(":")
         if str(text) == "latest":
@@ -224,9 +221,8 @@ class RunFolder:
         try:
             manifest = json.loads(self.manifest_path.read_text("utf-8"))
         except FileNotFoundError:
-            raise RunFolderError(
-                f"{self.path}: no run folder, for it has no {MANIFEST}; give a folder that `run` made"
-            ) from None
+            reason = f"no run folder, for it has no {MANIFEST}"
+            raise RunFolderError(f"{self.path}: {reason}; give a folder that `run` made") from None
         except (ValueError, OSError) as error:
             raise RunFolderError(f"{self.manifest_path}: cut off or damaged ({error})") from None
         if not isinstance(manifest, dict) or "format" not in manifest:
@@ -234,9 +230,8 @@ class RunFolder:
                 f"{self.manifest_path}: not the manifest of a run; give a folder that `run` made"
             )
         if manifest["format"] != FORMAT:
-            raise RunFolderError(
-                f"{self.manifest_path}: format {manifest['format']}, this program reads {FORMAT}; update it"
-            )
+            other = f"format {manifest['format']}, this program reads {FORMAT}"
+            raise RunFolderError(f"{self.manifest_path}: {other}; update it")
         return manifest
 
 

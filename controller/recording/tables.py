@@ -112,19 +112,19 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
     Raises:
         ReplayError: it is none of these, or does not hold what is asked for.
     """
-    read = READERS.get(path.suffix.lower())
-    if read is None:
-        kinds = ", ".join(READERS)
-        raise ReplayError(f"{path}: '{path.suffix}' is no recording; give a run folder or a file of {kinds}")
     try:
+        read = READERS.get(path.suffix.lower())
+        if read is None:
+            kinds = ", ".join(READERS)
+            raise ReplayError(f"'{path.suffix}' is no recording; give a run folder or a file of {kinds}")
         if path.stat().st_size > LARGEST_BYTES:
-            raise ReplayError(f"{path}: larger than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
+            raise ReplayError(f"larger than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             warnings.filterwarnings("error", message=LEFT_OUT)
             return read(path, column, count)
-    except ReplayError:
-        raise
+    except ReplayError as error:  # what is raised below has no path
+        raise ReplayError(f"{path}: {error}") from None
     except OSError as error:
         raise ReplayError(f"{path}: cannot be read: {error.strerror or error}") from None
     except Exception as error:  # each library reports damaged files in its own ways
@@ -133,31 +133,31 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
         raise ReplayError(f"{path}: no {kind} file of numbers that can be read: {reason}") from None
 
 
-def _chosen(path: Path, table: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
+def _chosen(table: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
     """The columns that are asked for and their times, out of a table."""
     clock = "t_s" if "t_s" in table else next((name for name in table if TIME.fullmatch(name)), None)
     names = [name for name in table if name != clock]
     if column and ".." in column and column not in table:
-        return _unrolled(path, table, clock, names, column)
+        return _unrolled(table, clock, names, column)
     wanted = column.split(",") if column else names
     listed = ", ".join([*names[:NAMED], *(["…"] if len(names) > NAMED else [])]) or "none besides the times"
     if not column and len(names) != count:
         raise ReplayError(
-            f"{path}: which column? choose with --column; there are {listed}{_rising(table, names, clock)}"
+            f"which column? choose with --column; there are {listed}{_rising(table, names, clock)}"
         )
     for name in wanted:
         if name not in table:
-            raise ReplayError(f"{path}: no column {name}; there are {listed}")
+            raise ReplayError(f"no column {name}; there are {listed}")
         if not len(table[name]):
-            raise ReplayError(f"{path}: column {name} has no rows")
+            raise ReplayError(f"column {name} has no rows")
         if not np.issubdtype(table[name].dtype, np.number) or np.iscomplexobj(table[name]):
-            raise ReplayError(f"{path}: column {name} {_odd(table[name])}, which is no number")
+            raise ReplayError(f"column {name} {_odd(table[name])}, which is no number")
     lengths = {name: len(table[name]) for name in [*wanted, *([clock] if clock else [])]}
     other = next((name for name, length in lengths.items() if length != lengths[wanted[0]]), None)
     if other is not None:
-        raise ReplayError(f"{path}: {wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
+        raise ReplayError(f"{wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
     values = np.column_stack([table[name].astype(np.float64) for name in wanted])
-    times_s, source = _times(path, clock, table)
+    times_s, source = _times(clock, table)
     return Chosen(wanted[0], values, times_s, clock=source)
 
 
@@ -187,16 +187,16 @@ def _stated_hz(line: str) -> float:
 
 
 def _unrolled(
-    path: Path, table: Mapping[str, NDArray[Any]], clock: str | None, names: Sequence[str], column: str
+    table: Mapping[str, NDArray[Any]], clock: str | None, names: Sequence[str], column: str
 ) -> Chosen:
     """Columns that hold consecutive samples, as one; a row's time is that of its first sample."""
     ends = column.split("..")
     if len(ends) != 2 or any(end not in names for end in ends):
-        raise ReplayError(f"{path}: no columns {column}; FIRST..LAST are two of {', '.join(names[:NAMED])}")
+        raise ReplayError(f"no columns {column}; FIRST..LAST are two of {', '.join(names[:NAMED])}")
     wanted = names[names.index(ends[0]) : names.index(ends[1]) + 1]
     if not wanted:
-        raise ReplayError(f"{path}: {ends[1]} stands before {ends[0]}; turn them round")
-    rows = _chosen(path, table, ",".join(wanted), len(wanted))
+        raise ReplayError(f"{ends[1]} stands before {ends[0]}; turn them round")
+    rows = _chosen(table, ",".join(wanted), len(wanted))
     times_s, many = rows.times_s, len(wanted)
     if times_s is not None and len(times_s) > 1:
         steps_s = np.diff(times_s, append=2.0 * times_s[-1] - times_s[-2])
@@ -223,13 +223,13 @@ def _odd(cells: NDArray[Any]) -> str:
     return f"holds {cell.item() if isinstance(cell, np.generic) else cell!r} in row {row + 1}"
 
 
-def _times(path: Path, clock: str | None, table: Mapping[str, NDArray[Any]]) -> tuple[Floats | None, str]:
+def _times(clock: str | None, table: Mapping[str, NDArray[Any]]) -> tuple[Floats | None, str]:
     """Times in seconds, and where they come from."""
     if clock is None:
         return None, ""
     times, unit = table[clock], TIME.fullmatch(clock)
     if not np.issubdtype(times.dtype, np.number):
-        return _calendar_dates(path, clock, times), f"{clock}, a date, from its first row on"
+        return _calendar_dates(clock, times), f"{clock}, a date, from its first row on"
     first = float(times[0]) if len(times) else 0.0
     scale_s = SCALES_S[unit[1].lower()] if unit and unit[1] else None
     if scale_s is None:
@@ -240,7 +240,7 @@ def _times(path: Path, clock: str | None, table: Mapping[str, NDArray[Any]]) -> 
     return times.astype(np.float64) * scale_s, clock
 
 
-def _calendar_dates(path: Path, clock: str, times: NDArray[Any]) -> Floats:
+def _calendar_dates(clock: str, times: NDArray[Any]) -> Floats:
     import pandas as pd
 
     if not len(times):
@@ -249,7 +249,7 @@ def _calendar_dates(path: Path, clock: str, times: NDArray[Any]) -> Floats:
     if dates.isna().any():
         row = int(np.flatnonzero(dates.isna())[0])
         odd = _odd(times) if _numeric(str(times[0])) else f"holds {times[row]!r} in row {row + 1}"
-        raise ReplayError(f"{path}: column {clock} {odd}, which is no time")
+        raise ReplayError(f"column {clock} {odd}, which is no time")
     since_s: Floats = (dates - dates.iloc[0]).dt.total_seconds().to_numpy(np.float64)
     return since_s
 
@@ -267,24 +267,24 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
         text = path.read_text("latin-1")  # any bytes; as older loggers write degrees and umlauts
     odd = re.search(r"[\0-\x08\x0e-\x1f\x7f-\x9f]", text)
     if odd:
-        raise ReplayError(f"{path}: byte {odd.start()}: no text; is it another kind of file?")
+        raise ReplayError(f"byte {odd.start()}: no text; is it another kind of file?")
     lines = [line for line in text.splitlines() if line.strip()]
     rows: Sequence[str] = [line for line in lines if not line.lstrip().startswith(COMMENT)]
     if not rows:
-        raise ReplayError(f"{path}: has no rows")
-    rows = _below_preamble(path, rows)
+        raise ReplayError("has no rows")
+    rows = _below_preamble(rows)
     begin = lines.index(rows[0]) if rows[0] in lines else 0
     comment = lines[begin - 1].lstrip() if begin else ""
     marked = comment.lstrip("#%/ \t") if comment.startswith(COMMENT) else ""
     names, body, separator = _header(rows, marked)
     twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
     if twice is not None:
-        raise ReplayError(f"{path}: two columns are called '{twice}' in the first line; rename one")
+        raise ReplayError(f"two columns are called '{twice}' in the first line; rename one")
     if not names:
-        raise ReplayError(f"{path}: has no columns")
+        raise ReplayError("has no columns")
     if body and (fields := len(_fields(body[0], separator))) != len(names):
         raise ReplayError(
-            f"{path}: no table of numbers under one line of names: {len(names)} names ({', '.join(names[:NAMED])}), but"
+            f"no table of numbers under one line of names: {len(names)} names ({', '.join(names[:NAMED])}), but"
             f" {fields} fields in the row below"
         )
     if separator:  # what a program wrote between two rows
@@ -305,15 +305,14 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
         )
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
         reason = str(error).splitlines()[0]
-        raise ReplayError(f"{path}: no table of numbers under one line of names: {reason}") from None
-    chosen = _chosen(path, {name: table[name].to_numpy() for name in names}, column, count)
+        raise ReplayError(f"no table of numbers under one line of names: {reason}") from None
+    chosen = _chosen({name: table[name].to_numpy() for name in names}, column, count)
     ends = (" ,;\t", body[0].rstrip(" ,;\t") if body else "")
-    return _stated(
-        chosen, lines[: next((n for n, line in enumerate(lines) if line.rstrip(ends[0]) == ends[1]), 0)]
-    )
+    above = next((n for n, line in enumerate(lines) if line.rstrip(ends[0]) == ends[1]), 0)
+    return _stated(chosen, lines[:above])
 
 
-def _below_preamble(path: Path, rows: Sequence[str]) -> Sequence[str]:
+def _below_preamble(rows: Sequence[str]) -> Sequence[str]:
     """The table, with its line of names if it has one, without the unmarked lines that a program wrote above it.
 
     Raises:
@@ -323,7 +322,7 @@ def _below_preamble(path: Path, rows: Sequence[str]) -> Sequence[str]:
     if marks:
         rows = [row for row in rows[marks[-1] + 1 :] if row.strip()]
         if not rows:
-            raise ReplayError(f"{path}: has no rows")
+            raise ReplayError("has no rows")
         fields = len(rows[min(1, len(rows) - 1)].rstrip("\t").split("\t"))
         names = rows[0].split("\t")[:fields]  # "Comment" has no cells
         return ["\t".join(names), *(row.rstrip("\t") for row in rows[1:])]
@@ -346,7 +345,7 @@ def _below_preamble(path: Path, rows: Sequence[str]) -> Sequence[str]:
     if any(map(_numeric, _split(odd))):
         return rows  # dates or words beside numbers: a table
     raise ReplayError(
-        f"{path}: no table of numbers: the first line that was not understood is '{odd.strip()[:60]}'; mark what stands"
+        f"no table of numbers: the first line that was not understood is '{odd.strip()[:60]}'; mark what stands"
         " above the table with #"
     )
 
@@ -405,12 +404,12 @@ def _numeric(field: str) -> bool:
 def _read_npz(path: Path, column: str | None, count: int) -> Chosen:
     with ZipFile(path) as packed:
         if sum(part.file_size for part in packed.infolist()) > LARGEST_BYTES:
-            raise ReplayError(f"{path}: unpacks to more than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
+            raise ReplayError(f"unpacks to more than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
         for part in packed.infolist():
             _check_npy(packed, part)
     with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
         arrays = {name: np.asarray(file[name]) for name in file.files}
-    return _of_arrays(path, arrays, column, count)
+    return _of_arrays(arrays, column, count)
 
 
 def _check_npy(packed: ZipFile, part: ZipInfo) -> None:
@@ -431,8 +430,8 @@ def _read_mat(path: Path, column: str | None, count: int) -> Chosen:
     try:
         loaded = loadmat(path, simplify_cells=True)
     except NotImplementedError:
-        raise ReplayError(f"{path}: a MAT file of version 7.3; save it with -v7") from None
-    return _of_arrays(path, dict(_arrays(loaded)), column, count)
+        raise ReplayError("a MAT file of version 7.3; save it with -v7") from None
+    return _of_arrays(dict(_arrays(loaded)), column, count)
 
 
 def _arrays(loaded: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
@@ -444,7 +443,7 @@ def _arrays(loaded: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, 
             yield f"{within}{name}", np.squeeze(found)
 
 
-def _of_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
+def _of_arrays(arrays: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
     """Arrays of one dimension are columns; one of two has them side by side along its shorter one."""
     table: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
@@ -455,10 +454,8 @@ def _of_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], column: str | Non
             table |= {f"{name}.{place}": tall[:, place] for place in range(tall.shape[1])}
     said = [f"{name} = {array}" for name, array in arrays.items() if not array.ndim]
     if not table:
-        raise ReplayError(
-            f"{path}: no array of one or two dimensions; it has {', '.join(arrays) or 'nothing'}"
-        )
-    return _stated(_chosen(path, table, column, count), said)
+        raise ReplayError(f"no array of one or two dimensions; it has {', '.join(arrays) or 'nothing'}")
+    return _stated(_chosen(table, column, count), said)
 
 
 def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
@@ -472,7 +469,7 @@ def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
         samples, full = samples.astype(np.float64) - 128.0, 128.0
     elif np.issubdtype(samples.dtype, np.integer):
         full = float(np.iinfo(samples.dtype).max + 1)
-    return _sound(path, samples if samples.ndim == 2 else samples[:, None], full, rate_hz, column, count)
+    return _sound(samples if samples.ndim == 2 else samples[:, None], full, rate_hz, column, count)
 
 
 def _read_flac(path: Path, column: str | None, count: int) -> Chosen:
@@ -480,18 +477,16 @@ def _read_flac(path: Path, column: str | None, count: int) -> Chosen:
     try:
         import soundfile
     except (ImportError, OSError) as error:
-        raise ReplayError(f"{path}: FLAC takes soundfile: install the extra 'sound' ({error})") from None
+        raise ReplayError(f"FLAC takes soundfile: install the extra 'sound' ({error})") from None
     samples, rate_hz = soundfile.read(path, always_2d=True)
-    return _sound(path, samples, 1.0, rate_hz, column, count)
+    return _sound(samples, 1.0, rate_hz, column, count)
 
 
-def _sound(
-    path: Path, samples: NDArray[Any], full: float, rate_hz: float, column: str | None, count: int
-) -> Chosen:
+def _sound(samples: NDArray[Any], full: float, rate_hz: float, column: str | None, count: int) -> Chosen:
     """Channels of sound, as shares of full scale."""
     if column is None and samples.shape[1] != count:
-        raise ReplayError(f"{path}: {samples.shape[1]} channels; choose one with --column 0")
-    numbers = channel_numbers(f"{path}:", column or "0", samples.shape[1])
+        raise ReplayError(f"{samples.shape[1]} channels; choose one with --column 0")
+    numbers = channel_numbers("", column or "0", samples.shape[1])
     values = samples[:, numbers].astype(np.float64) / full
     return Chosen(f"channel {column or 0}", values, rate_hz=float(rate_hz), clock="the file itself")
 
@@ -524,7 +519,7 @@ def channel_numbers(where: str, column: str, count: int) -> list[int]:
     numbers = column.split(",")
     unknown = next((each for each in numbers if not (each.isdecimal() and int(each) < count)), None)
     if unknown is not None:
-        raise ReplayError(f"{where} no channel {unknown}; there are 0 to {count - 1}")
+        raise ReplayError(f"{where}no channel {unknown}; there are 0 to {count - 1}")
     return [int(each) for each in numbers]
 
 
@@ -555,7 +550,7 @@ def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
         topics = sorted({channel.topic for channel in summary.channels.values()}) if summary else []
         if not named or (topics and topic not in topics):
             raise ReplayError(
-                f"{path}: which field of which topic? choose with --column TOPIC:FIELD; topics are"
+                f"which field of which topic? choose with --column TOPIC:FIELD; topics are"
                 f" {', '.join(topics) or 'not listed in it'}"
             )
         begin_ns = summary.statistics.message_start_time if summary and summary.statistics else None
@@ -563,11 +558,11 @@ def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
             row = [_field(decoded, field) for field in fields]
             missing = [field for field, value in zip(fields, row, strict=True) if value is None]
             if missing:
-                raise ReplayError(f"{path}: {topic} has no number {missing[0]}")
+                raise ReplayError(f"{topic} has no number {missing[0]}")
             rows.append(row)
             clocks.append((message.log_time, _stamp_ns(decoded)))
     if not rows:
-        raise ReplayError(f"{path}: {topic} has no message")
+        raise ReplayError(f"{topic} has no message")
     stamped = all(stamp for _, stamp in clocks)
     anchor_ns = clocks[0][0] - (clocks[0][0] if begin_ns is None else begin_ns)
     first_log_ns, first_stamp_ns = clocks[0]

@@ -32,15 +32,8 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
 }
 """How each is drawn, in reports, benchmarks and README alike."""
 
-_THEMED = {
-    OURS: "ours",
-    PAPER: "paper-s",
-    FALSE: "truth",
-    GOOD: "good",
-    RIVAL: "rival",
-    INK: "ink",
-    FAINT: "faint",
-}
+_NAMES = ("ours", "paper-s", "truth", "good", "rival", "ink", "faint")
+_THEMED = dict(zip((OURS, PAPER, FALSE, GOOD, RIVAL, INK, FAINT), _NAMES, strict=True))
 """Colour → the page's name for it, which light and dark fill in."""
 
 WIDTH_IN = 7.16

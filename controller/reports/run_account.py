@@ -82,12 +82,10 @@ def early_end(run: Run) -> EarlyEnd | None:
     """How a run ended before its end; None where it ended as planned, or was cut off without a record."""
     exit_ = run.manifest.get("exit") or {}
     status = str(exit_.get("status"))
-    stops = [
-        f"Trial {event['trial']}, {event['t_s']:.3f} s after it began, in {event.get('state') or 'no state'}: "
-        f"{event.get('reason') or 'no reason was recorded'}."
-        for event in run.events
-        if event["event"] == "GuardStopped"
-    ]
+    stops = []
+    for event in (event for event in run.events if event["event"] == "GuardStopped"):
+        when = f"Trial {event['trial']}, {event['t_s']:.3f} s after it began, in {event.get('state') or 'no state'}"
+        stops.append(f"{when}: {event.get('reason') or 'no reason was recorded'}.")
     if status not in _ENDS and not stops:
         return None
     status = "guard" if stops else status

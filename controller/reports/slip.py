@@ -127,13 +127,8 @@ def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
         detected = {method: sum(len(score.delays_s) for score in own) for method, own in both.items()}
         theirs = percent(detected["paper"] / slips["paper"]) if slips["paper"] else ""
         hits = detected["ours"]
-        found = rated(
-            f"slips that our detector detects, within {VERDICTS['missed_after_s']:g} s of their beginning",
-            hits,
-            n,
-            theirs,
-            SAME_SAMPLES,
-        )
+        what = f"slips that our detector detects, within {VERDICTS['missed_after_s']:g} s of their beginning"
+        found = rated(what, hits, n, theirs, SAME_SAMPLES)
         beside = f", the paper's {detected['paper']} of {slips['paper']}" * bool(theirs)
         state = "all" if hits == n else "some" if hits else "none"
         verdict = f"of the slips in them our detector detects {hits} of {n}{beside}"
@@ -230,12 +225,8 @@ def _frequencies(runs: Sequence[Run]) -> list[Row]:
     found: list[Row] = []
     shown = "none stands out"
     for sensor, paper in SENSORS.items():
-        rows = [
-            row
-            for run in runs
-            for row in measured_rows(run)
-            if row.get("sensor") == sensor and condition_of(run, row).nuisance == PLAIN
-        ]
+        own = [(run, row) for run in runs for row in measured_rows(run) if row.get("sensor") == sensor]
+        rows = [row for run, row in own if condition_of(run, row).nuisance == PLAIN]
         if not rows:
             continue
         unit, factor, comparable = _signal_scale(runs, sensor)

@@ -21,24 +21,8 @@ from drivers.core.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-(
-    SUM,
-    CREDIT,
-    MISSING,
-    MEDIAN,
-    TAIL,
-    TOTAL,
-    USED,
-    VIBRATION,
-    QUIET,
-    LASTING,
-    SINCE,
-    STRUCK,
-    FALLEN,
-    MASK,
-    IMPACT,
-    TAIL_QUIET,
-) = range(16)
+SUM, CREDIT, MISSING, MEDIAN, TAIL, TOTAL, USED, VIBRATION = range(8)
+QUIET, LASTING, SINCE, STRUCK, FALLEN, MASK, IMPACT, TAIL_QUIET = range(8, 16)
 """Places in the state: the sum over knocks; what may still be added now; samples missing since the last good one;
 logarithms of the innovations' running median and of their 98 % quantile over those of normal noise; sum of the
 innovations, and how many; what vibration was worth last; its root mean square in the quiet that was learned, in the

@@ -393,10 +393,8 @@ class Beat:
             z = z[len(taken) :]
             if not math.isnan(self.turn_rad):
                 # from the segment's beginning, so that blocks change nothing
-                angles = self._angle_rad + self.turn_rad * np.arange(
-                    len(self._begun), len(self._begun) + len(taken)
-                )
-                still.append(taken * np.exp(-1j * angles))
+                places = np.arange(len(self._begun), len(self._begun) + len(taken))
+                still.append(taken * np.exp(-1j * (self._angle_rad + self.turn_rad * places)))
             self._begun = np.concatenate((self._begun, taken))
             if len(self._begun) == self._size:
                 self._look(self._begun)
