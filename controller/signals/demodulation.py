@@ -7,7 +7,7 @@ whatever order it is added, so that blocks and processors change nothing.
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,9 +134,16 @@ def whole_numbers(wave: NDArray[np.complex128], amplitude: int) -> Ints:
     return np.rint(amplitude * np.stack([wave.real, -wave.imag])).astype(np.int64)
 
 
-Outputs = tuple[int, Floats | Ints]
-"""Consecutive ones: the number of the first (output m ends with frame (m + 1) decimation - 1), and I and Q of each
-finger, shape (n, 2 fingers), float64, or int64 counts of the demodulator's `scale`."""
+class Thinned(NamedTuple):
+    """Consecutive outputs.
+
+    Attributes:
+        first: Number of the first: output m ends with frame (m + 1) decimation - 1.
+        values: I and Q of each finger, shape (n, 2 fingers), float64, or int64 counts of the demodulator's `scale`.
+    """
+
+    first: int
+    values: Floats | Ints
 
 
 class Fused:
@@ -183,7 +190,7 @@ class Fused:
         """Drop all frames."""
         self._begin(0)
 
-    def push(self, counts: Counts, frame: int) -> Outputs:
+    def push(self, counts: Counts, frame: int) -> Thinned:
         """Process the next frames; `frame` is the number of the first, and a jump is loss.
 
         Outputs with an incomplete window are omitted.
@@ -202,14 +209,26 @@ class Fused:
         self._fill += len(counts) - start
         out = np.empty((max(0, (self._fill - self._size) // decimation + 1), 2 * len(self._channels)))
         kernel = fused_packed if counts.dtype == np.uint8 else fused_counts
-        work = self._channels, self._work, self._fill - (len(counts) - start)
-        phase = self._step * (self._first % whole) % whole, self._jump, whole
-        kernel(counts, start, *work, self._i_taps, self._q_taps, decimation, *phase, self._unit, out)
+        kernel(
+            counts,
+            start,
+            self._channels,
+            self._work,
+            self._fill - (len(counts) - start),
+            self._i_taps,
+            self._q_taps,
+            decimation,
+            self._step * (self._first % whole) % whole,
+            self._jump,
+            whole,
+            self._unit,
+            out,
+        )
         self._first += len(out) * decimation
         self._fill -= len(out) * decimation
         if not self._quadrature:
             out[:, 1::2] = 0.0
-        return first, out
+        return Thinned(first, out)
 
     def _begin(self, frame: int) -> None:
         """Frames begin anew; windows begin at whole multiples of the decimation."""
@@ -260,7 +279,7 @@ class Cic:
         """See `Fused.reset`."""
         self._begin(0)
 
-    def push(self, counts: Counts, frame: int) -> Outputs:
+    def push(self, counts: Counts, frame: int) -> Thinned:
         """See `Fused.push`."""
         if frame != self._next:
             self._begin(frame)
@@ -268,14 +287,25 @@ class Cic:
         first, end = frame // decimation, (frame + n) // decimation
         out = np.empty((end - first, 2), np.int64)
         kernel = cic_packed if counts.dtype == np.uint8 else cic_counts
-        work = self._channels, self._work, self._mixed
-        tables = self._table, self._coarse, self._fine
-        phase = frame, self._oscillator.step, self._oscillator.whole
-        kernel(counts, *work, *tables, *phase, self._state, decimation, out)
+        kernel(
+            counts,
+            self._channels,
+            self._work,
+            self._mixed,
+            self._table,
+            self._coarse,
+            self._fine,
+            frame,
+            self._oscillator.step,
+            self._oscillator.whole,
+            self._state,
+            decimation,
+            out,
+        )
         self._next = frame + n
         # outputs whose window begins before the frames do
         missing = min(len(out), max(0, -(-(self._begun + self._span) // decimation) - 1 - first))
-        return first + missing, out[missing:]
+        return Thinned(first + missing, out[missing:])
 
     def _begin(self, frame: int) -> None:
         self._begun = self._next = frame
