@@ -418,9 +418,8 @@ class Certifier:
                     yield proof._replace(done="nothing", acted=ended)
                     continue
                 yield (found := tried(proof))
-                if found.verdict == "failed" and (
-                    proof.limit.startswith(FIRST) or NOT_AT_REST in found.acted
-                ):
+                moves = proof.limit.startswith(FIRST) or NOT_AT_REST in found.acted
+                if found.verdict == "failed" and moves:
                     ended = f"{proof.limit} failed: a bench that does not stop is driven past nothing"
             for name in sorted({*session.movers} - {mover.name for mover in movers}):
                 reason = "how this device moves is not known here; drive it past its limits by hand"
@@ -525,10 +524,8 @@ class Certifier:
                 end_m = min(mover.limits.travel_m, mover.settings.travel_max_m)
                 drive = MoveAt(mover.name, mover.speed_m_s, end_m)
                 done = f"{mover.doing}: presses on, at most to {1e3 * end_m:g} mm"
-                yield (
-                    Proof("limits.force_n", value, done),
-                    partial(self._pressed, mover._replace(drive=drive)),
-                )
+                pressed = partial(self._pressed, mover._replace(drive=drive))
+                yield Proof("limits.force_n", value, done), pressed
         yield from self._retreats([mover for mover in movers if isinstance(mover.drive, MoveAt)])
         for stream in limits.range_streams:
             wrong = Wrong(f"{stream} leaves its range", stream, beyond=1e9, said="beyond its range")
@@ -629,8 +626,8 @@ class Certifier:
             if limits.reach_m:
                 rows.append((f"{where}.reach_rad", limits.reach_rad, "rad", turned))
         for limit, value, unit, command in rows:
-            # the guard names both ends of the travel, from its lower one on
-            said = limit.replace(".travel_m", ".travel_min_m")
+            # the guard names both ends of the travel, the lower one in full
+            said = f"{where}.travel_min_m" if limit == f"{where}.travel_m" else limit
             planned = Proof(limit, f"{value:g} {unit}", f"{_short(command)} asked for")
             yield planned, partial(self._refused, mover, command, said)
 
@@ -802,9 +799,8 @@ class Certifier:
         at_m = next((x_m for t_s, x_m in reversed(seen) if t_s <= wrong.past_s), math.nan)
         back_m, room_m = at_m - self._end_m, max(at_m, 0.0)
         sound = back_m >= min(self._limits.retreat_m, room_m) - SLACK_M
-        text = (
-            f"guard: {stops[0].reason}; it went back" if sound else f"{stops[0].reason}; it did not go back"
-        )
+        reason = stops[0].reason
+        text = f"guard: {reason}; it went back" if sound else f"{reason}; it did not go back"
         return proof.judged(sound, still, text, None, back_m)
 
     def _left(self, mover: Mover, wrong: Wrong, most_m: float, proof: Proof) -> Proof:
@@ -817,8 +813,8 @@ class Certifier:
     @staticmethod
     def _alone_for(still: bool, way_m: float, most_m: float, proof: Proof) -> Proof:
         sound = way_m <= most_m + SLACK_M
-        text = "device: it stopped by itself"
-        text = text if sound else f"it went on, left alone, for {1e3 * way_m:.2f} mm"
+        on = f"it went on, left alone, for {1e3 * way_m:.2f} mm"
+        text = "device: it stopped by itself" if sound else on
         return proof.judged(sound, still, text, None, way_m)
 
     def _abandoned(self, mover: Mover, frozen: bool, most_m: float, proof: Proof) -> Proof:
