@@ -77,22 +77,6 @@ def test_runs_are_encoded_when_asked_for() -> None:
     assert frame.payload[4:].hex() == "010040d017c419"
 
 
-def test_a_threshold_is_kept() -> None:
-    line = Line()
-    assert line.send(0x13, "02 00 96 00") == [MatrixPacket(0x13, b"\0\0")]
-    assert line.send(0x14, "00") == [MatrixPacket(0x14, b"\0\0\x96\0")]
-
-
-def test_at_power_up_it_makes_noise_and_is_deaf_for_eight_seconds() -> None:
-    line = Line(booted=False)
-    assert line.send(0x01) == []
-    line.wait(7.9)
-    assert line.decoder.noise == b"\x1b[5n" * 3
-    assert line.send(0x01) == []
-    line.wait(0.1)
-    assert len(line.send(0x01)) == 1
-
-
 def test_bytes_take_their_time_on_the_line() -> None:
     """18 + 8 bytes of ten bits at 9600 baud: 27 ms."""
     line = Line(baud=9600)

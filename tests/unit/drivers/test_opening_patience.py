@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.core.clock import VirtualClock
-from drivers.core.errors import DeviceError, ProtocolError, SilentError
+from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
 from drivers.core.links import LineBuffer
 from drivers.core.wire import Inquiry
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
@@ -60,6 +60,14 @@ def test_silence_is_reported_after_the_patience_and_two_seconds_at_least(
     with refused(SilentError, "scale", f"no answer in {waited_s:g} s", "is it powered?"):
         one.ask(link.send, lambda received: received, patience_s)
     assert one.clock.now() == pytest.approx(waited_s, abs=0.3)
+
+
+def test_a_link_that_is_gone_is_not_waited_for() -> None:
+    link, one = inquiry(60.0, 0.1)
+    link.fault = "the port was taken away"
+    with refused(PortError, "scale", "asking who is there", "taken away", "plugged in"):
+        one.ask(link.send, lambda received: received)
+    assert one.clock.now() == 0.0
 
 
 class Other:

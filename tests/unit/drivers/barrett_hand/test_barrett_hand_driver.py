@@ -9,7 +9,7 @@ from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.can_link import PeriodicQuestion, ReceivedFrame
 from drivers.core.clock import VirtualClock, WallClock
-from drivers.core.errors import CommandError, PortError, RefusedError
+from drivers.core.errors import CommandError, RefusedError
 from drivers.core.messages import Failed, Listen, Lost, Refused, Saturated, Sent, Stop, Tare
 from tests.refusals import refused
 
@@ -155,13 +155,6 @@ def test_a_bus_that_is_gone_is_a_failure_once(hand: BarrettHand, link: Link) -> 
     (failed,) = hand.poll()
     assert isinstance(failed, Failed) and failed.reason == "the bus was taken away"
     assert hand.poll() == []
-
-
-def test_a_bus_that_goes_while_opening_is_a_port_error(link: Link) -> None:
-    link.fault = "the bus was taken away"
-    with pytest.raises(PortError, match="asking finger 11 at can0"):
-        BarrettHand("hand", BarrettHandSettings(port="can0"), WallClock(), link.open).open()
-    assert link.closed
 
 
 @pytest.fixture

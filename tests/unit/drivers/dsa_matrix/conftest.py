@@ -20,11 +20,10 @@ class Ramp(SteadyTexels):
 
     def __init__(self, matrices: Sequence[Matrix]) -> None:
         super().__init__(matrices, np.arange(sum(matrix.rows * matrix.columns for matrix in matrices)) * 1e-3)
-        self.full = False
 
     def texels_v(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         texels_v = super().texels_v(times_s)
-        texels_v[:, 0] = 5.0 if self.full else times_s % 40.0 * 0.1
+        texels_v[:, 0] = times_s % 40.0 * 0.1
         return texels_v
 
 

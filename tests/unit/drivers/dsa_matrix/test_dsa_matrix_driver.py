@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.core.errors import PortError, RefusedError
-from drivers.core.messages import Failed, Listen, Lost, Saturated
+from drivers.core.errors import RefusedError
+from drivers.core.messages import Failed, Listen, Lost
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import MatrixPacket, encode_packet
 from simulator.physics.fingertip_settings import Matrix
@@ -148,18 +148,6 @@ def test_a_pause_that_was_asked_for_is_not_lost(bench: Bench) -> None:
     assert bench.take(Failed) == []
 
 
-def test_a_texel_at_its_end_is_reported_once(bench: Bench) -> None:
-    bench.device.apply(ALL)
-    bench.turn(0.5)
-    bench.source.full = True
-    bench.turn(0.5)
-    bench.source.full = False
-    bench.turn(0.5)
-    (saturated,) = bench.take(Saturated)
-    assert (saturated.device, saturated.stream) == ("dsa", TEXELS)
-    assert saturated.value == pytest.approx(4.095)
-
-
 def test_a_controller_that_powers_up_is_waited_for(make_bench: Make) -> None:
     bench = make_bench(emulated={"booted": False})
     info = bench.device.open()
@@ -281,19 +269,6 @@ def test_a_refusal_is_a_failure(bench: Bench) -> None:
     assert "feature not supported" in bench.take(Failed)[0].reason
 
 
-def test_a_port_that_is_gone_is_a_failure_once(bench: Bench) -> None:
-    bench.far.fault = "the port was taken away"
-    bench.turn(0.2)
-    assert [failed.reason for failed in bench.take(Failed)] == ["the port was taken away"]
-
-
-def test_a_port_that_goes_while_opening_is_a_port_error(make_bench: Make) -> None:
-    bench = make_bench()
-    bench.far.fault = "the port was taken away"
-    with refused(PortError, "dsa", "taken away", "/dev/dsa"):
-        bench.device.open()
-
-
 @pytest.mark.parametrize(
     ("settings", "named"),
     [
@@ -308,12 +283,3 @@ def test_matrices_that_cannot_be_read_are_refused(
     with refused(RefusedError, "dsa", *named):
         bench.device.open()
     assert bench.far.closed
-
-
-def test_close_stops_the_frames(bench: Bench) -> None:
-    bench.device.apply(ALL)
-    bench.turn(0.3)
-    bench.device.close()
-    bench.far.receive()
-    bench.far.wait(0.5)
-    assert sum(len(data) for _, data in bench.far.receive()) < 400, "what was on its way, and the answer"

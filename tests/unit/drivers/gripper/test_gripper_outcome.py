@@ -125,13 +125,6 @@ def test_jaws_that_still_move_do_not_stand_still(outcome: GripperOutcome) -> Non
     assert isinstance(still, Standstill)
 
 
-def test_release_is_held_up_by_an_object(outcome: GripperOutcome) -> None:
-    outcome.begin(Release("gripper", 0.1), 1.0, drives=True)
-    (stalled,) = pushed(outcome, *[OPENING] * 6)
-    assert isinstance(stalled, Stalled)
-    assert "39.2 mm" in stalled.reason, "10 mm and 155 of 255 counts of 48 mm"
-
-
 LOOKING = replace(MOVING, calibrated=False)
 WIDTH_M = GripperUnits(0.010).width_m(100)
 

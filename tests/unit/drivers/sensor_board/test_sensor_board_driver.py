@@ -555,16 +555,6 @@ def test_what_is_switched_on_after_the_host_was_away_is_not_taken_for_starved(
     assert of(Failed, bench.run(0.5)[1]) == []
 
 
-def test_a_host_that_was_away_while_nothing_was_on_goes_on(bench: Bench) -> None:
-    bench.run(0.1)
-    bench.host.until(bench.host.t_s + 30.0)
-    _, statuses = bench.run(0.5)
-    bench.device.apply(listen(FORCE))
-    blocks, more = bench.run(0.5)
-    assert of(Failed, statuses + more) == []
-    assert sum(map(len, blocks)) > 400
-
-
 def test_a_late_turn_does_not_blame_the_board(make_bench: MakeBench) -> None:
     bench = make_bench(driver={"silence_timeout_s": 0.1, "reply_timeout_s": 0.1})
     bench.device.open()
