@@ -208,8 +208,11 @@ def _ended(story: Any) -> Iterator[Violation]:
         number = event.get("trial")
         if full and number not in outcomes:
             return
+        refused = (
+            event.get("event") == "Refused" and event["next"] != event["state"]
+        )  # no pause had taken its place
         # what comes after the end, while everything is seen to stand still, ends no trial any more
-        if event.get("event") in (*ENDING, "Refused") and event["state"] not in ("DONE", "FAILED"):
+        if (refused or event.get("event") in ENDING) and event["state"] not in ("DONE", "FAILED"):
             if outcomes.get(number) not in ("guard", "fault", "aborted"):
                 what = (
                     f"{event['event']}: {event.get('reason', '')[:80]}; the outcome is {outcomes.get(number)}"
@@ -219,10 +222,10 @@ def _ended(story: Any) -> Iterator[Violation]:
 
 
 def _touched(story: Any) -> Iterator[Violation]:
-    """A contact is of a touch, and none that came after the touch is called false."""
+    """A contact is of a touch, and none that came after the touch is called false: where the row knows the truth."""
     rows = {int(row["trial"]): row for row in story.rows if row.get("detect_s")}
     for trial in story.trials:
-        if trial.number not in rows or trial.touched_s is None:
+        if trial.number not in rows or trial.touched_s is None or "truth_contact_s" not in rows[trial.number]:
             continue
         outcome, told_s = rows[trial.number]["outcome"], float(rows[trial.number]["detect_s"])
         if outcome in ("contact", "false_contact") and (outcome == "contact") != (trial.touched_s <= told_s):
