@@ -578,6 +578,8 @@ def _at_once(story: Any) -> Iterator[Violation]:
         trial = trials.get(event.get("trial", 0))
         if trial is None or event.get("event") not in ("GuardStopped", "Failed") or not mover:
             continue
+        if "sticks" in event.get("reason", ""):  # since its last sample, which came before the turn
+            continue
         if (
             event["state"] in ("DONE", "FAILED")
             or _beyond_reach(story, trial, from_s=event["t_s"]) < math.inf
