@@ -39,7 +39,9 @@ def main(names: Sequence[str]) -> None:
     """Draw those of these names, or all."""
     if "pictures" in names:
         pictures()
-    for figure in (physics, skipped, sides, undulations, table_1):
+    if {"pictures", "timeline"} & set(names):
+        timeline()
+    for figure in (physics, skipped, sides, undulations, table_1, grasp_front):
         if names and figure.__name__ not in names:
             continue
         with TemporaryDirectory() as folder:
@@ -219,6 +221,50 @@ def table_1(figures: Figures) -> str:
         for axes in drawing.axes[::2]:
             axes.set_ylabel("noise, times the plant's own")
         return saved(drawing, "table_1")
+
+
+def timeline() -> None:
+    """README's grasp: the figure of the report on one, at twice its size."""
+    from playwright.sync_api import sync_playwright
+
+    chromium = which("chromium") or which("chromium-browser") or which("google-chrome")
+    with TemporaryDirectory() as folder, sync_playwright() as playwright:
+        run = [sys.executable, "run.py", "run", "mock/grasp", "--only", "2", "--out", folder]
+        check_call(run, cwd=ROOT, stdout=DEVNULL)
+        (figure,) = Path(folder).rglob("grasp.svg")
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        screen = browser.new_page(viewport={"width": 690, "height": 348}, device_scale_factor=2)
+        screen.goto(figure.as_uri())
+        screen.screenshot(path=PICTURES / "grasp.png")
+
+
+def grasp_front(figures: Figures) -> str:
+    """What each rule of the grasp drops against what it crushes: fixed grips trade one for the other."""
+    rules = json.loads((FOLDER / "grasp.json").read_text(encoding="utf-8"))["rules"]
+    own: dict[str, Any] = {"ours": {**LOOKS["ours"], "label": "ours", "ms": 10.0, "mfc": "white", "mew": 1.5}}
+    own["oracle, fixed at 1.65 of the least"] = {**LOOKS["truth"], "label": "fixed, the least known"}
+    with figures.figure(3.2) as drawing:
+        (axes,) = drawing.axes
+        fixed = [name for name in rules if name.startswith("fixed")]
+        axes.plot(*zip(*(_lost(rules[name]) for name in fixed), strict=True), color=RIVAL, lw=0.9)
+        for name in (each for each in rules if not each.startswith("ours, ")):
+            dropped, crushed = _lost(rules[name])
+            rival = {"color": RIVAL, "marker": "o" if name in fixed else "s", "ls": ""}
+            axes.plot(dropped, crushed, **{**rival, **own.get(name, {}), "ls": ""})
+            if name in fixed or "steps" in name or "ramp" in name:
+                said = name.removeprefix("fixed, ").replace(" slip detector", "").partition(", 25")[0]
+                axes.annotate(said, (dropped, crushed), (5, 3), textcoords="offset points", fontsize=7.5)
+        axes.set(
+            xlabel="dropped or not lifted, of 100", ylabel="crushed, of 100", xlim=(-4, 110), ylim=(-4, 80)
+        )
+        axes.legend(loc="upper right")
+        return saved(drawing, "grasp_front")
+
+
+def _lost(rule: Any) -> tuple[float, float]:
+    """Of a hundred objects, what was dropped or not lifted, and what was crushed."""
+    n = rule["objects"]
+    return 100 * rule["dropped"]["count"] / n, 100 * rule["crushed"]["count"] / n
 
 
 def pictures() -> None:

@@ -146,13 +146,18 @@ def _exit(story: Any) -> Iterator[Violation]:
         yield Violation(
             "LIVENESS", "exit", *_where(story), f"it was interrupted; exit code {story.exit_code}"
         )
-    drawn_limit = "limits.force_n" in story.line and "limits.force_n" in story.plan.settings
-    if kinds <= {"pause"} and story.exit_code not in (0, 1) and not drawn_limit:
+    if kinds <= {"pause"} and story.exit_code not in (0, 1) and not _of_drawn(story):
         what = f"nothing is wrong with the bench; exit code {story.exit_code}: {story.line}"
         yield Violation("LIVENESS", "exit", *_where(story), what)
     status = story.manifest["exit"]["status"]
     if status == "running":
         yield Violation("DATA", "exit", *_where(story), "the manifest says that it still runs")
+
+
+def _of_drawn(story: Any) -> bool:
+    """Whether what was drawn ended the run: a limit that every trial meets, a loop too slow for an approach."""
+    pairs = (("limits.force_n", "limits.force_n"), ("limits.peak_n", "loop.rate_hz"))
+    return any(limit in story.line and drawn in story.plan.settings for limit, drawn in pairs)
 
 
 def _rows(story: Any) -> Iterator[Violation]:
@@ -751,12 +756,8 @@ def healed(broken: Any, resumed: Any, healthy: Any) -> Iterator[Violation]:
             "LIVENESS", "resume", *_where(resumed), f"{type(resumed.error).__name__}: {resumed.error}"
         )
         return
-    if (
-        healthy.exit_code == 4
-        and "limits.force_n" in healthy.line
-        and "limits.force_n" in broken.plan.settings
-    ):
-        return  # the limit that was drawn is one that every trial meets
+    if healthy.exit_code == 4 and _of_drawn(healthy):
+        return
     if healthy.exit_code not in (0, 1):
         what = f"nothing goes wrong in it, and it ends with {healthy.exit_code}: {healthy.line}"
         yield Violation("LIVENESS", "healthy", *_where(healthy), what)
