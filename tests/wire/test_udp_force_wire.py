@@ -23,7 +23,7 @@ from simulator.wiring.far_ends import UdpLine
 from tests.contracts.crank import Crank
 from tests.contracts.gripper_suite import GRIP, SCENE, GripperBench, calibrated_jaws
 from tests.contracts.test_a_new_sensor import Weighed
-from tests.contracts.test_persons import Fingertip
+from tests.simulator.mocks.test_mock_operator import Fingertip
 from tests.wire.conftest import Serve
 
 

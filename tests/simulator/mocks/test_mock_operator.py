@@ -2,88 +2,135 @@
 
 import json
 import math
+from typing import Any
 
+import numpy as np
 import pytest
 
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import RefusedError
-from drivers.core.messages import Answered, Ask, Listen, Loaded, LoadWeight, Sent
+from drivers.core.messages import Answered, Ask, Command, Listen, Loaded, LoadWeight, Refused, Sent, Status
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.devices.operator import EmulatedPerson, HandSettings
 from simulator.mocks.operator import MockPerson, MockPersonSettings
+from tests.contracts.crank import Crank
 
 
-class Bench:
-    """Remembers what hangs on it."""
+class Fingertip:
+    """What hangs on it; it has no bridge y."""
 
-    def __init__(self):
-        self.key = (5, 1)
+    def __init__(self, key: tuple[int, int] = (1, 0)) -> None:
+        self.key = key
+        self.hangs: dict[str, float] = {}
         self.advanced_s = 0.0
-        self.loads = {"x": 0.0, "y": 0.0, "t": 0.0}
-        self.carries = "fingertip"
 
-    def advance(self, t_s, observe=None):
+    def advance(self, t_s: float, observe: frozenset[str] | None = None) -> None:
         self.advanced_s = t_s
 
-    def load(self, bridge, force_n):
-        if self.carries != "fingertip":
-            raise RefusedError(
-                "fingertip", "being loaded", f"the tip carries {self.carries}", "run the fingertip"
-            )
-        self.loads[bridge] = force_n
+    def load(self, bridge: str, force_n: float) -> None:
+        if bridge == "y" and force_n:
+            raise RefusedError("bench", "hanging a weight", "there is no bridge y", "take another sensor")
+        self.hangs[bridge] = force_n
 
 
-def test_the_weight_hangs_when_the_person_has_had_their_time():
-    bench = Bench()
-    clock = VirtualClock()
-    settings = MockPersonSettings(weight_error=0.0, answer_s=2.0)
-    person = MockPerson("operator", settings, clock, bench)
-    person.open()
-    assert person.alone_s == math.inf
-    person.apply(Listen("operator", frozenset({"operator.load"})))
-    command = LoadWeight("operator", "y", 3.0)
-    person.apply(command)
-    assert person.alone_s == 2.0
-    clock.wait_until(1.9)
-    assert (person.read(), person.poll(), bench.loads["y"]) == ([], [Sent(0.0, "operator", command)], 0.0)
-    clock.wait_until(2.0)
-    (block,) = person.read()
-    assert block.values.tolist() == [[0.0, 3.0, 0.0]]
-    assert person.poll() == [Loaded(2.0, "operator", "y", 3.0)]
-    assert (bench.loads, bench.advanced_s) == ({"x": 0.0, "y": 3.0, "t": 0.0}, 2.0)
+def opened(*faults: Fault, tip: Fingertip | None = None, **settings: Any) -> tuple[Crank, Fingertip]:
+    bench: Any = tip or Fingertip()
+    values = MockPersonSettings(**{"weight_error": 0.0, **settings})
+    device = MockPerson("operator", values, VirtualClock(), bench, FaultSchedule(faults))
+    return Crank(device, device._clock), bench
 
 
-def test_what_was_asked_for_in_one_trial_is_not_done_in_the_next():
-    bench = Bench()
-    clock = VirtualClock()
-    refuses = FaultSchedule([Fault(device="operator", kind="refuse", at_s=0.0, trial=1)])
-    person = MockPerson("operator", MockPersonSettings(answer_s=1.0), clock, bench, refuses)
-    person.open()
-    refuses.restart(1)
-    person.apply(LoadWeight("operator", "x", 2.0))
-    clock.restart()
-    person.restart()
-    refuses.restart(2)
-    clock.wait_until(5.0)
-    person.poll()
-    assert bench.loads["x"] == 0.0
-    person.apply(Ask("operator", "shut the door"))
-    clock.wait_until(7.0)
-    assert person.poll()[-1] == Answered(7.0, "operator", "shut the door")
+def statuses_after(person: Crank, command: Command, seconds: float = 1.0) -> list[Status]:
+    person.statuses.clear()
+    person.device.apply(command)
+    person.turn(seconds)
+    return list(person.statuses)
 
 
-def test_a_weight_has_one_error_all_through_a_run_and_another_run_has_other_weights():
+def test_a_request_is_sent_and_answered_under_its_number() -> None:
+    person, _ = opened()
+    sent, answered = statuses_after(person, Ask("operator", "wipe the tip", id=3))
+    assert (type(sent), sent.command_id) == (Sent, 3)
+    assert (type(answered), answered.command_id) == (Answered, 3)
+    assert answered.t_s - sent.t_s == pytest.approx(0.4, abs=0.005)
+
+
+def test_the_weight_hangs_when_the_person_has_had_their_time() -> None:
+    person, tip = opened(answer_s=2.0)
+    assert person.device.alone_s == math.inf
+    command = LoadWeight("operator", "t", 1.5)
+    person.device.apply(command)
+    assert person.device.alone_s == 2.0
+    person.clock.wait_until(1.9)
+    assert (person.device.poll(), tip.hangs) == ([Sent(0.0, "operator", command)], {})
+    person.clock.wait_until(2.0)
+    assert person.device.poll() == [Loaded(2.0, "operator", "t", 1.5)]
+    assert (tip.hangs["t"], tip.advanced_s) == (1.5, 2.0)
+
+
+def test_a_weight_hangs_alone_and_is_reported_and_sampled() -> None:
+    person, tip = opened()
+    person.device.apply(Listen("operator", frozenset({"operator.load"})))
+    for command, hangs in (
+        (LoadWeight("operator", "x", 2.0, id=4), {"x": 2.0, "y": 0.0, "t": 0.0}),
+        (LoadWeight("operator", "t", 1.5, id=5), {"x": 0.0, "y": 0.0, "t": 1.5}),
+    ):
+        sent, loaded = statuses_after(person, command)
+        assert (type(sent), type(loaded), loaded.command_id) == (Sent, Loaded, command.id)
+        assert tip.hangs == hangs
+    assert [block.values.tolist() for block in person.blocks] == [[[2.0, 0.0, 0.0]], [[0.0, 0.0, 1.5]]]
+    assert np.diff([block.seq for block in person.blocks]).tolist() == [1]
+
+
+def test_a_newer_request_takes_an_older_one_s_place() -> None:
+    person, tip = opened()
+    person.device.apply(LoadWeight("operator", "x", 2.0, id=1))
+    person.turn(0.2)
+    answers = statuses_after(person, Ask("operator", "wait", id=2))
+    assert [(type(one), one.command_id) for one in answers][-1] == (Answered, 2)
+    assert not [one for one in answers if isinstance(one, Loaded)]
+    assert tip.hangs == {}
+
+
+def test_what_the_tip_does_not_bear_is_refused_with_the_reason() -> None:
+    person, _ = opened()
+    refused = statuses_after(person, LoadWeight("operator", "y", 1.0, id=7))[-1]
+    assert isinstance(refused, Refused)
+    assert (refused.command_id, refused.reason) == (7, "there is no bridge y; take another sensor")
+
+
+@pytest.mark.parametrize(
+    ("kind", "kinds"), [("refuse", [Sent, Refused]), ("silent", [Sent]), ("lose", [Sent])]
+)
+def test_a_person_who_refuses_or_does_not_answer(kind: Any, kinds: list[type[Status]]) -> None:
+    person, _ = opened(Fault(device="operator", kind=kind, at_s=0.05))
+    person.turn(0.1)
+    assert [type(one) for one in statuses_after(person, Ask("operator", "wipe the tip"))] == kinds
+
+
+def test_what_was_asked_for_in_one_trial_is_not_done_in_the_next() -> None:
+    person, tip = opened(Fault(device="operator", kind="refuse", at_s=0.0, trial=1), answer_s=1.0)
+    faults = person.device._faults
+    faults.restart(1)
+    person.device.apply(LoadWeight("operator", "x", 2.0))
+    person.clock.restart()
+    person.device.restart()
+    faults.restart(2)
+    person.clock.wait_until(5.0)
+    person.device.poll()
+    assert tip.hangs == {}
+    person.device.apply(Ask("operator", "shut the door"))
+    person.clock.wait_until(7.0)
+    assert person.device.poll()[-1] == Answered(7.0, "operator", "shut the door")
+
+
+def test_a_weight_has_one_error_all_through_a_run_and_another_run_has_other_weights() -> None:
     pulls = {}
-    for seed, trial in ((5, 1), (5, 2), (6, 1)):
-        bench = Bench()
-        bench.key = (seed, trial)
-        person = MockPerson(
-            "operator", MockPersonSettings(answer_s=0.0, weight_error=0.01), VirtualClock(), bench
-        )
-        person.open()
-        person.apply(LoadWeight("operator", "x", 2.0))
-        person.poll()
-        pulls[seed, trial] = bench.loads["x"]
+    for key in ((5, 1), (5, 2), (6, 1)):
+        person, tip = opened(tip=Fingertip(key), answer_s=0.0, weight_error=0.01)
+        person.device.apply(LoadWeight("operator", "x", 2.0))
+        person.device.poll()
+        pulls[key] = tip.hangs["x"]
     assert pulls[5, 1] == pulls[5, 2] != pulls[6, 1]
     assert all(0.0 < abs(pull / 2.0 - 1.0) < 0.05 for pull in pulls.values())
 
@@ -91,42 +138,15 @@ def test_a_weight_has_one_error_all_through_a_run_and_another_run_has_other_weig
 # --- at the far end of a line ------------------------------------------------------------------------
 
 
-def decoded(line):
-    return [json.loads(each) for each in line.splitlines()]
-
-
-def test_the_emulated_person_greets_hangs_the_weight_and_answers_once():
-    bench = Bench()
-    person = EmulatedPerson(HandSettings(answer_s=0.5, weight_error=0.0), bench)
-    assert decoded(person.receive(b'{"hello": "touchbench"}\n', 0.0)) == [{"hello": "emulated person"}]
+def test_the_emulated_person_greets_hangs_the_weight_and_answers_once() -> None:
+    tip: Any = Fingertip()
+    person = EmulatedPerson(HandSettings(answer_s=0.5, weight_error=0.0), tip)
+    assert json.loads(person.receive(b'{"hello": "touchbench"}\n', 0.0)) == {"hello": "emulated person"}
     request = b'{"ask": 9, "says": "hang 1.00 N on bridge Ft", "load": {"bridge": "t", "force_n": 1.0}}\n'
-    assert person.receive(request, 1.0) == b""
+    assert person.receive(b"what?\n" + request, 1.0) == b""
     assert person.step(1.4) == b""
-    assert decoded(person.step(1.5)) == [{"answer": 9, "done": True}]
-    assert bench.loads["t"] == 1.0
+    assert json.loads(person.step(1.5)) == {"answer": 9, "done": True}
+    assert tip.hangs["t"] == 1.0
     assert person.step(2.0) == b""
-
-
-def test_the_emulated_person_answers_the_latest_question_alone():
-    person = EmulatedPerson(HandSettings(answer_s=0.5), Bench())
-    person.receive(b'{"ask": 1, "says": "shut the door"}\nwhat?\n{"ask": 2, "says": "open it"}\n', 0.0)
-    assert decoded(person.step(5.0)) == [{"answer": 2, "done": True}]
-
-
-def test_the_emulated_person_gives_a_reason_for_no():
-    bench = Bench()
-    bench.carries = "wrist"
-    person = EmulatedPerson(HandSettings(answer_s=0.0), bench)
-    load = b'{"ask": 1, "says": "hang it", "load": {"bridge": "x", "force_n": 1.0}}\n'
-    person.receive(load, 0.0)
-    assert decoded(person.step(0.0))[0] == {
-        "answer": 1,
-        "done": False,
-        "reason": "the tip carries wrist; run the fingertip",
-    }
-    bench.carries = "fingertip"
-    person.inject("refuse", 0.0)
-    person.receive(load, 0.0)
-    assert decoded(person.step(0.0))[0]["done"] is False
     with pytest.raises(ValueError, match="no fault stall"):
         person.inject("stall", 0.0)

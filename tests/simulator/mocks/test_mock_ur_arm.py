@@ -170,17 +170,6 @@ def test_a_move_to_the_axis_comes_back_to_it_and_to_the_start_s_orientation():
     assert hand.samples(POSE)[-1] == pytest.approx([0.4, -0.1, 0.24, 0.0, 3.0, 0.5], abs=1e-12)
 
 
-def test_an_approach_from_beside_the_axis_goes_along_it_and_stays_beside():
-    hand = Hand()
-    hand.arm.apply(Listen("arm", frozenset({POSE})))
-    hand.do(MovePose("arm", (0.02, 0.0, 0.0, 0.0, 0.2, 0.0), 0.05))
-    reached = hand.do(MoveAt("arm", 0.02, 0.015))
-    assert reached.position_m == 0.015
-    pose = hand.samples(POSE)[-1]
-    assert pose[:3] == pytest.approx([0.42, -0.1, 0.235], abs=1e-12)
-    assert rotation(pose[3:]) == pytest.approx(rotation((0, 0.2, 0)) @ rotation(START[3:]), abs=1e-12)
-
-
 @pytest.mark.parametrize(
     "command", [Twist("arm", ASIDE, 5.0), MovePose("arm", (0.1, 0.0, 0.0, 0.0, 0.3, 0.0), 0.05)]
 )
@@ -291,17 +280,6 @@ def test_a_stop_brakes_at_the_arms_own_rate_and_is_reported_when_nothing_has_mov
     assert still.t_s == pytest.approx(0.5 + 0.01 / 2.0 + 0.02)
 
 
-def test_the_pose_is_the_position_along_the_approach_axis():
-    hand = Finger()
-    hand.arm.apply(Listen("arm", frozenset({POSE, POSITION})))
-    hand.arm.apply(MoveTo("arm", 0.002, 0.01))
-    hand.run(0.5)
-    pose, position_m = hand.samples(POSE), hand.samples(POSITION)[:, 0]
-    assert len(pose) == 250
-    assert pose[:, 2] == pytest.approx(0.25 - position_m)
-    assert pose[-1] == pytest.approx([0.4, -0.1333, 0.248, 0.0, 3.1416, 0.0])
-
-
 def test_it_has_the_rate_and_the_tool_that_the_profile_states():
     hand = Finger(rate_hz=125.0, payload_kg=1.25)
     details = hand.arm.open().details
@@ -311,22 +289,6 @@ def test_it_has_the_rate_and_the_tool_that_the_profile_states():
     hand.run(0.4)
     assert len(hand.samples(POSITION)) == 50
     assert np.diff([t_s for block in hand.blocks for t_s in block.times]) == pytest.approx(0.008)
-
-
-def test_the_tool_feels_the_finger_against_the_approach_and_can_be_tared():
-    hand = Finger(force_noise_n=0.0, torque_noise_n_m=0.0)
-    hand.arm.apply(Listen("arm", frozenset({FORCE})))
-    hand.run(0.1)
-    hand.arm.apply(MoveTo("arm", 0.008, 0.02))
-    hand.run(2.0)
-    wrench, force_n = hand.samples(FORCE), hand.bench.force_n
-    assert np.abs(wrench[:50]).max() < 0.02, "3 mm before the finger: the load cell's noise alone"
-    assert force_n > 0.1
-    assert wrench[-1] == pytest.approx([0.0, 0.0, force_n, 0.0, 0.0, 0.0], abs=0.02)
-    hand.arm.apply(Tare("arm", FORCE))
-    hand.blocks.clear()
-    hand.run(0.1)
-    assert hand.samples(FORCE)[-1, 2] == pytest.approx(0.0, abs=0.02)
 
 
 def test_the_noise_has_its_setting_and_follows_the_sample_not_the_block():
