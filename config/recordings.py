@@ -1,7 +1,6 @@
 """What `replay` and `calibrate` share: a detector, and its input from a recording."""
 
 import json
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -179,22 +178,17 @@ def certified(
         how: Mapping[str, Any] = {"rate_hz": rate_hz, "trial": trial, "notes": notes}
         blocks = read_blocks(where, stream, column=column, **how)
         second = read_blocks(where, stream, column=reference, **how) if reference else ()
-        said = unit or _bracketed(column or "")
-        if said and (unit is not None or not blocks[0].unit):
-            blocks = [replace(block, unit=said) for block in blocks]
+        if unit is not None:
+            blocks = [replace(block, unit=unit) for block in blocks]
         given.append(SensorRecording(path.name, blocks, second))
     title = name or recordings[0].stem
+    if per_newton is None and given[0].blocks[0].unit == "N":
+        per_newton = 1.0
     try:
         found = certificate(given, Truth(quiet, touches, slips), made, name=title, per_newton=per_newton)
     except ValueError as error:
         raise ReplayError(f"{recordings[0]}: {error}") from None
     return found, notes
-
-
-def _bracketed(column: str) -> str:
-    """The unit in a column's name, as in `acc_z (m/s^2)` or `Force [N]`; "" without."""
-    found = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", column)
-    return found[1] if found else ""
 
 
 def _in_run(

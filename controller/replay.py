@@ -1,6 +1,7 @@
 """A recording through a detector: run folders, and files of other programs; one event a line."""
 
 import math
+import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -339,7 +340,8 @@ def _from_columns(
             f"{path}: {chosen.clock}: {times_s[row]:.9g} s in row {row + 1}: times must be finite and rise from row to"
             f" row, by {LEAST_STEP_S:g} s at least"
         )
-    unit = si_unit(chosen.name)
+    bracketed = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", chosen.name)  # as in `acc_z (m/s^2)` or `Force [N]`
+    unit = bracketed[1] if bracketed else si_unit(chosen.name.lower())
     t0_s = 0.0 if times_s is None else float(times_s[0])
     if times_s is None or rate_hz is not None:
         remark = "" if asked_hz else f"; rate from {chosen.clock}"

@@ -99,6 +99,21 @@ def of_quiet(values, reference=None):
     return certificate([recorded], Truth([]), {}, name="log")
 
 
+@pytest.mark.parametrize(("column", "told"), [("force_N", True), ("F[N]", True), ("counts", False)])
+def test_what_reads_in_newtons_needs_no_weight(verb, tmp_path, column, told):
+    values = np.random.default_rng(7).standard_normal(2_000)
+    lines = "".join(f"{value:.3f}\n" for value in values)
+    (tmp_path / "cell.csv").write_text(f"# sample rate: 500 Hz\n{column}\n{lines}")
+    options = ("--detector", "force.threshold", "--out", tmp_path / "cell")
+    code, out, err = verb("characterize", tmp_path / "cell.csv", *options)
+    assert code == 0, err
+    assert ("cannot say: newtons" not in out) == told
+    rows = {row["quantity"]: row for row in json.loads((tmp_path / "cell.json").read_text())["rows"]}
+    at = "force.threshold at 1 false alarms an hour: "
+    least_n = rows[f"{at}smallest touch"]["value"]
+    assert least_n == (rows[f"{at}threshold"]["value"] if told else None)
+
+
 def test_what_a_recording_cannot_tell_has_its_row_too():
     """So that two certificates have the same rows."""
     quiet = np.random.default_rng(6).standard_normal(1_000)
