@@ -418,8 +418,8 @@ class Certifier:
                     yield proof._replace(done="nothing", acted=ended)
                     continue
                 yield (found := tried(proof))
-                moves = proof.limit.startswith(FIRST) or NOT_AT_REST in found.acted
-                if found.verdict == "failed" and moves:
+                grave = proof.limit.startswith(FIRST) or NOT_AT_REST in found.acted
+                if found.verdict == "failed" and grave:
                     ended = f"{proof.limit} failed: a bench that does not stop is driven past nothing"
             for name in sorted({*session.movers} - {mover.name for mover in movers}):
                 reason = "how this device moves is not known here; drive it past its limits by hand"

@@ -107,12 +107,10 @@ def _signal(axes: Axes, stream: str, blocks: Sequence[SampleBlock]) -> None:
             parts[-1].append(block)
         else:
             parts.append([block])
-    curves = [
-        (np.concatenate([b.times for b in part]), np.concatenate([b.physical for b in part]))
-        for part in parts
-    ]
     unit = blocks[0].unit if blocks else ""
-    for times_s, values in curves:
+    for part in parts:
+        times_s = np.concatenate([b.times for b in part])
+        values = np.concatenate([b.physical for b in part])
         for channel in range(values.shape[1]):
             shown, unit = displayed(stream, values[:, channel], blocks[0].unit)
             _line(axes, times_s, shown, OURS if channel == 0 else FAINT)

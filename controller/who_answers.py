@@ -5,7 +5,7 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from contextlib import suppress
 
 import serial
 
@@ -21,14 +21,6 @@ ANSWER_S = 0.3
 
 BOOT_S = 2.5
 """How long a board that opening its port has reset takes to begin (assumption: an Uno's bootloader waits for 2 s)."""
-
-
-class PortQuestion(NamedTuple):
-    """What is asked, at which line speed, and who gives such an answer: "" where nobody known does."""
-
-    baud: int
-    asked: bytes
-    who: Callable[[bytes], str]
 
 
 def _stage(heard: bytes) -> str:
@@ -64,15 +56,16 @@ def _printer(heard: bytes) -> str:
     return f"serial_lines: it prints '{found[1].decode()}'" if found else ""
 
 
-QUESTIONS = (
-    PortQuestion(115_200, b"", _printer),
-    PortQuestion(115_200, b"\n/get deviceid\n", _stage),
-    PortQuestion(115_200, b"\rV\r", _adapter),
-    PortQuestion(115_200, encode_packet(request(Id.CONTROLLER)), _matrix),
-    PortQuestion(921_600, b"\0" + encode(CommandFrame(BoardCode.HELLO, 0)), _board),
+QUESTIONS: Sequence[tuple[int, bytes, Callable[[bytes], str]]] = (
+    (115_200, b"", _printer),
+    (115_200, b"\n/get deviceid\n", _stage),
+    (115_200, b"\rV\r", _adapter),
+    (115_200, encode_packet(request(Id.CONTROLLER)), _matrix),
+    (921_600, b"\0" + encode(CommandFrame(BoardCode.HELLO, 0)), _board),
 )
-"""For the kinds that can be told apart, at the line speeds with which they are delivered. What is on a CAN bus is not
-asked: at another bit rate than the bus has, that would disturb what runs there."""
+"""Line speed, what is asked, and who gives such an answer, "" where nobody known does. For the kinds that can be told
+apart, at the line speeds with which they are delivered. What is on a CAN bus is not asked: at another bit rate than the
+bus has, that would disturb what runs there."""
 
 
 def who_answers(ports: Sequence[str]) -> Sequence[str]:
@@ -97,27 +90,19 @@ def _who(port: str) -> str:
         with serial.Serial(port, exclusive=True, timeout=ANSWER_S, write_timeout=ANSWER_S) as line:
             heard = b""
             for again in (False, True):
-                for question in QUESTIONS:
-                    line.baudrate = question.baud
-                    line.write(question.asked)
+                for baud, asked, who in QUESTIONS:
+                    line.baudrate = baud
+                    line.write(asked)
                     answer = line.read(4096)
                     heard += answer
-                    if who := _named(question, answer):
-                        return who
+                    with suppress(CodecError):
+                        if found := who(answer):
+                            return found
                 if not again:
                     time.sleep(BOOT_S)
                     line.reset_input_buffer()
     except OSError as error:  # pyserial's own are of these
         return f"not asked: {error}"
-    return (
-        f"sends {heard[:20]!r}, which is of no kind known here"
-        if heard
-        else "nothing that is known here answers"
-    )
-
-
-def _named(question: PortQuestion, heard: bytes) -> str:
-    try:
-        return question.who(heard)
-    except CodecError:
-        return ""
+    if heard:
+        return f"sends {heard[:20]!r}, which is of no kind known here"
+    return "nothing that is known here answers"

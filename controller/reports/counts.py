@@ -299,11 +299,11 @@ def quantity(name: str, value: object, digits: int = 2) -> str:
     return f"{number(value, digits, scale.factor)} {scale.unit}".rstrip()
 
 
-def mean_within(mean: Mean, digits: int = 3) -> str:
+def mean_within(mean: Mean) -> str:
     """`0.031 (0.028 to 0.034)`: a mean with its 95 % interval (normal)."""
     half = NormalDist().inv_cdf(0.975) * mean.sigma / math.sqrt(mean.n)
-    ends = " to ".join(number(mean.mean + end, digits) for end in (-half, half))
-    return number(mean.mean, digits) if math.isnan(half) else f"{number(mean.mean, digits)} ({ends})"
+    ends = " to ".join(number(mean.mean + end, 3) for end in (-half, half))
+    return number(mean.mean, 3) if math.isnan(half) else f"{number(mean.mean, 3)} ({ends})"
 
 
 def signed(value: float, digits: int = 2, scale: float = 1.0) -> str:
