@@ -202,9 +202,7 @@ class ConsoleOperator:
             return False
         try:
             return os.tcgetpgrp(self._keyboard.fileno()) == os.getpgrp()
-        except (
-            OSError
-        ):  # not the terminal of this session, so that no shell has its jobs there; or it has hung up
+        except OSError:  # not this session's terminal, so that no shell has its jobs there; or it has hung up
             return True
 
     def _forget_keys(self) -> None:

@@ -142,11 +142,6 @@ class LiveView:
         first = self._behavior.deciding if self._behavior is not None else ()
         return sorted(self._detectors, key=lambda name: first.index(name) if name in first else len(first))
 
-    def label(self, stream: str, unit: str) -> str:
-        """A signal's name and unit."""
-        name = stream.removeprefix(DETECTOR)
-        return f"{name}, {unit}" if unit else name
-
     def title(self, stream: str) -> str:
         """What a detector's statistic is; "" for any other stream."""
         name = stream.removeprefix(DETECTOR)
@@ -181,18 +176,23 @@ class LiveView:
 
     def ages(self) -> list[tuple[str, float, int]]:
         """Each stream that has arrived, s since its last sample, and how many samples were lost."""
-        now_s, streams = (
-            self.now(),
-            [name for name in self.recording.streams if not name.startswith(DETECTOR)],
-        )
-        newest = [
-            (stream, block) for stream in streams for block in self.recording.blocks(stream, -1) if len(block)
-        ]
-        return [(stream, now_s - block.last_s, self._lost.get(stream, 0)) for stream, block in newest]
+        now_s, found = self.now(), []
+        for stream in self.recording.streams:
+            newest = () if stream.startswith(DETECTOR) else self.recording.blocks(stream, -1)
+            found += [
+                (stream, now_s - each.last_s, self._lost.get(stream, 0)) for each in newest if len(each)
+            ]
+        return found
 
     def events(self, first: int) -> list[tuple[float, str]]:
         """What happened, the first ones left out: when, and what as text."""
         return [(event.t_s, as_text(event)) for event in self._events[first:]]
+
+
+def label(stream: str, unit: str) -> str:
+    """A signal's name and unit."""
+    name = stream.removeprefix(DETECTOR)
+    return f"{name}, {unit}" if unit else name
 
 
 def sparkline(values: NDArray[np.float64] | Sequence[float]) -> str:

@@ -285,11 +285,8 @@ class RecordingIndex:
         self._channels: dict[Path, dict[int, Channel]] = {}
         self._kept: dict[int, TrialRecording] = {}
         self._kept_bytes = 0
-        self._block, self._skipped, self._readings = (
-            schema_of("Block"),
-            schema_of("Skipped"),
-            reading_schema(),
-        )
+        self._block, self._skipped = schema_of("Block"), schema_of("Skipped")
+        self._readings = reading_schema()
         for path in paths:
             try:
                 with _reading(path):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from controller.campaign import Console
 from controller.console import PAUSED, ConsoleOperator
-from controller.live_view import Elapsed, LiveView
+from controller.live_view import Elapsed, LiveView, label
 from controller.outcomes import is_success
 from controller.recording.series import DETECTOR, extremes
 from controller.scales import displayed, scale_of
@@ -185,9 +185,7 @@ class Watched:
                 return self.between.ask(message["do"], str(message.get("target", "")))
             else:
                 return f"do must be answer, {', '.join((*COMMANDS, *BY_HAND))}"
-        except (
-            Exception
-        ) as error:  # whatever a line holds, a number without end too: the next one may be a stop
+        except Exception as error:  # whatever a line holds, an endless number too: the next may be a stop
             return f"no command: {type(error).__name__}: {error}"[:REFUSAL_CHARACTERS]
         return ""
 
@@ -245,7 +243,7 @@ class Watched:
         times_s, values = np.concatenate(times), np.concatenate(parts)
         span_s = min(LATE_S, float(times_s[-1] - times_s[0]))
         news = curve(stream, times_s, values, fresh[0].unit, max(4, round(POINTS_HZ * span_s)))
-        return news | {"label": view.label(stream, news["unit"]), "title": view.title(stream)}
+        return news | {"label": label(stream, news["unit"]), "title": view.title(stream)}
 
 
 def curve(stream: str, times_s: Floats, values: Floats, unit: str, points: int) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from tornado.httpserver import HTTPServer
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from controller.live_view import PANELS
+from controller.live_view import PANELS, label
 from controller.recording.run_folder import MANIFEST
 from controller.recording.series import DETECTOR
 from controller.watching.feed import SOCKET, at, curve
@@ -235,8 +235,7 @@ def trial_signals(folder: Path, number: int) -> dict[str, Any]:
         series = recording.stream(name)
         if len(series):
             found = curve(name, series.times_s, series.values, series.unit, POINTS)
-            shown = name.removeprefix(DETECTOR)
-            signals[name] = found | {"label": f"{shown}, {found['unit']}" if found["unit"] else shown}
+            signals[name] = found | {"label": label(name, found["unit"])}
     return {"trial": number, "signals": signals}
 
 

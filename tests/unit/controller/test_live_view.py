@@ -7,7 +7,7 @@ import pytest
 from behaviors.events import Approached, Forecast
 from controller.detectors.protocol import Quantity
 from controller.guard import GuardSettings
-from controller.live_view import BARS, SPARKS, LiveView, sparkline
+from controller.live_view import BARS, SPARKS, LiveView, label, sparkline
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock
 
@@ -70,7 +70,7 @@ def test_what_decides_is_shown_whatever_the_profiles_order():
     assert signal.endswith("1.5 m/s²  ours 2.1 of 5.3 σ")
     assert {name: acts for name, *_, acts in view.thresholds()} == {"ours": True, "contact": False}
     assert view.panels()[0] == "detector.ours"
-    assert (view.label("detector.ours", "σ"), view.title("detector.ours")) == ("ours, σ", "ours: departure")
+    assert (label("detector.ours", "σ"), view.title("detector.ours")) == ("ours, σ", "ours: departure")
     assert view.title("detector.contact") == "contact: statistic"
     assert view.title("board.period") == ""
 
