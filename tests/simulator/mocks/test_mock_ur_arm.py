@@ -37,7 +37,7 @@ from simulator.physics.tool_motion import ToolTrack
 from tests.contracts.crank import Crank
 
 START = (0.4, -0.1, 0.25, 0.0, 3.0, 0.5)
-POSE, FORCE = "arm.pose", "arm.force"
+POSE, POSITION, FORCE = "arm.pose", "arm.position", "arm.force"
 ASIDE = (0.02, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -162,12 +162,13 @@ def test_a_move_that_only_turns_goes_at_its_speed_in_rad_s_within_the_limit_of_t
 
 def test_a_move_to_the_axis_comes_back_to_it_and_to_the_start_s_orientation():
     hand = Hand()
-    hand.arm.apply(Listen("arm", frozenset({POSE})))
+    hand.arm.apply(Listen("arm", frozenset({POSE, POSITION})))
     hand.do(MovePose("arm", (0.02, 0.0, 0.0, 0.0, 0.2, 0.0), 0.05))
     reached = hand.do(MoveTo("arm", 0.01, 0.05))
     assert isinstance(reached, Reached)
     assert reached.position_m == 0.01
     assert hand.samples(POSE)[-1] == pytest.approx([0.4, -0.1, 0.24, 0.0, 3.0, 0.5], abs=1e-12)
+    assert hand.samples(POSITION)[-1] == pytest.approx([0.01], abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -263,9 +264,6 @@ def test_a_device_whose_part_the_bench_does_not_have_is_refused_in_one_line(driv
 def test_so_does_its_far_end(wire):
     with pytest.raises(RefusedError, match="does not have"):
         wire({}, finger_bench(FingerBenchSettings()))
-
-
-FORCE, POSITION, POSE = "arm.force", "arm.position", "arm.pose"
 
 
 def test_a_stop_brakes_at_the_arms_own_rate_and_is_reported_when_nothing_has_moved_for_a_while():
