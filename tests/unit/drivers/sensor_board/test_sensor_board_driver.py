@@ -219,14 +219,6 @@ def test_closing_a_board_that_has_failed_still_switches_off(bench: Bench) -> Non
     assert bench.host.t_s == began_s, "it waits for no reply"
 
 
-def test_a_board_that_is_not_open_says_so(make_bench: MakeBench) -> None:
-    bench = make_bench()
-    assert bench.device.read() == bench.device.poll() == []
-    excite = Excite("board", True)
-    bench.device.apply(excite)
-    assert bench.device.poll() == [Refused(0.0, "board", excite, "it is not open")]
-
-
 # --- commands ------------------------------------------------------------------------------------
 
 

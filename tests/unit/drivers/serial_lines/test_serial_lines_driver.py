@@ -202,14 +202,6 @@ def test_lines_that_make_no_sense_are_counted_and_lost_and_the_rest_goes_on(garb
     assert times(crank) == pytest.approx(found / 0.5 / 100.0, abs=1e-6)
 
 
-def test_one_that_falls_silent_fails_once() -> None:
-    crank = opened(Board(lambda tick: timed(tick) if tick < 60 else b""))
-    crank.listen(FORCE)
-    crank.turn(2.0)
-    (failed,) = crank.of(Failed)
-    assert "no sample in 0.5 s" in failed.reason
-
-
 def test_a_board_that_restarts_begins_a_new_segment() -> None:
     def prints(tick: int) -> bytes:
         return b"%d,%d\n" % (10_000 * (tick if tick < 80 else tick - 80), tick)
