@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from controller.recording.reader import Run
+
 OURS, PAPER, FALSE, GOOD, RIVAL = "#0072b2", "#5b5b5b", "#d55e00", "#009e73", "#cc79a7"
 """Ours, the paper's, false contacts and the truth, what is met, and rivals: distinct to the colour-blind (Okabe and
 Ito), by lightness and by marker as well."""
@@ -84,11 +86,19 @@ class Figures:
         simulated: What marks every figure: "simulated", "partly simulated", or "" for none.
         prefix: Begins the identifiers of its SVG elements: no two on one page are alike.
         also: Formats beside SVG, such as "pdf"; each costs as much again.
+        page: The runs of the whole page, by which its trials are named; of a part of it alone, none.
     """
 
     def __init__(
-        self, folder: Path | None, *, simulated: str = "", prefix: str = "s", also: Sequence[str] = ()
+        self,
+        folder: Path | None,
+        *,
+        simulated: str = "",
+        prefix: str = "s",
+        also: Sequence[str] = (),
+        page: Sequence[Run] = (),
     ) -> None:
+        self.page = page
         self._also = also
         self._prefix = prefix
         self._folder = folder

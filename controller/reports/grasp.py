@@ -69,7 +69,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     told = (each for each in recorded(runs) if each[1].get("slips"))
     if found := next(((svg, each) for each in told if (svg := _draw(figures, *each))), None):
         svg, (run, row, _) = found
-        content["timeline"] = Figure(svg, _shown(runs, run, row))
+        content["timeline"] = Figure(svg, _shown(figures.page or runs, run, row))
     held = sum(row.get("outcome") == "held" for row in rows)
     kind = kind_of(runs)
     over = values(rows, "grip_over_least")

@@ -34,11 +34,11 @@ class Drawn(NamedTuple):
     shown: dict[str, Any]
 
 
-def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
+def hero_of(experiment: str, runs: Sequence[Run], page: Sequence[Run] = ()) -> list[Drawn]:
     """The typical trial and the worst, each from before its event to where it stood; empty where no detector decided.
 
     Typical is the success whose number is the median; beside it stands a failed trial, else one whose event was missed,
-    else that of the largest number: the worst where less is better.
+    else that of the largest number: the worst where less is better. Trials are named by the runs of the whole `page`.
     """
     line = next(iter(headlines(experiment)), dict.fromkeys(("column", "where", "over", "less")))
     column = str(line["column"] or "")
@@ -69,7 +69,9 @@ def hero_of(experiment: str, runs: Sequence[Run]) -> list[Drawn]:
         chosen.append(("missed", missed[0]))
     elif len(good) > 1 and measured and line["over"] not in ("share", "ratio"):
         chosen.append(("worst" if line["less"] else "largest", good[-1]))
-    return [drawn for name, each in chosen if (drawn := _drawn(name, runs, *each, method)) is not None]
+    return [
+        drawn for name, each in chosen if (drawn := _drawn(name, page or runs, *each, method)) is not None
+    ]
 
 
 def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row, method: str) -> Drawn | None:

@@ -153,7 +153,7 @@ def _page(
             simulated = (
                 ("partly simulated" if group[0].measured_by else "simulated") if group[0].simulated else ""
             )
-            figures = Figures(folder, simulated=simulated, prefix=f"s{len(parts)}", also=also)
+            figures = Figures(folder, simulated=simulated, prefix=f"s{len(parts)}", also=also, page=runs)
             whole = [run for run in members if run.folder.path in {part.folder.path for part in group}]
             parts.append(_part(experiment, name, group, missing(whole), figures))
         if len(groups) > 1 and not comparing:
@@ -204,7 +204,8 @@ def _verdict(parts: Sequence[SectionPart]) -> str:
     good = sum(run.succeeded(row) for run, row in rows)
     heads = [part.headline for part in parts]
     alike = len({head.what for head in heads}) == 1 and len(heads) <= MOST_ALIKE
-    beside = f"; {heads[0].what}: {', '.join(head.ours for head in heads)}" if alike else ""
+    ours = [head.ours for head in heads]
+    beside = f"; {heads[0].what}: {(' beside ' if len(ours) == 2 else ', ').join(ours)}" if alike else ""
     words = {came_to(str(run.manifest.get("experiment", ""))) for run, _ in rows}
     done = words.pop() if len(words) == 1 else "succeeded"
     goals = goals_of(result for part in parts for result in part.results)
@@ -249,7 +250,7 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     results += [each._replace(met=None) if lost else each for each in section.summary]
     printed = {**settings_in(section.paper, runs[0]), **section.printed}
     body, ours = rendered(section, runs[0], not lost)
-    drawn = hero_of(experiment, runs) if section.shows_trials else []
+    drawn = hero_of(experiment, runs, figures.page or runs) if section.shows_trials else []
     pictures = [Markup(each) for each in FIGURE.findall(body)]
     body = Markup(FIGURE.sub("", body))  # figures stand before what is said about them
     headline = headline_of(experiment, runs, results, section.headline)

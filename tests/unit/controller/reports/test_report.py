@@ -25,9 +25,9 @@ from controller.reports.figures import Figures
 from controller.reports.first_screen import headline_of
 from controller.reports.hero import hero_of
 from controller.reports.papers import headlines
-from controller.reports.report import build_report, build_report_with_summary
+from controller.reports.report import build_report, build_report_with_summary, comparison_page
 from controller.reports.run_account import facts_of
-from controller.reports.section import Kind, Printed, Result
+from controller.reports.section import Comparing, Kind, Printed, Result
 from controller.reports.settings import settings_table
 from controller.reports.transient import section
 from controller.reports.trial_signals import trial_table
@@ -481,6 +481,17 @@ def test_the_first_figure_has_the_success_of_median_delay_and_a_failed_trial(cam
     assert (moments.zero, moments.detector) == ("touch", "contact")
     row = next(row for row in run.trials if row["trial"] == typical.trial)
     assert moments.decided_s == row["detect_s"]
+
+
+def test_of_two_runs_beside_each_other_each_has_its_own_typical_trial(campaign, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(campaign[0].folder.path, other)
+    page = comparison_page(campaign[0], open_run(other), Comparing([], [], []))
+    first = page[page.index('<section id="summary">') : page.index('<section id="compared">')]
+    drawn = re.findall(r'data-open="r(\d)t(\d+)">trial (\d+)</a></b> of (.*?),', first)
+    typical = str(hero_of("transient", [campaign[0]])[0].trial)
+    names = [campaign[0].folder.path.name, "other"]
+    assert drawn == [(str(number), typical, typical, name) for number, name in enumerate(names)]
 
 
 def test_an_experiment_opens_with_its_number_its_interval_and_the_papers(campaign):
