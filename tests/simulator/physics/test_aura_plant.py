@@ -246,13 +246,6 @@ def test_the_carrier_holds_the_same_field_to_half_a_count() -> None:
     assert np.abs(counts - expected).max() <= 0.5 + 1e-6
 
 
-def test_blocks_of_any_length_hold_the_same_counts() -> None:
-    one = plant()
-    whole = carrier(one, 0, 5000, speed_m_s=0.01)
-    parts = [carrier(one, k, min(777, 5000 - k), speed_m_s=0.01) for k in range(0, 5000, 777)]
-    assert (np.concatenate(parts) == whole).all()
-
-
 def test_too_loud_a_carrier_is_clipped_as_a_converter_does() -> None:
     counts = carrier(plant(imbalance_fs=(3.0, 0.1), **QUIET), 0, 120)
     assert counts[:, RIGHT].max() == COUNTS - 1

@@ -83,16 +83,6 @@ def test_flexing_raises_the_free_frequency(plant):
     assert frequencies[0] + 0.5 < frequencies[1] < frequencies[2] - 0.5
 
 
-def test_the_static_stiffness_is_that_of_joint_and_mounting_in_series():
-    plant = FingerPlant(FingerSettings(noise_scale=0.0))
-    plant.begin(key=(0, 0), gap_m=0.0)
-    plant.move_probe([(0.0, 0.0, 0.001, 0.0), (2.0, 0.002, 0.0, 0.0)])
-    plant.advance(40.0)
-    s = plant.settings
-    compliance = s.arm_f_m**2 * (1 / s.joint_n_m_rad + 1 / s.base_n_m_rad) + 1 / s.pad_n_m
-    assert plant.force_n == pytest.approx(0.002 / compliance, rel=1e-6)
-
-
 def test_contacts_show_when_force_began_and_ended(plant):
     started(plant).advance(6.0)
     plant.move_probe([(6.0, 0.0, 0.005, 0.0)])

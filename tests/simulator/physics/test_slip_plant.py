@@ -1,18 +1,12 @@
-"""The fingertip on its table against closed forms, and against a naive integrator that shares no code with it."""
+"""The fingertip on its table against closed forms; sticking and slipping: tests/stability/test_tip_exact.py."""
 
 import math
 
 import numpy as np
 import pytest
 
-from simulator.physics.slip import BridgeSettings, SlipPlant, SlipPlantSettings
-
-FT = BridgeSettings(name="Ft", tangential=1.0, gain=1.0, full_scale_n=1.0, noise=0.0)
-
-
-def bare(**changed):
-    """A fingertip of 180 Hz without noise, roughness or read-out errors: 1 V is 1 N."""
-    return SlipPlantSettings(**{"bridges": (FT,), "mode_hz": 180.0, "roughness": 0.0, **changed})
+from simulator.physics.slip import BridgeSettings, SlipPlant
+from tests.stability.tip_oracles import FT, bare
 
 
 def spring(settings):
@@ -27,46 +21,6 @@ def dragged(settings, speed_m_s, seconds, *, key=(1, 1), press_m=1e-3):
     t_s = np.arange(1, n + 1) / settings.rate_hz
     values = plant.advance(speed_m_s * t_s, np.full(n, press_m), np.zeros(n))
     return values[:, 0], plant.slid_m, t_s
-
-
-def naive(settings, speed_m_s, seconds, press_m=1e-3, step_s=5e-7):
-    """Semi-implicit Euler with a tiny step and the friction law as documented, event by event of the step."""
-    s = settings
-    k = spring(s)
-    c = 2 * s.damping_ratio * 2 * math.pi * s.mode_hz * s.mass_kg
-    kc = s.contact_ratio * k
-    kinetic = s.friction * s.normal_n_m * press_m
-    q = p = z = slid = 0.0
-    sliding, sign = False, 1.0
-    every = round(1.0 / s.rate_hz / step_s)
-    out, places = [], []
-    for i in range(1, round(seconds * s.rate_hz) * every + 1):
-        p += step_s * (-k * q - c * (p - speed_m_s) - kc * z) / s.mass_kg
-        q += step_s * (p - speed_m_s)
-        if sliding:
-            slid += step_s * p
-            if sign * p < 0.0:
-                sliding = False
-        else:
-            z += step_s * p
-            if abs(kc * z) > kinetic * (1.0 + s.static_excess):
-                sliding, sign = True, math.copysign(1.0, z)
-                slid += z - sign * kinetic / kc
-                z = sign * kinetic / kc
-        if i % every == 0:
-            out.append(-k * q)
-            places.append(slid)
-    return np.array(out), np.array(places)
-
-
-def test_stick_and_slip_follow_a_naive_integrator():
-    settings = bare(static_excess=0.2)
-    force_n, slid_m, _ = dragged(settings, 0.003, 0.42)
-    expected_n, expected_m = naive(settings, 0.003, 0.42)
-    # it has stuck and slipped several times by then
-    assert np.sum((np.diff(slid_m) > 0)[1:] & (np.diff(slid_m) == 0)[:-1]) >= 3
-    assert np.max(np.abs(force_n - expected_n)) < 1e-3
-    assert np.max(np.abs(slid_m - slid_m[0] - (expected_m - expected_m[0]))) < 2e-7
 
 
 @pytest.mark.parametrize(("frequency_hz", "damping"), [(180.0, 0.03), (375.0, 0.01), (60.0, 0.2)])
@@ -84,17 +38,6 @@ def test_a_free_tip_rings_as_in_closed_form(frequency_hz, damping):
     )
 
 
-def test_while_it_holds_the_force_is_that_of_two_springs_in_series():
-    settings = bare(damping_ratio=0.5)
-    speed_m_s = 1e-4
-    force_n, slid_m, t_s = dragged(settings, speed_m_s, 1.0)
-    k, kc = spring(settings), settings.contact_ratio * spring(settings)
-    assert np.ptp(slid_m) == 0.0
-    stretched_n = speed_m_s * t_s * k * kc / (k + kc)
-    # the damper carries a constant share once the speed is steady
-    assert np.ptp((force_n - stretched_n)[500:]) < 1e-9
-
-
 @pytest.mark.parametrize(("roughness", "within"), [(0.0, 0.005), (0.05, 0.03)])
 def test_sliding_drags_with_the_kinetic_friction_on_average(roughness, within):
     """On a rough table a little more: patches that hold take longer to pass."""
@@ -102,18 +45,6 @@ def test_sliding_drags_with_the_kinetic_friction_on_average(roughness, within):
     force_n, slid_m, _ = dragged(settings, 0.02, 3.0)
     assert slid_m[-1] - slid_m[0] == pytest.approx(0.06, rel=0.1)
     assert force_n[500:].mean() == pytest.approx(0.2 * 5.0, rel=within)
-
-
-def test_it_holds_until_static_friction_is_reached_and_stands_when_the_arm_stops():
-    settings = bare(static_excess=0.1, damping_ratio=0.3)
-    plant = SlipPlant(settings)
-    plant.begin(key=(1, 1), press_m=1e-3)
-    t_s = np.arange(1, 2001) / 1000.0
-    arm_m = 0.002 * np.minimum(t_s, 1.0)
-    force_n = plant.advance(arm_m, np.full(2000, 1e-3), np.zeros(2000))[:, 0]
-    moved = np.flatnonzero(np.diff(plant.slid_m) != 0.0)
-    assert force_n[moved[0]] == pytest.approx(0.2 * 5.0 * 1.1, rel=0.05)
-    assert np.ptp(plant.slid_m[1200:]) == 0.0
 
 
 def test_sliding_back_meets_the_same_table():

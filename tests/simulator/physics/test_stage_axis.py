@@ -1,4 +1,4 @@
-"""Trapezoidal motion, held against its own equations and a naive integration."""
+"""Trapezoidal motion, held against its own equations."""
 
 import itertools
 import math
@@ -91,16 +91,6 @@ def test_a_target_behind_is_reached_after_braking_first() -> None:
     furthest_m = max(stage.position(t_s) for t_s in instants(stage, 1.0))
     assert furthest_m == pytest.approx(stage.position(1.0) + 0.02**2 / (2.0 * A_M_S2), abs=1e-12)
     assert stage.target_m == 0.0
-
-
-def test_the_pieces_agree_with_a_naive_integration() -> None:
-    stage = axis()
-    stage.move_to(0.0, 0.01, 0.02)
-    stage.move_to(0.3, -0.002, 0.015)
-    dt_s, x_m = 1e-4, stage.position(0.0)
-    for step in range(20000):
-        x_m += dt_s * stage.velocity((step + 0.5) * dt_s)
-        assert x_m == pytest.approx(stage.position((step + 1) * dt_s), abs=1e-8)
 
 
 def test_a_stall_stands_still_at_once_where_it_is() -> None:
