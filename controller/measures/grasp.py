@@ -117,12 +117,10 @@ def _true(
     """What a simulated bench knows."""
     known: dict[str, Any] = {}
     lifts = [lift for lift in evidence.lifts or () if lift.t_s <= over_s]
-    slips = [
-        span for span in spans_within(evidence.slips or ()) if lifting_s <= span[1] and span[0] <= over_s
-    ]
-    slides = [
-        span for span in spans_within(evidence.slides or ()) if lifting_s <= span[1] and span[0] <= over_s
-    ]
+    slips, slides = (
+        [span for span in spans_within(changes or ()) if lifting_s <= span[1] and span[0] <= over_s]
+        for changes in (evidence.slips, evidence.slides)
+    )
     known["slipped"] = len(slips)
     known["told_true"] = sum(any(_within(t_s, span) for span in (*slips, *slides)) for t_s in told_s)
     known["told_false"] = len(told_s) - known["told_true"]
