@@ -8,7 +8,7 @@ import pytest
 
 from config.swarm import checkers
 from config.swarm.hunt import Hunt, deep_of, examined, replayed, shrunk
-from config.swarm.plan import SCENES, Plan, drawn, known
+from config.swarm.plan import SCENES, Plan, drawn, known, possible
 from config.swarm.play import memory, play
 from controller.loop import Loop
 from drivers.core.messages import Stop
@@ -112,3 +112,27 @@ def test_what_goes_wrong_takes_effect_and_ends_the_run_with_its_reason(experimen
 @pytest.mark.parametrize("defect", DEFECTS, ids=range(len(DEFECTS)))
 def test_what_is_planted_is_still_there_to_be_changed(defect):
     assert defect.old in source_of(defect)
+
+
+@pytest.mark.parametrize(
+    ("device", "kind", "state", "at_s"),
+    [
+        ("keys", "pause", "BASELINE", 0.1),
+        ("board", "unplug", "APPROACH", 0.0),
+        ("stage", "stall", "APPROACH", 0.1),
+    ],
+)
+def test_a_cell_has_the_state_that_a_fault_met_not_the_one_that_it_led_to(device, kind, state, at_s):
+    fault = {"device": device, "kind": kind, "after": state, "at_s": at_s}
+    hunt = Hunt()
+    plan = Plan(1, "transient", SCENES["transient"].short, known("transient").rows[:1], [fault])
+    assert examined(plan, "", hunt) == []
+    assert list(hunt.seen) == [("transient", state, device, kind)]
+
+
+def test_cells_that_cannot_be_are_not_counted():
+    cells = set(possible())
+    assert ("transient", "APPROACH", "stage", "refuse") in cells
+    assert ("transient", "SETTLING", "stage", "refuse") not in cells, "nothing is commanded there"
+    assert ("transient", "SETTLING", "board", "lose") not in cells, "nothing is listened to there"
+    assert ("transient", "SETTLING", "board", "unplug") in cells
