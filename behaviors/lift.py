@@ -251,8 +251,6 @@ class Lifting(Gripping):
         if not self.settings.load or math.isinf(self._friction):
             return self._force_n
         margin = self.settings.margin if self.event.t_s >= self._calm_s else KNOCK_MARGIN
-        if self.state == "LOADING":  # it grows on, and a lever's torque is the table's still
-            margin = max(margin, self.settings.moving_margin)
         rest_n = 0.0
         if self.state in ("LIFTING", "SHAKING") or self.event.t_s < self._still_s:
             rest_n = self.settings.moving_margin * self._lifted_n
