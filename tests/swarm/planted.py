@@ -9,6 +9,7 @@ import argparse
 import inspect
 import json
 import os
+import re
 import sys
 import textwrap
 import time
@@ -27,7 +28,7 @@ class Planted(NamedTuple):
     """A change of a function's source.
 
     Attributes:
-        likely: Words of the plans that may show it; the seeds of others are counted and not played.
+        likely: What is in the plans that may show it, a regular expression; the seeds of others are counted alone.
     """
 
     where: str
@@ -40,62 +41,74 @@ LOOP, GUARD, ARRIVALS = "controller.loop:Loop", "controller.guard:Guard", "contr
 CAMPAIGN, BOUNDS = "controller.campaign:Campaign", "controller.limits:Bounds"
 RECORDER, LEDGER = "controller.recording.recorder:Recorder", "controller.recording.ledger:Ledger"
 
+HANGS = '"hang", after = "APPROACH"[^}]*amount = (0.3|2.0)'
+
 DEFECTS = (
     Planted(
         f"{LOOP}._turn",
         "reason is not None or missing is not None or any(",
         "reason is not None or any(",
-        'Reckless "silent"',
+        'Reckless.*"silent", after = "APPROACH"',
     ),  # V5
-    Planted(f"{LOOP}._turn", "guard.latch(t_s)", "pass", 'Reckless "hang"'),
-    Planted(f"{LOOP}._turn", "self._stop_all()", "pass", 'Reckless "APPROACH"'),
+    Planted(f"{LOOP}._turn", "guard.latch(t_s)", "pass", f"Reckless.*{HANGS}"),
+    Planted(f"{LOOP}._turn", "self._stop_all()", "pass", 'Reckless.*after = "APPROACH"'),
     Planted(f"{LOOP}._stop_all", "self._send(Stop(name))", "pass"),
     Planted(f"{LOOP}._stop_and_see", "self._stop_all()", "pass", '"abort"'),
     Planted(f"{LOOP}._stop_and_see", "self.account.not_at_rest += sorted(pending)", "pass", '"silent"'),
-    Planted(f"{LOOP}._passes_on", "self._trial.outdated(event)", "False", '"late" "pause"'),
+    Planted(f"{LOOP}._passes_on", "self._trial.outdated(event)", "False", '"late".*"pause"|"pause".*"late"'),
     Planted(f"{LOOP}._handle", "self._give_up(event)", "pass"),
-    Planted(f"{LOOP}._handle", "self._trial.end_s = -math.inf", "pass", 'Reckless "stage"'),
+    Planted(
+        f"{LOOP}._handle",
+        "self._trial.end_s = -math.inf",
+        "pass",
+        'Reckless.*"stage", kind = "(stall|unplug)"',
+    ),
     Planted(f"{LOOP}._apply", "self._trial.moving.add(command.device)", "pass"),
     Planted(f"{LOOP}._attend", "self._stop_all()", "pass"),
     Planted(f"{LOOP}._attend", "raise Aborted", "return"),
     Planted(f"{LOOP}._subscribe", "self._guard.arrivals.expect(asked | streams, now_s)", "pass", '"silent"'),
     Planted(f"{LOOP}._arrange", "self._trial.detectors[name].reset()", "pass", '"pause"'),
-    Planted(f"{LOOP}._arrange", "wanted |= self._guard.inputs", "pass", '"board" "PLACING"'),
-    Planted(f"{LOOP}._wait", "return late_s", "return 0.0", '"hang"'),
+    Planted(
+        f"{LOOP}._arrange",
+        "wanted |= self._guard.inputs",
+        "pass",
+        '"board", kind = "silent", after = "PLACING"',
+    ),
+    Planted(f"{LOOP}._wait", "return late_s", "return 0.0", HANGS),
     Planted(f"{LOOP}._note", "self._trial.moving.discard(status.device)", "pass"),
     Planted(f"{LOOP}._record_event", "self.visits.append((after, event.t_s))", "pass"),
     Planted(f"{LOOP}._obey", "self._arrange(commands)", "pass"),
     Planted(f"{LOOP}._look", "if events:", "if False:"),
     Planted(f"{LOOP}._look", "self._record_blocks(gathered)", "pass"),
-    Planted(f"{GUARD}.check", "if moving and late_s > settings.late_s", "if False", '"hang"'),
+    Planted(f"{GUARD}.check", "if moving and late_s > settings.late_s", "if False", HANGS),
     Planted(
         f"{GUARD}.check",
         "reasons += [] if reason is None or braking else [reason]",
         "pass",
-        '"overrun" force_n',
+        'force_n.*"overrun"',
     ),
     Planted(
-        f"{GUARD}.admit", "if self._stopped_s is not None and not", "if False and not", 'Reckless "hang"'
+        f"{GUARD}.admit", "if self._stopped_s is not None and not", "if False and not", f"Reckless.*{HANGS}"
     ),
     Planted(
         f"{GUARD}._takes_load_away",
         "return _goes_back(command) and not",
         "return True or not",
-        'Reckless "hang"',
+        f"Reckless.*{HANGS}",
     ),
     Planted(f"{GUARD}.reset", "self._stopped_s: float | None = None", "self._stopped_s = 0.0"),
     Planted(
         f"{BOUNDS}.position",
         "self.limits.travel_min_m, self.limits.travel_m",
         "-9.0, 9.0",
-        '"overrun" follow_m',
+        'follow_m.*"overrun"',
     ),
     Planted(f"{ARRIVALS}._silent", "> limit_s:", "> 1e9:", '"silent"'),
     Planted(
         f"{ARRIVALS}._limit_s",
         "if self._moves_since_s is not None and stream in self._urgent:",
         "if False:",
-        '"silent" "APPROACH"',
+        '"board", kind = "silent", after = "APPROACH"',
     ),
     Planted(f"{ARRIVALS}.expect", "self._seen_s.get(stream, t_s)", "t_s", '"silent"'),
     Planted(f"{ARRIVALS}.check", "min(block.last_s, t_s)", "block.last_s + 10.0", '"silent"'),
@@ -107,7 +120,9 @@ DEFECTS = (
     Planted(f"{LEDGER}.commit", 'lines, self._lines = self._lines, ""', "lines = self._lines"),
     Planted("controller.recording.joining:broken_off", "if outcome not in UNMEASURED", "if outcome"),
     Planted("controller.recording.joining:clear", "if len(whole) < len(rows):", "if False:"),
-    Planted("controller.measures.trial:_holes", "> longest_s:", "> 1e9:", '"RECORDING"'),
+    Planted(
+        "controller.measures.trial:_holes", "> longest_s:", "> 1e9:", '"(lose|corrupt)", after = "RECORDING"'
+    ),
     Planted(
         "behaviors.machine:Behavior.conclude_fault", "verdict_of(self.event)", '("contact", "")', '"refuse"'
     ),
@@ -151,7 +166,7 @@ def found(seeds: int, seconds: float, likely: str = "") -> dict[str, Any]:
     until_s, hunt = time.process_time() + seconds, Hunt()
     for number, seed in enumerate(range(10_000, 10_000 + seeds), start=1):
         plan = drawn(seed, QUICK)
-        if not all(word in plan.toml() for word in likely.split()):
+        if not re.search(likely, plan.toml(), re.DOTALL):
             continue
         violations = examined(plan, deep_of(seed), hunt)
         hunt.seeds += 1
