@@ -560,11 +560,9 @@ def _late(story: Any) -> Iterator[Violation]:
             before = [each for each in trial.samples if each[0] <= effect["effect_s"] + 1e-9][-2:]
             after = [each for each in trial.samples if each[0] >= effect["effect_s"] + most_s][:2]
             seen = [(t_s, each["axis_m"]) for t_s, each in (*before, *after) if "axis_m" in each]
-            # on its way in the turn before it, and still in the turn after it; turns that were taken as one say nothing
-            moving = len(seen) == 4 and all(
-                two[0] - one[0] < 3.0 * turn_s and abs(two[1] - one[1]) > 1e-6
-                for one, two in (seen[:2], seen[2:])
-            )
+            # it went on its way meanwhile, and still does; turns that were taken as one say nothing
+            moving = len(seen) == 4 and seen[3][0] - seen[2][0] < 3.0 * turn_s
+            moving = moving and all(abs(two[1] - one[1]) > 1e-6 for one, two in (seen[1:3], seen[2:]))
             moving = moving and effect["effect_s"] - seen[1][0] < 3.0 * turn_s
             if moving and outcomes.get(trial.number) not in ("guard", "fault", "aborted"):
                 what = f"a turn was {effect.get('amount', 0.2):g} s late; the outcome is {outcomes.get(trial.number)}"

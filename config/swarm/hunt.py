@@ -92,7 +92,7 @@ class Hunt:
         for effect in story.effects:
             if (trial := trials.get(effect["trial"])) is not None:
                 # what it took effect in, not what followed from it in the same turn
-                entered_s, after = dict(trial.states), effect.get("after")
+                entered_s, after = dict(trial.states), str(effect.get("after"))
                 at_entry = abs(entered_s.get(after, -1.0) - effect["effect_s"]) < 1e-6
                 state = after if at_entry else checkers.state_at(trial, effect["effect_s"] - 1e-6)
                 self.seen[name, state, effect["device"], effect["kind"]] += 1
