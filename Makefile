@@ -6,7 +6,7 @@ BIN := .venv/bin
 
 .PHONY: run test lines others browser mutants check claims docs format bench recordings soak-test fuzz swarm lerobot franka lock diagrams clean
 
-run: .venv/run.stamp            ## the main job on the mock bench: 132 approaches, from nothing to a report
+run: .venv/run.stamp            ## the main job on the mock bench: 126 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
 
 SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_together)) \

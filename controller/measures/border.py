@@ -26,7 +26,7 @@ HIGHLIGHTS = ("farthest_rad", "slip_at_rad", "turned_back")
 
 COLUMNS = {
     "slip_s": Column("when the first slip began, in truth (simulated benches)"),
-    "delay_s": Column("from there until our detector reported it", 3),
+    "ours_delay_s": Column("from there until our detector reported it", 3),
     "slip_at_rad": Column("angle of the contact where it slipped, by the forces", 1),
     "slip_at_true_rad": Column("the same, by the arm", 1),
     "near_s": Column("when the contact was reported near the border"),
@@ -59,7 +59,9 @@ def measure(
     row["slip_s"] = begins_s[0] if begins_s else None
     found = evidence.first(SlipStarted, since_s=slipping_s, until_s=lifted_s, detector=run.ours)
     if found is not None:
-        row["delay_s"] = delay_s(found.t_s, begins_s[0]) if begins_s and found.t_s >= begins_s[0] else None
+        row["ours_delay_s"] = (
+            delay_s(found.t_s, begins_s[0]) if begins_s and found.t_s >= begins_s[0] else None
+        )
         forces_n = evidence.stream(run.forces_stream, found.t_s - LATEST_S, found.t_s).values.mean(axis=0)
         row["slip_at_rad"] = float(np.arctan2(forces_n[0], forces_n[1]))
         row["slip_at_true_rad"] = float(np.interp(found.t_s, times_s, angles_rad))

@@ -14,6 +14,7 @@ from controller.reports.counts import (
     larger,
     mean_of,
     number,
+    percent,
     quantity,
     rate,
     spread,
@@ -22,7 +23,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.run_account import entered_s, recorded, setting_of
-from controller.reports.section import Kind, Result, Section, judged, kind_of
+from controller.reports.section import Headline, Kind, Result, Section, judged, kind_of, rated
 from controller.scales import scale_of
 
 NAMES = dict(zip(LISTENERS, ("fixed (the paper's)", "follows the tendon", "waveform"), strict=True))
@@ -62,7 +63,18 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         template="flexion",
         paper="backus",
         summary=summary,
+        headline=_headline(rows),
     )
+
+
+def _headline(rows: Sequence[Row]) -> Headline | None:
+    """How often each threshold was blind to the touch, having reported contact before it."""
+    fixed, following = (values(rows, f"{name}_blind") for name in ("contact", "following"))
+    if not fixed or not following:
+        return None
+    what = "touches to which a threshold that follows the tendon was blind"
+    beside, n = percent(sum(fixed) / len(fixed)), len(following)
+    return rated(what, int(sum(following)), n, beside, "the paper's fixed one (same approaches)")
 
 
 def _percent(rows: Sequence[Row], column: str) -> str:

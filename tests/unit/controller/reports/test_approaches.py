@@ -2,6 +2,7 @@ import math
 
 import pytest
 
+from controller.reports import flexion
 from controller.reports.approaches import (
     NOISE,
     SAMPLE_HZ,
@@ -229,3 +230,10 @@ def test_a_bound_on_every_trial_is_kept_from_29_on_and_broken_by_one():
 
 def test_all_hold_unless_one_does_not_or_is_not_decided():
     assert [all_of(each) for each in ([True], [True, None], [None, False], [])] == [True, None, False, None]
+
+
+def test_a_flexed_finger_opens_with_what_follows_the_tendon_beside_what_does_not():
+    rows = [{"contact_blind": 1, "following_blind": blind} for blind in (0, 0, 0, 1)]
+    head = flexion._headline(rows)
+    assert (head.ours, head.of, head.paper) == ("25.0 %", "1 of 4", "100.0 %")
+    assert flexion._headline([{"contact_blind": 1, "following_blind": None}]) is None
