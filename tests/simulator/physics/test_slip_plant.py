@@ -47,6 +47,16 @@ def test_sliding_drags_with_the_kinetic_friction_on_average(roughness, within):
     assert force_n[500:].mean() == pytest.approx(0.2 * 5.0, rel=within)
 
 
+def test_the_arms_way_is_what_has_slid_and_what_is_stretched():
+    """Over some hundred sticks and slips; the contact holds no more than static friction bears."""
+    settings = bare(static_excess=0.2)
+    force_n, slid_m, t_s = dragged(settings, 0.01, 10.0)
+    held_m = 0.01 * t_s - force_n / spring(settings) - slid_m
+    most_m = 1.2 * 0.2 * 5.0 / (settings.contact_ratio * spring(settings))
+    assert np.abs(held_m).max() <= most_m * (1.0 + 1e-9)
+    assert held_m.max() > 0.99 * most_m
+
+
 def test_sliding_back_meets_the_same_table():
     """Friction belongs to the place: a patch is as rough on the way back."""
     settings = bare(roughness=0.3, damping_ratio=0.3)
