@@ -187,6 +187,14 @@ def test_what_was_found_in_one_stage_is_not_put_into_another() -> None:
     assert other.held["maxspeed"] == 600000
 
 
+def test_a_stage_that_is_beyond_the_limit_is_not_moved_back_to_it() -> None:
+    script = Script(pos=12000)
+    procedures = opened(script)
+    with pytest.raises(RejectedError, match="beyond the limit already"):
+        script.play(procedures.carry_out(MoveAt("stage", 0.01, 10000 * STEP_M)))
+    assert not [line for line in script.lines if line.startswith("move")]
+
+
 def test_a_stage_is_sent_on_from_where_it_is_and_no_farther_than_its_target() -> None:
     procedures = opened(Script())
     way = StageWay(target=-10000, bound=-4031, speed=8389, blind_travel_m=0.002)
