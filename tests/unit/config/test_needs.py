@@ -305,3 +305,8 @@ def test_no_device_that_moves_is_registered_as_one_that_does_not(name):
         info = device.open()
         device.close()
         assert KINDS["driver"][profile.devices[device.name].kind].moves or not info.mover
+
+
+def test_a_sensor_is_no_mover_that_stop_would_look_for():
+    moving = {name for name, driver in KINDS["driver"].items() if driver.moves}
+    assert moving == {"zaber_stage", "sensor_board", "ur_arm", "franka_arm", "can_gripper", "robotiq"}
