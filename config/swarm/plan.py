@@ -298,6 +298,8 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
     could = [(device, kind) for device, kind in of.faults if device in there]
     if cell is not None:
         _, state, device, kind = cell
+        if kind == "overrun" and dice.random() < 0.5:
+            settings["limits.follow_m"] = "none"
         faults = [_fault(dice, device, kind, state, count)]
         if dice.random() < 0.7:
             faults[0] = {"device": device, "kind": kind, "after": state, **_amount(dice, kind)}

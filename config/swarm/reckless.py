@@ -15,8 +15,7 @@ OUTCOMES = {"contact": True, "no_contact": False, "false_contact": False}
 HEEDLESS_S = 0.5
 """How long it does nothing: more than a mover takes to brake."""
 
-_ON = ("APPROACH", "RETRACTING")
-_DEAF = ("HOMING", "STARTING", "SETTLING", "BASELINE", "STOPPING", "HOLDING")
+_DEAF = ("HOMING", "STARTING", "SETTLING", "BASELINE", "STOPPING", "HOLDING", "RETRACTING")
 _BROKEN = ("guard_stopped", "failed", "stalled")
 
 
@@ -37,7 +36,7 @@ class Reckless(Transient):
 
     table = (
         *Transient.table,
-        *(on(trigger, _ON, "HEEDLESS") for trigger in _BROKEN),
+        *(on(trigger, "APPROACH", "HEEDLESS") for trigger in _BROKEN),
         *(on(trigger, _DEAF, None) for trigger in _BROKEN),
         on("deadline", "HEEDLESS", "DRIVING_ON"),
         on("reached", "DRIVING_ON", "FAILED", from_mover),

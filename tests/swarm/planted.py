@@ -61,7 +61,7 @@ DEFECTS = (
         f"{LOOP}._handle",
         "self._trial.end_s = -math.inf",
         "pass",
-        'Reckless.*"stage", kind = "(stall|unplug)"',
+        'Reckless.*after = "RETRACTING"',
     ),
     Planted(f"{LOOP}._apply", "self._trial.moving.add(command.device)", "pass"),
     Planted(f"{LOOP}._attend", "self._stop_all()", "pass"),
@@ -101,7 +101,7 @@ DEFECTS = (
         f"{BOUNDS}.position",
         "self.limits.travel_min_m, self.limits.travel_m",
         "-9.0, 9.0",
-        'follow_m.*"overrun"',
+        'follow_m.*"overrun"[^}]*amount = 0.02',
     ),
     Planted(f"{ARRIVALS}._silent", "> limit_s:", "> 1e9:", '"silent"'),
     Planted(
@@ -121,7 +121,10 @@ DEFECTS = (
     Planted("controller.recording.joining:broken_off", "if outcome not in UNMEASURED", "if outcome"),
     Planted("controller.recording.joining:clear", "if len(whole) < len(rows):", "if False:"),
     Planted(
-        "controller.measures.trial:_holes", "> longest_s:", "> 1e9:", '"(lose|corrupt)", after = "RECORDING"'
+        "controller.measures.trial:_holes",
+        "> longest_s:",
+        "> 1e9:",
+        '"board", kind = "(lose|corrupt|silent)"[^}]*for_s',
     ),
     Planted(
         "behaviors.machine:Behavior.conclude_fault", "verdict_of(self.event)", '("contact", "")', '"refuse"'
