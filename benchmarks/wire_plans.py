@@ -29,6 +29,7 @@ from benchmarks.results import ROOT, save
 from config import assemble
 from config.profile import Profile, load_profile
 from config.swarm.plan import drawn
+from controller.recording.run_folder import RunFolder
 from drivers.core.errors import DeviceError
 from simulator.wiring.emulator_process import EmulatorProcess
 
@@ -259,7 +260,9 @@ def _rows(manifest: Mapping[str, Any], run: Path, code: int | None) -> Iterator[
 def _resumed(profile: Profile, folder: Path) -> str:
     """Nothing goes wrong any more: what broke off is resumed, and ends."""
     runs = list((folder / "runs").glob("*/manifest.json"))
-    if not runs:
+    if (
+        not runs or not RunFolder(runs[0].parent).begun
+    ):  # where no device could be opened there is nothing to resume
         return ""
     manifest = json.loads(runs[0].read_text(encoding="utf-8"))
     manifest["profile"]["resolved"]["faults"] = []  # healed: of the same profile, without what went wrong

@@ -209,6 +209,8 @@ def _ended(story: Any) -> Iterator[Violation]:
     """A trial that the guard stopped, or in which a device failed or stalled, ends as that: never as anything else."""
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
     full = any(effect["device"] == "disk" for effect in story.effects)
+    pressed = any(effect["kind"] == "abort" for effect in story.effects)
+    allowed = ("guard", "fault", "aborted") if pressed else ("guard", "fault")
     for event in story.events():
         number = event.get("trial")
         if full and number not in outcomes:
@@ -218,7 +220,7 @@ def _ended(story: Any) -> Iterator[Violation]:
         )  # no pause had taken its place
         # what comes after the end, while everything is seen to stand still, ends no trial any more
         if (refused or event.get("event") in ENDING) and event["state"] not in ("DONE", "FAILED"):
-            if outcomes.get(number) not in ("guard", "fault", "aborted"):
+            if outcomes.get(number) not in allowed:
                 what = (
                     f"{event['event']}: {event.get('reason', '')[:80]}; the outcome is {outcomes.get(number)}"
                 )

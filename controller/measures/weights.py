@@ -6,7 +6,7 @@ from typing import Any
 from behaviors.weights import WeightsSettings
 from controller.measures import Column
 from controller.measures.bridge_calibration import calibrate, steps_of
-from controller.measures.trial import TrialEvidence, spans_of
+from controller.measures.trial import MissingDataError, TrialEvidence, spans_of
 
 HIGHLIGHTS = ("gain_v_n", "hysteresis", "resolution_n")
 """Columns shown during a run."""
@@ -45,6 +45,8 @@ def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) ->
         bridge=str(evidence.factors["bridge"]),
         preloads=settings.preloads,
     )
+    if any(math.isnan(step.load_n) for step in steps):
+        raise MissingDataError(f"{settings.load_stream}: a load that hung is no number; run this trial again")
     calibration = calibrate([steps], settings.weight_uncertainty)
     if calibration is not None:
         found = calibration

@@ -112,7 +112,12 @@ DEFECTS = (
     ),
     Planted(f"{ARRIVALS}.expect", "self._seen_s.get(stream, t_s)", "t_s", '"silent"'),
     Planted(f"{ARRIVALS}.check", "min(block.last_s, t_s)", "block.last_s + 10.0", '"silent"'),
-    Planted("controller.campaign:_measured", "return ended or measured, reason", "return measured, reason"),
+    Planted(
+        "controller.campaign:_measured",
+        "return ended or measured, reason",
+        "return measured, reason",
+        "Reckless",
+    ),
     Planted(f"{CAMPAIGN}._trials", 'if outcome != "aborted":', "if False:"),
     Planted(f"{CAMPAIGN}._trial", "counts[outcome] = counts.get(outcome, 0) + 1", "pass"),
     Planted(f"{CAMPAIGN}._trial", 'verdict = "aborted"', 'verdict = ""'),
