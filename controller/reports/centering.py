@@ -27,7 +27,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import FALSE, INK, OURS, PAPER, Figures
 from controller.reports.papers import WORST_CENTERING_M
-from controller.reports.section import Kind, Result, Section, judged
+from controller.reports.section import Kind, Result, Section, judged, kind_of
 from controller.scales import scale_of
 
 WANTED_M = 0.0025
@@ -39,7 +39,6 @@ Groups = Mapping[tuple[str, str, float], Sequence[Row]]
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Errors by method, object and speed; the histogram."""
     groups: Groups = grouped(rows_of(runs, SearchFactors), "object", "method", "speed_m_s")
-    simulated = runs[0].simulated
     return Section(
         title="Centering without touching (C3)",
         content={
@@ -52,7 +51,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         },
         template="centering",
         paper="rupavatharam",
-        summary=_summary(_pooled(groups), Kind.PREDICTED if simulated else Kind.MEASURED),
+        summary=_summary(_pooled(groups), kind_of(runs)),
     )
 
 

@@ -24,7 +24,7 @@ from controller.reports.counts import (
 from controller.reports.figures import FAINT, INK, LOOKS, Figures
 from controller.reports.papers import table
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Result, Section, judged
+from controller.reports.section import Kind, Result, Section, judged, kind_of
 from controller.scales import NOTHING
 
 INERTIA_KG_M2, JOINT_N_M_RAD, ARM_M = 1.2e-4, 2.5, 0.05
@@ -39,7 +39,7 @@ SEEN = {"loop": "frequency_hz", "ringing": "ring_hz"}
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """The paper's model, the loop and the ringing over stiffness, location and depth."""
-    rows, simulated = rows_of(runs, StaticFactors), runs[0].simulated
+    rows, kind = rows_of(runs, StaticFactors), kind_of(runs)
     usual_n_m = setting_of(runs[0], "plant", "pad_n_m")
     full = [row for row in rows if row.get("condition") == "full"]
     plain = [row for row in full if row.get(STIFFNESS) is None and row.get(DEPTH) is None]
@@ -50,7 +50,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     by_location = {key[0]: own for key, own in grouped(plain, "location").items()}
     by_depth = {key[0]: own for key, own in grouped(full, DEPTH).items() if is_number(key[0])}
     stiff = [_stiffness_row(n_m, own) for n_m, own in sorted(by_stiffness.items()) if own]
-    kind = Kind.PREDICTED if simulated else Kind.MEASURED
     return Section(
         title="Frequency against stiffness, location and depth (A6)",
         content={
@@ -62,7 +61,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         },
         template="stiffness",
         paper="backus",
-        summary=[*_beside_the_model(by_stiffness, simulated), *_trends(by_location, by_depth, kind)],
+        summary=[*_beside_the_model(by_stiffness, kind), *_trends(by_location, by_depth, kind)],
     )
 
 
@@ -129,10 +128,9 @@ def _depth_row(place_m: float, own: Sequence[Row]) -> Row:
     }
 
 
-def _beside_the_model(by_stiffness: Mapping[float, Sequence[Row]], simulated: bool) -> list[Result]:
+def _beside_the_model(by_stiffness: Mapping[float, Sequence[Row]], usual: Kind) -> list[Result]:
     """The printed frequencies of the model, beside what rings."""
     results = []
-    measured = Kind.PREDICTED if simulated else Kind.MEASURED
     for printed in table("backus_model"):
         own, stiff = by_stiffness.get(printed["stiffness_n_m"], ()), printed["stiffness_n_m"] == 10000.0
         ring = mean_of(values(own, "ring_hz"))
@@ -144,14 +142,14 @@ def _beside_the_model(by_stiffness: Mapping[float, Sequence[Row]], simulated: bo
         text += f": the finger rings at {number(ring_hz, 1)} Hz, the paper's single link at {printed['frequency_hz']:g}"
         text += f" ({signed(ring_hz - printed['frequency_hz'], 1)})"
         # free, the base's inertia was fitted to what the paper measured, 28 Hz, and not to its model
-        kind = measured if stiff or not simulated else Kind.FITTED
+        kind = usual if stiff or usual is Kind.MEASURED else Kind.FITTED
         met = near(ring, printed["frequency_hz"], printed["tolerance_hz"])
         results.append(judged(kind, text, met, ring.n))
         loop_hz = _mean(own, "frequency_hz")
         if stiff and abs(loop_hz - ring_hz) > 5.0:
             lost = f"The loop does not follow to there: it stays at {number(loop_hz, 0)} Hz, where the accelerometer's "
             lost += f"amplitude is {number(_mean(own, 'amplitude_m_s2'), 2)} m/s²."
-            results.append(Result(measured, lost))
+            results.append(Result(usual, lost))
     return results
 
 
@@ -171,9 +169,8 @@ def _trends(
     if len(deep) > 1:
         (low_n, low), (high_n, high) = min(deep), max(deep)
         text = f"From {number(low_n, 2)} N to {number(high_n, 2)} N the loop rises from {number(low.mean, 1)} to "
-        text += (
-            f"{number(high.mean, 1)} Hz; the paper: between light and full contact frequency rises with force"
-        )
+        text += f"{number(high.mean, 1)} Hz; the paper: between light and full contact frequency rises with "
+        text += "force"
         results.append(judged(kind, text, larger(high, low), min(high.n, low.n)))
     return results
 
