@@ -113,6 +113,8 @@ def check(
     if refused:
         code = verbs.USAGE
         verbs.complain(verbs.explained(refused)[1])
+    elif code == verbs.DONE and not connect:
+        click.echo("# nothing is missing")
     if connect:
         click.echo(said + (f", {len(refused.problems)} more to be set before a run" if refused else ""))
     return code

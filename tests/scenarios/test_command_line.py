@@ -129,6 +129,7 @@ def test_check_prints_every_setting_with_the_file_that_gave_it(verb):
     assert lines["force_n"].endswith("# --set")
     assert lines["baseline_s"].endswith("config/profiles/mock/transient.toml")
     assert lines["rate_hz"].endswith("# default")
+    assert out.splitlines()[-1] == "# nothing is missing"
 
 
 def test_what_check_prints_is_a_profile_again(verb, tmp_path):
@@ -167,8 +168,9 @@ def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(ve
 )
 def test_check_names_what_a_run_would_be_refused_when_it_has_begun(verb, tmp_path, name, sets, named):
     chosen = [word for each in sets for word in ("--set", each)]
-    code, _, err = verb("check", name, *chosen)
+    code, out, err = verb("check", name, *chosen)
     assert code == 2
+    assert "nothing is missing" not in out
     line = next(line for line in err.splitlines() if named[0] in line)
     check_refusal(line, name, "trial", *named)
     code, _, err = verb("run", name, *chosen, "--only", 1, "--out", tmp_path, "--no-report")
