@@ -30,13 +30,18 @@ class Cost(NamedTuple):
 
 def cost(profile: str, experiment: str, trials: int) -> Cost | None:
     """What trials of a profile take, by what it, or else its experiment, took when it was measured; None if unknown."""
-    table = _table()
-    same = profile.replace("emulated/", "mock/").replace("hardware/", "mock/")
-    measured = table.get(profile) or table.get(same)
-    measured = measured or next((row for row in table.values() if row["experiment"] == experiment), None)
+    measured = _own(profile) or next(
+        (row for row in _table().values() if row["experiment"] == experiment), None
+    )
     if measured is None:
         return None
     return Cost(*(trials * float(measured[name]) for name in Cost._fields))
+
+
+def _own(profile: str) -> dict[str, Any] | None:
+    """What was measured of a profile, or of its mock twin."""
+    same = profile.replace("emulated/", "mock/").replace("hardware/", "mock/")
+    return _table().get(profile) or _table().get(same)
 
 
 def planned(profile: Profile, trials: Sequence[Trial], campaign: CampaignPlan, workers: int) -> Iterator[str]:
@@ -117,11 +122,12 @@ def duration(name: str, experiment: str, bench: str, trials: int, workers: int =
     found = cost(name, experiment, trials)
     if found is None:
         return "not measured"
-    bench_time = _rounded(found.bench_s, _UNITS)
+    bench_time, other = _rounded(found.bench_s, _UNITS), "" if _own(name) else ", as shipped with its devices"
     if bench != "mock":
-        return f"about {bench_time}"
+        return f"about {bench_time}{other}"
     cores = f" on {workers} cores" if workers > 1 else ""
-    return f"about {bench_time} of bench time, computed in {_rounded(found.computing_s / workers, _UNITS)}{cores}"
+    computing = _rounded(found.computing_s / workers, _UNITS)
+    return f"about {bench_time} of bench time, computed in {computing}{cores}{other}"
 
 
 def _speeds(settings: Any) -> Iterator[float]:

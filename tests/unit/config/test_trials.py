@@ -127,6 +127,8 @@ def test_what_was_never_measured_is_reported_as_such():
     )
     assert cost("mine.toml", "transient", 1) == cost("mock/transient", "transient", 1)
     assert duration("mine.toml", "mine:Own", "mock", 3) == "not measured"
+    assert duration("mine.toml", "transient", "mock", 3).endswith(", as shipped with its devices")
+    assert "shipped" not in duration("hardware/transient", "transient", "hardware", 3)
 
 
 def test_a_plan_shows_time_disk_motion_force_and_what_each_state_computes():
