@@ -210,3 +210,10 @@ def test_an_arm_touches_first_as_the_page_says(verb, tmp_path):
         assert touch["outcome"] == "contact"
         assert 1.0 < float(touch["force_peak_n"]) < 5.0, "a tip of steel on a table"
         assert 0.003 < float(touch["position_m"]) < 0.0035, "the table is at 3 mm"
+
+
+@pytest.mark.parametrize("bench", ["resonance", "slip", "sonic"])
+def test_on_a_first_day_thresholds_are_set_before_limits_are_driven_past(bench):
+    """A profile with a threshold that is not set is refused by `certify`."""
+    page = (PAGES / f"first_day_{bench}.md").read_text(encoding="utf-8")
+    assert page.index("`run.py stop") < page.index("`run.py quiet") < page.index("`run.py certify")
