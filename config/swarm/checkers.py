@@ -579,6 +579,8 @@ def _at_once(story: Any) -> Iterator[Violation]:
         if event.get("event") == "Sent" and event["command"].startswith(f"Stop({mover}"):
             told_s.setdefault(event["trial"], []).append(event["t_s"])
     trials = {trial.number: trial for trial in story.trials}
+    if any(effect["device"] == "disk" for effect in story.effects):
+        return  # what was sent is told a turn later, and may not be written any more
     for event in story.events():
         trial = trials.get(event.get("trial", 0))
         if trial is None or event.get("event") not in ("GuardStopped", "Failed") or not mover:
