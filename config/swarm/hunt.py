@@ -69,20 +69,22 @@ class Hunt:
         return {cell for cell, times in self.met.items() if times >= SHOWN_NOTHING and cell not in self.seen}
 
     def page(self) -> str:
-        """The table of cells: experiment, device and kind of fault, and in which states it was not seen."""
+        """The table of cells: of each experiment and device, in how many of the states that can be each kind of fault
+        was seen."""
         lines = [
-            "| experiment | device | fault | seen in | cannot be in | not seen in |",
-            "| --- | --- | --- | --- | --- | --- |",
+            "| experiment | device | faults: states in which they were seen, of those that can be |",
+            "| --- | --- | --- |",
         ]
-        never, groups = self.never, dict[tuple[str, str, str], list[Cell]]()
+        never, groups = self.never, dict[tuple[str, str], dict[str, list[Cell]]]()
         for cell in possible():
-            groups.setdefault((cell[0], cell[2], cell[3]), []).append(cell)
-        for group, cells in groups.items():
-            parts = ([cell for cell in cells if cell in part] for part in (self.seen, never))
-            seen, cannot = (list(part) for part in parts)
-            unseen = [cell for cell in cells if cell not in seen and cell not in cannot]
-            states = (", ".join(cell[1] for cell in part) for part in (seen, cannot, unseen))
-            lines.append("| " + " | ".join((*group, *states)) + " |")
+            if cell not in never:
+                groups.setdefault((cell[0], cell[2]), {}).setdefault(cell[3], []).append(cell)
+        for (name, device), kinds in groups.items():
+            shares = (
+                f"{kind} {sum(each in self.seen for each in cells)}/{len(cells)}"
+                for kind, cells in kinds.items()
+            )
+            lines.append(f"| {name} | {device} | {', '.join(shares)} |")
         head = ["# Cells of the swarm", "", f"`make swarm`, on mock benches: {self.summary()}.", ""]
         return "\n".join([*head, *lines, ""])
 

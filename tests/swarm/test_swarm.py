@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -136,3 +137,15 @@ def test_cells_that_cannot_be_are_not_counted():
     assert ("transient", "SETTLING", "stage", "refuse") not in cells, "nothing is commanded there"
     assert ("transient", "SETTLING", "board", "lose") not in cells, "nothing is listened to there"
     assert ("transient", "SETTLING", "board", "unplug") in cells
+
+
+def test_the_table_counts_the_states_in_which_a_fault_was_seen():
+    hunt = Hunt(
+        seen=Counter(
+            {("transient", "APPROACH", "stage", "refuse"): 2, ("transient", "HOMING", "loop", "hang"): 1}
+        )
+    )
+    page = hunt.page()
+    assert "| transient | stage | unplug 0/8," in page
+    assert " refuse 1/4," in page, "of HOMING, STARTING, APPROACH and RETRACTING"
+    assert "2 of " in hunt.summary()
