@@ -147,7 +147,8 @@ def _number(own: Sequence[Row], line: Row) -> Headline | None:
     scale = scale_of(name)
 
     def said(*values: float) -> str:
-        return f"{' to '.join(three(value * scale.factor) for value in values)} {scale.unit}".rstrip()
+        ends = dict.fromkeys(three(value * scale.factor) for value in values)  # they may read alike
+        return f"{' to '.join(ends)} {scale.unit}".rstrip()
 
     made, value_of, span_of = OVER[over]
     value, n = value_of(known), len(known)

@@ -523,6 +523,7 @@ def test_the_papers_number_stands_only_beside_what_it_is_of():
     kinds = ({"resonance.paper", "resonance"}, {"force.threshold"})
     delays = [listed(headlines("transient"), touched, each).paper for each in kinds]
     assert delays == ["0.3 s", ""], "a load cell's delay is not that of a resonance"
+    assert listed(headlines("transient"), touched).interval == "0.1 s", "not from 0.1 to 0.1"
 
 
 def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path, undrawn):
