@@ -724,7 +724,7 @@ def _blind(story: Any) -> Iterator[Violation]:
                     stood_s = t_s
                 elif before_s >= stood_s + patient_s:
                     way_m, seen_s = way_m + axis_m - from_m, t_s
-            if way_m > (BLIND_M if effect["device"] == story.profile["behavior"].get("mover") else 1e-5):
+            if way_m > (BLIND_M if _beyond_reach(story, trial) < math.inf else 1e-5):
                 what = f"{effect['device']} is {effect['kind']} and the axis went {way_m * 1e3:.3f} mm further in"
                 yield Violation("SAFETY", "blind", trial.number, seen_s, state_at(trial, seen_s), what)
 
