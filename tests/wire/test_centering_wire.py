@@ -14,7 +14,6 @@ SHORT = {
     "behavior.hold_s": "0.1",
     "behavior.handling_speed_m_s": "0.06",
     "behavior.open_speed_m_s": "0.05",
-    "behavior.grip_speed_m_s": "0.04",
     "trials.list": "[{ object_x_m = 0.001 }]",
     "trials.grid.method": '["ours"]',
     "trials.grid.speed_m_s": "[0.02]",

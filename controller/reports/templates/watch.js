@@ -22,10 +22,10 @@
     wire.onclose = () => { if (!after) setTimeout(connect, 1000); };
   };
   setInterval(() => {
-    const lost = !now.ended && !after && Date.now() - last > QUIET_MS;
+    const lost = !now.ended && !after && Date.now() - last > QUIET_MS, joined = wire.readyState === WebSocket.OPEN;
     document.body.dataset.lost = lost;
-    stop.disabled = pause.disabled = at("hold").disabled = wire.readyState !== WebSocket.OPEN || Boolean(now.ended || after);
-    warn(lost ? "No message from the run: this page can stop nothing now. Use the robot’s emergency stop." : refused ? `Refused: ${refused}` : "");
+    stop.disabled = pause.disabled = at("hold").disabled = !joined || Boolean(now.ended || after);
+    warn(lost ? `No message from the run: ${joined ? "Stop may not reach it" : "this page can stop nothing now"}. Use the robot’s emergency stop.` : refused ? `Refused: ${refused}` : "");
   }, 500);
   stop.addEventListener("click", () => send({do: "stop"}));
   pause.addEventListener("click", () => send({do: now.paused ? "resume" : "pause"}));
