@@ -68,6 +68,9 @@ STATED = tuple(
 """How a line above a table states the samples a second, or the time between two (LabVIEW's `Delta_X`): in lower case, a
 space for each `_`."""
 
+STATED_HZ = (1e-3, 1e9)
+"""A line that states fewer or more samples a second states none (assumption)."""
+
 CALENDAR = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 """Times above the first number are counted since 1970 in units of so many seconds: each holds from 1973 to 5138."""
 
@@ -163,7 +166,8 @@ def _chosen(table: Mapping[str, NDArray[Any]], column: str | None, count: int) -
 
 def _stated(chosen: Chosen, lines: Sequence[str]) -> Chosen:
     """The same with the sample rate that some lines state, where it has no times and no two of them differ."""
-    said = {rate_hz: line.strip()[:60] for line in reversed(lines) if (rate_hz := _stated_hz(line))}
+    stated = {_stated_hz(line): line.strip()[:60] for line in reversed(lines)}
+    said = {rate_hz: line for rate_hz, line in stated.items() if STATED_HZ[0] <= rate_hz <= STATED_HZ[1]}
     if chosen.times_s is not None or len(said) != 1:
         return chosen
     ((rate_hz, line),) = said.items()
@@ -179,7 +183,8 @@ def _stated_hz(line: str) -> float:
     found = {name: part for name, part in match.groupdict().items() if part}
     digits = found["number"].rstrip(".,")
     grouped = re.fullmatch(r"\d{1,3}(,\d{3})+(\.\d+)?", digits)
-    number = float(digits.replace(",", "" if grouped else "."))
+    plain = digits.replace(",", "" if grouped else ".")
+    number = float(plain) if _numeric(plain) else 0.0  # a version, 1.2.3, is none
     if "step" in match.groupdict():
         step_s = number * SCALES_S[found.get("step") or found.get("also_step") or "s"]
         return float(f"{1.0 / step_s:.9g}") if step_s else 0.0

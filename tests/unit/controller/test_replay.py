@@ -549,7 +549,16 @@ def test_a_rate_that_stands_above_a_table_without_times_is_taken_and_told(tmp_pa
 
 
 @pytest.mark.parametrize(
-    "above", ["# 500 Hz\n# 1000 Hz", "# low pass 200 Hz", "# baud rate: 9600", "# rate: 0 Hz"]
+    "above",
+    [
+        *("# 500 Hz\n# 1000 Hz", "# low pass 200 Hz", "# baud rate: 9600", "# rate: 0 Hz"),
+        *(
+            "# fs: 1.2.3 of the firmware",
+            "# sample rate: 1e999 Hz",
+            "# dt = 1e-300 s",
+            "# sample rate: 1.000,5 Hz",
+        ),
+    ],
 )
 def test_what_states_no_rate_or_two_leaves_it_to_the_user(tmp_path, above):
     path = tmp_path / "log.txt"
