@@ -88,7 +88,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 
 def _headline(runs: Sequence[Run]) -> Headline | None:
-    """How hard the jaws press where they may: what hangs in less than their least grip is pressed by that anyway."""
+    """How hard the jaws press where they may: what takes less than the grip that it begins with is
+    pressed by that anyway."""
     known = [
         (over, grip_n, setting_of(run, "behavior", "grip_force_n") or 0.0)
         for run in runs
@@ -101,7 +102,7 @@ def _headline(runs: Sequence[Run]) -> Headline | None:
     low, high = median_within(over)
     value, light = three(float(np.median(over))), len(known) - len(over)
     of = f"median of {len(over)}; 1 would be perfect" if len(over) > 1 else "one trial; 1 would be perfect"
-    of += f"; {light} held by the gripper's least grip not counted" if light else ""
+    of += f"; {light} held by the grip that it began with not counted" if light else ""
     return Headline(
         "grip over the least force that holds the object",
         value,

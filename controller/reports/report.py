@@ -255,8 +255,19 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     body = Markup(FIGURE.sub("", body))  # figures stand before what is said about them
     headline = headline_of(experiment, runs, results, section.headline)
     settings, differs = settings_table(runs[0], printed), _set_differently(runs[0], printed)
-    shown = headline, drawn, pictures, differs
-    return SectionPart(name, runs, section, results, settings, body, ours, *shown)
+    return SectionPart(
+        name,
+        runs,
+        section,
+        results,
+        settings,
+        body,
+        ours,
+        headline,
+        drawn,
+        pictures,
+        differs,
+    )
 
 
 def _set_differently(run: Run, printed: Mapping[str, Printed]) -> list[Any]:

@@ -8,6 +8,7 @@ from controller.outcomes import counted
 from controller.recording.reader import Run
 from controller.recording.series import Series, TrialRecording
 from controller.reports.settings import shown
+from controller.scales import scale_of
 
 _BENCH = {
     "mock": "mock: mock drivers on simulated physics, in the process",
@@ -52,13 +53,14 @@ def _foreseen(run: Run) -> str:
         return "none"
 
     def most(events: Sequence[Mapping[str, Any]], key: str) -> str:
-        known = [value for event in events if math.isfinite(value := event.get(key) or 0.0)]
-        return f"{max(known, default=math.nan):.3g}"
+        values = [event.get(key) for event in events]
+        known = [value for value in values if isinstance(value, int | float) and math.isfinite(value)]
+        scale = scale_of(key)
+        return f"{scale.factor * max(known):.3g} {scale.unit}" if known else "unknown"
 
-    return (
-        f"{len(foreseen)} approaches; of a touch {most(foreseen, 'most_n')} N at the most, {most(did, 'pressed_n')} N"
-        f" pressed; {most(foreseen, 'travel_m')} m at the most after the stop, {most(did, 'travel_m')} m gone"
-    )
+    touch = f"at a touch {most(foreseen, 'most_n')} at the most, pressed {most(did, 'pressed_n')}"
+    way = f"after the stop {most(foreseen, 'travel_m')} at the most, gone {most(did, 'travel_m')}"
+    return f"{len(foreseen)} approaches; {touch}; {way}"
 
 
 _ENDS = {

@@ -656,6 +656,9 @@ def test_what_was_forecast_of_approaches_stands_beside_what_they_did():
     ]
     facts = dict(facts_of(SimpleNamespace(manifest={}, successes=None, events=events)))
     assert facts["forecast"] == (
-        "2 approaches; of a touch 1.5 N at the most, 0.15 N pressed; 0.0003 m at the most after the stop, 0.0002 m gone"
+        "2 approaches; at a touch 1.5 N at the most, pressed 0.15 N; after the stop 0.3 mm at the most, gone 0.2 mm"
     )
+    unfelt = [events[0], {"event": "Approached", "travel_m": 0.0002, "pressed_n": None}]
+    facts = dict(facts_of(SimpleNamespace(manifest={}, successes=None, events=unfelt)))
+    assert "pressed unknown;" in facts["forecast"]
     assert dict(facts_of(SimpleNamespace(manifest={}, successes=None, events=[])))["forecast"] == "none"
