@@ -260,9 +260,7 @@ def _rows(manifest: Mapping[str, Any], run: Path, code: int | None) -> Iterator[
 def _resumed(profile: Profile, folder: Path) -> str:
     """Nothing goes wrong any more: what broke off is resumed, and ends."""
     runs = list((folder / "runs").glob("*/manifest.json"))
-    if (
-        not runs or not RunFolder(runs[0].parent).begun
-    ):  # where no device could be opened there is nothing to resume
+    if not runs or not RunFolder(runs[0].parent).begun:  # no device could be opened: nothing to resume
         return ""
     manifest = json.loads(runs[0].read_text(encoding="utf-8"))
     manifest["profile"]["resolved"]["faults"] = []  # healed: of the same profile, without what went wrong

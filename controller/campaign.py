@@ -18,7 +18,7 @@ from functools import cache
 from importlib import metadata
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from behaviors.machine import Behavior
 from controller.detectors.protocol import Compiled, Detector, Quantity, quantities_of
@@ -119,11 +119,7 @@ class CampaignPlan:
 
 
 class Console(LoopOperator, Protocol):
-    """What a person sees of a campaign, and how they interrupt it.
-
-    One that shows the signals of a trial while it runs has `watch(view: LiveView)`, called after each trial's recording
-    has begun; one at which a campaign can be held between two trials has `between: HeldRun`.
-    """
+    """What a person sees of a campaign, and how they interrupt it."""
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Before the first trial."""
@@ -143,6 +139,14 @@ def foremost(row: Mapping[str, Any], leading: Sequence[str]) -> dict[str, Any]:
     return {name: row[name] for name in leading if name in row} | dict(row)
 
 
+@runtime_checkable
+class Watching(Protocol):
+    """A console that shows the signals of a trial while it runs."""
+
+    def watch(self, view: LiveView) -> None:
+        """After each trial's recording has begun."""
+
+
 class HeldRun(HandOperator, Protocol):
     """What holds a campaign between two trials: see `controller.watching.between`."""
 
@@ -151,6 +155,15 @@ class HeldRun(HandOperator, Protocol):
 
     def wait(self, session: HandSession) -> Iterator[tuple[str, HandResult]]:
         """What was done by hand, until the person goes on."""
+
+
+@runtime_checkable
+class Holds(Protocol):
+    """A console at which a campaign can be held between two trials."""
+
+    @property
+    def between(self) -> HeldRun:
+        """What holds it."""
 
 
 @dataclass(frozen=True)
@@ -223,6 +236,11 @@ class Campaign:
 
     def _run(self, folder: RunFolder, started: datetime) -> Outcome:
         self._manifest = self._first_manifest(started)
+        if self._resumed is not None:
+            from controller.recording.joining import clear
+
+            clear(self._resumed)
+            self._manifest = _going_on(self._resumed, started)
         folder.write_manifest(self._manifest)
         folder.keep_room()
         fault: Exception | None = None
@@ -332,7 +350,7 @@ class Campaign:
         offset_s = 0.0
         code, status, line = EXIT_DONE, "done", ""
         for trial in trials:
-            held: HeldRun | None = getattr(self._console, "between", None)
+            held = self._console.between if isinstance(self._console, Holds) else None
             if held is not None and (stopped := self._held(held, trial, infos)):
                 code, status, line = stopped
                 break
@@ -363,10 +381,15 @@ class Campaign:
         from controller.by_hand import HandSession
 
         session = HandSession(
-            self._rig, trial.guard.settings, held, self._plan.loop, scene=trial.scene, paced=True
+            self._rig,
+            trial.guard.settings,
+            held,
+            self._plan.loop,
+            make_signals=lambda: deepcopy(trial.signals),  # the trial's own stay fresh
+            scene=trial.scene,
+            paced=True,
+            infos=dict(infos),
         )
-        session.make_signals = lambda: deepcopy(trial.signals)  # the trial's own stay fresh
-        session.infos.update(infos)
         for did, result in held.wait(session):
             note = {"before_trial": trial.trial, "did": did, "outcome": result.outcome}
             self._manifest.setdefault("by_hand", []).append(note)
@@ -388,10 +411,10 @@ class Campaign:
         limits, quantities = trial.guard.settings, self._quantities(trial, infos)
         recording = recorder.begin_trial(trial.trial, trial.factors, offset_s, limits, quantities)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
-        watch: Callable[[LiveView], None] | None = getattr(self._console, "watch", None)
-        if watch is not None:
+        if isinstance(self._console, Watching):
             lost, now = loop.account.lost, self._rig.clock.now
-            watch(LiveView(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now))
+            view = LiveView(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now)
+            self._console.watch(view)
         evidence = self._evidence(trial, recording, infos)
         verdict = ""
         try:
@@ -496,15 +519,6 @@ class Campaign:
                 self._manifest["signals"][signal.name] = dict(watched)
 
     def _first_manifest(self, started: datetime) -> dict[str, Any]:
-        """As a run begins; of one that goes on what it had, its torn trials taken out, and when it was resumed."""
-        running = {"status": "running", "code": None, "reason": ""}
-        if self._resumed is not None:
-            from controller.recording.joining import clear
-
-            clear(self._resumed)
-            before = {**self._resumed.manifest, "successes": successes_in(self._resumed.manifest)}
-            since = [*before.get("resumed_utc", ()), started.isoformat()]
-            return {**before, "outcomes": dict(self._resumed.outcomes), "resumed_utc": since, "exit": running}
         plan = self._plan
         return {
             "format": 1,
@@ -531,7 +545,7 @@ class Campaign:
             "successes": plan.successes,
             "signals": {},
             "detectors": {},
-            "exit": running,
+            "exit": {"status": "running", "code": None, "reason": ""},
         }
 
 
@@ -554,6 +568,14 @@ def _measured(
             raise
         return outcome, f"{reason}; not measured: {type(error).__name__}: {error}", {}
     return ended or measured, reason, row
+
+
+def _going_on(resumed: ResumedRun, started: datetime) -> dict[str, Any]:
+    """The manifest of a run that goes on: of what was done its outcomes, and when it was resumed."""
+    before = {**resumed.manifest, "successes": successes_in(resumed.manifest)}
+    since = [*before.get("resumed_utc", ()), started.isoformat()]
+    running = {"status": "running", "code": None, "reason": ""}
+    return {**before, "outcomes": dict(resumed.outcomes), "resumed_utc": since, "exit": running}
 
 
 def _check_devices(before: Mapping[str, Any], infos: Mapping[str, DeviceInfo]) -> None:

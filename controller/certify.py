@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from itertools import chain
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -134,9 +135,6 @@ class Proof(NamedTuple):
 
 Case = tuple[Proof, Callable[[Proof], Proof]]
 """One limit that is to be driven past, and what does it and gives what became of it."""
-
-FIRST = ("home of ", "stop of ", "pause of ")
-"""What all else depends on: where one fails, nothing else is tried."""
 
 
 # --- what goes wrong ---------------------------------------------------------------------------------
@@ -413,12 +411,13 @@ class Certifier:
         with self.session as session:
             movers = [mover for name in session.movers if (mover := self._mover(name)) is not None]
             ended = ""
-            for proof, tried in self._cases(movers):
+            first = [case for mover in movers for case in self._stops(mover)]  # all else depends on these
+            for number, (proof, tried) in enumerate(chain(first, self._cases(movers))):
                 if ended:
                     yield proof._replace(done="nothing", acted=ended)
                     continue
                 yield (found := tried(proof))
-                grave = proof.limit.startswith(FIRST) or NOT_AT_REST in found.acted
+                grave = number < len(first) or NOT_AT_REST in found.acted
                 if found.verdict == "failed" and grave:
                     ended = f"{proof.limit} failed: a bench that does not stop is driven past nothing"
             for name in sorted({*session.movers} - {mover.name for mover in movers}):
@@ -437,8 +436,19 @@ class Certifier:
             gentle_n = max(GENTLE_N, details.get("least_force_n", 0.0))
             room_m = max(ROOM_M, 3.0 * RUN_S * jaws_m_s)
             drive = Grip(name, open_m - room_m, jaws_m_s, min(gentle_n, limits.grip_n))
-            how = Home(name), Release(name, max(fast_m_s, jaws_m_s)), drive, jaws_m_s, STILL_JAWS_M
-            return Mover(name, f"{name}.width", *how, bounds, where, settings)
+            start = Release(name, max(fast_m_s, jaws_m_s))
+            return Mover(
+                name,
+                f"{name}.width",
+                Home(name),
+                start,
+                drive,
+                jaws_m_s,
+                STILL_JAWS_M,
+                bounds,
+                where,
+                settings,
+            )
         if not isinstance(settings, AxisLimits):
             return None
         creep_m_s = min(CREEP_M_S, bounds.speed_m_s)
@@ -458,8 +468,6 @@ class Certifier:
     # --- which cases ---------------------------------------------------------------------------------
 
     def _cases(self, movers: Sequence[Mover]) -> Iterator[Case]:
-        for mover in movers:
-            yield from self._stops(mover)
         yield from self._streams(movers)
         for mover in movers:
             late_s = self._limits.late_s

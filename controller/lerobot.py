@@ -63,11 +63,16 @@ def write_lerobot(run: Run, out: Path) -> list[Path]:
         paths.append(out / "data" / _file(**place))
         _write(paths[-1], columns)
         episodes.append(
-            {"episode_index": episode, "tasks": [task], "length": length}
-            | {"dataset_from_index": frames, "dataset_to_index": frames + length}
-            | {f"data/{name}": value for name, value in place.items()}
-            | dict.fromkeys(("meta/episodes/chunk_index", "meta/episodes/file_index"), 0)
-            | {"trial": trial}
+            {
+                "episode_index": episode,
+                "tasks": [task],
+                "length": length,
+                "dataset_from_index": frames,
+                "dataset_to_index": frames + length,
+                **{f"data/{name}": value for name, value in place.items()},
+                **dict.fromkeys(("meta/episodes/chunk_index", "meta/episodes/file_index"), 0),
+                "trial": trial,
+            }
         )
         for name, values in columns.items():
             whole.setdefault(name, []).append(_moments(values))

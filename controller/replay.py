@@ -430,10 +430,16 @@ def between(blocks: Sequence[SampleBlock], t0_s: float, t1_s: float = math.inf) 
     for block in blocks:
         first, last = (int(at) for at in np.searchsorted(block.times, [t0_s - 1e-9, t1_s - 1e-9]))
         if first < last:
-            inside, times_s = slice(first, last), block.times
-            own: dict[str, Any] = {"seq": block.seq + first, "t0_s": float(times_s[first])}
-            own["times_s"] = None if block.times_s is None else times_s[inside]
-            kept.append(replace(block, values=block.values[inside], **own))
+            timed = block.times_s is not None
+            kept.append(
+                replace(
+                    block,
+                    seq=block.seq + first,
+                    t0_s=float(block.times[first]),
+                    values=block.values[first:last],
+                    times_s=block.times[first:last] if timed else None,
+                )
+            )
     return kept
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from behaviors.weights import WeightsSettings
 from controller.measures import Column
-from controller.measures.bridge_calibration import calibrate, steps_of
+from controller.measures.bridge_calibration import BridgeCalibration, calibrate, steps_of
 from controller.measures.trial import MissingDataError, TrialEvidence, spans_of
 
 HIGHLIGHTS = ("gain_v_n", "hysteresis", "resolution_n")
@@ -49,10 +49,27 @@ def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) ->
         raise MissingDataError(f"{settings.load_stream}: a load that hung is no number; run this trial again")
     calibration = calibrate([steps], settings.weight_uncertainty)
     if calibration is not None:
-        found = calibration
-        # each with the ends of its interval
-        values: list[float] = [*found.gain_v_n, *found.hysteresis, *found.resolution_n]
-        values += [found.zero_v, found.nonlinearity, found.remanence, found.repeat_v_n, found.steps]
-        pairs = zip(COLUMNS, values, strict=True)
-        row = {name: None if math.isnan(value) else value for name, value in pairs}
+        row.update(
+            {name: None if math.isnan(value) else value for name, value in _columns(calibration).items()}
+        )
     return outcome, row
+
+
+def _columns(calibration: BridgeCalibration) -> dict[str, float]:
+    gain, hysteresis, resolution = calibration.gain_v_n, calibration.hysteresis, calibration.resolution_n
+    return {
+        "gain_v_n": gain.value,
+        "gain_low_v_n": gain.low,
+        "gain_high_v_n": gain.high,
+        "hysteresis": hysteresis.value,
+        "hysteresis_low": hysteresis.low,
+        "hysteresis_high": hysteresis.high,
+        "resolution_n": resolution.value,
+        "resolution_low_n": resolution.low,
+        "resolution_high_n": resolution.high,
+        "zero_v": calibration.zero_v,
+        "nonlinearity": calibration.nonlinearity,
+        "remanence": calibration.remanence,
+        "gain_repeat_v_n": calibration.repeat_v_n,
+        "loads": calibration.steps,
+    }

@@ -62,8 +62,10 @@ class EndedRun:
                     raise RunFolderError(
                         f"{folder.path}: recorded by an older program (no 'base_ns'); run it anew with this one"
                     )
-                own = events.get(number, ()), recorded, known[recorded.path]
-                self.trials[number] = EndedTrial(number, outcome.strip(), row, *own)
+                own = events.get(number, ())
+                self.trials[number] = EndedTrial(
+                    number, outcome.strip(), row, own, recorded, known[recorded.path]
+                )
         except RunFolderError:
             raise
         except (OSError, KeyError, ValueError) as error:

@@ -70,9 +70,14 @@ def foxglove(topics: Mapping[str, Sequence[str]]) -> dict[str, Any]:
         "paths": [{"value": "/state.state", "timestampMethod": "receiveTime"}],
         "isSynced": True,
     }
-    above: Any = "StateTransitions!state"
-    for below, name in enumerate(list(panels)[-2::-1], start=2):
-        above = {"first": name, "second": above, "direction": "column", "splitPercentage": 100 / below}
+    above: Any = None
+    for name in reversed(panels):
+        left = list(panels)[list(panels).index(name) :]
+        above = (
+            name
+            if above is None
+            else {"first": name, "second": above, "direction": "column", "splitPercentage": 100 / len(left)}
+        )
     panels["RosOut!events"] = {"topicToRender": "/events", "minLogLevel": 1, "searchTerms": []}
     layout = {"first": above, "second": "RosOut!events", "direction": "row", "splitPercentage": 70}
     return {

@@ -80,12 +80,12 @@ class Run:
     def resolved(self) -> Mapping[str, Any]:
         """The profile with all its settings; what is "none" in it (a device, a detector, a signal) is not there."""
         profile = (self.manifest.get("profile") or {}).get("resolved") or {}
-        return {
-            name: {key: table for key, table in (value or {}).items() if isinstance(table, Mapping)}
-            if name in ("devices", "detectors", "signals")
-            else value
-            for name, value in profile.items()
+        named = {name: profile.get(name) or {} for name in ("devices", "detectors", "signals")}
+        there = {
+            name: {key: table for key, table in tables.items() if isinstance(table, Mapping)}
+            for name, tables in named.items()
         }
+        return {name: there.get(name, value) for name, value in profile.items()}
 
     @property
     def measured_by(self) -> list[str]:
@@ -215,20 +215,22 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
         events, event_cut = _read_events(folder.events_path)
         _check(events, {"trial": int, "event": str, "t_s": int | float})
     run = Run(folder, manifest, trials, events)
-    index, running = run._index, (manifest.get("exit") or {}).get("status") == "running"
-    found = {
-        "The run was cut off: its manifest still says that it is running.": running,
-        "The last line of trials.csv is incomplete and was left out.": row_cut,
-        f"trials.csv has {len(trials)} rows, but {ended} trials ended: the others are lost.": ended
-        > len(trials),
-        "The last line of events.jsonl is incomplete and was left out.": event_cut,
-        "There is no recording.mcap: nothing that was sampled can be shown.": trials
-        and not folder.recordings,
-        "The recording was cut off, and closed afterwards behind its last whole chunk.": index.closed,
-        "The recording has no footer; it was read up to its last whole chunk.": index.cut
-        and not index.closed,
-    }
-    run.notes.extend([*(note for note, holds in found.items() if holds), *index.damage])
+    index = run._index
+    if (manifest.get("exit") or {}).get("status") == "running":
+        run.notes.append("The run was cut off: its manifest still says that it is running.")
+    if row_cut:
+        run.notes.append("The last line of trials.csv is incomplete and was left out.")
+    if ended > len(trials):
+        run.notes.append(f"trials.csv has {len(trials)} rows, but {ended} trials ended: the others are lost.")
+    if event_cut:
+        run.notes.append("The last line of events.jsonl is incomplete and was left out.")
+    if trials and not folder.recordings:
+        run.notes.append("There is no recording.mcap: nothing that was sampled can be shown.")
+    if index.closed:
+        run.notes.append("The recording was cut off, and closed afterwards behind its last whole chunk.")
+    elif index.cut:
+        run.notes.append("The recording has no footer; it was read up to its last whole chunk.")
+    run.notes.extend(index.damage)
     return run
 
 

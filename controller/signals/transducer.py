@@ -86,9 +86,10 @@ def analyse(frequencies_hz: Floats, response: Floats, kind: Kind = "amplitude") 
     one = _fitted(frequencies_hz, response, kind, [Resonance(top_hz, guess)])
     two = _two(frequencies_hz, response, kind, top_hz, guess)
     chosen = two if two is not None and two.aicc < one.aicc - BETTER else one
-    aicc_two = math.nan if two is None else two.aicc
-    found = chosen.resonances, chosen.residual
-    return Sweep(top_hz, q, half_low_hz, half_high_hz, low_hz, high_hz, one.aicc, aicc_two, *found)
+    return Sweep(
+        *(top_hz, q, half_low_hz, half_high_hz, low_hz, high_hz),
+        *(one.aicc, math.nan if two is None else two.aicc, chosen.resonances, chosen.residual),
+    )
 
 
 def peak(frequencies_hz: Floats, response: Floats, share: float) -> tuple[float, float, float]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.campaign import Console
+from controller.campaign import Console, Watching
 from controller.console import PAUSED, ConsoleOperator
 from controller.live_view import Elapsed, LiveView, label
 from controller.outcomes import is_success
@@ -115,8 +115,8 @@ class Watched:
     def watch(self, view: LiveView) -> None:
         """Publishes this trial from now on."""
         self._view = view
-        if watch := getattr(self._console, "watch", None):
-            watch(view)
+        if isinstance(self._console, Watching):
+            self._console.watch(view)
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """From now on the run can be watched."""

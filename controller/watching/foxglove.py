@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
 
 import foxglove
 
@@ -42,8 +41,13 @@ class FoxgloveStream:
             return
         with suppress(Exception):  # a view never ends a run
             described = foxglove.Schema(name=schema[0], encoding="protobuf", data=schema[1])
-            how: Any = {"schema": described, "message_encoding": "protobuf", "metadata": dict(metadata)}
-            self._present[number] = foxglove.Channel(topic, context=self._context, **how)
+            self._present[number] = foxglove.Channel(
+                topic,
+                schema=described,
+                message_encoding="protobuf",
+                context=self._context,
+                metadata=dict(metadata),
+            )
 
     def message(self, number: int, log_time_ns: int, data: bytes) -> None:
         """A message of a topic."""

@@ -224,9 +224,8 @@ class UdpForce(WireDriver[UdpLink]):
                 self._streams[name].begin()
             turned, self._listening = bool(command.streams) != bool(self._listening), command.streams
             if turned and command.streams:
-                self._old = (
-                    self._latest is not None
-                )  # the box counts anew; what it sent before may be on the way
+                # the box counts anew; what it sent before may be on the way
+                self._old = self._latest is not None
                 self._received_s = self._clock.monotonic_s()
             request = codec.encode_request("start" if command.streams else "stop")
             self._sent(command, self._link.send(request) if turned else self._clock.monotonic_s())
