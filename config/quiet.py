@@ -77,7 +77,7 @@ def quieted(
         unrested = "not at rest: " * (result.outcome == "guard")
         verbs.complain(f"{unrested}{result.reason or result.outcome}; nothing is written")
         return {"guard": verbs.FAILED, "fault": verbs.DEVICE}.get(result.outcome, verbs.INTERRUPTED)
-    if reasons := list(unrest(blocks, result.events, limits, ("limits", "force_n") not in own.source.unset)):
+    if reasons := list(unrest(blocks, result.events, limits)):
         for reason in reasons:
             verbs.complain(f"not at rest: {reason}")
         return verbs.FAILED

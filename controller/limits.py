@@ -182,11 +182,11 @@ class GuardSettings(MoverLimits):
 
 
 def shown_limits(limits: GuardSettings) -> Iterable[tuple[str, str, Sequence[int], float, str]]:
-    """What the guard holds against a limit: name, stream, channels whose size counts, limit, unit."""
+    """What the guard holds against a limit that there is: name, stream, channels whose size counts, limit, unit."""
     if limits.force_stream is not None and limits.force_n is not None:
         yield "force", limits.force_stream, limits.force_channels, limits.force_n, "N"
     for each in (limits, *limits.movers.values()):
-        if each.position_stream is not None:
+        if each.position_stream is not None and math.isfinite(each.travel_m):
             yield "travel", each.position_stream, (0,), each.travel_m, "m"
 
 

@@ -125,15 +125,12 @@ def proposals(
                 yield Proposal(name, None, next((each.reason for each in refusals), str(error)))
 
 
-def unrest(
-    blocks: Sequence[SampleBlock], events: Sequence[Event], limits: GuardSettings, force_known: bool
-) -> Iterator[str]:
+def unrest(blocks: Sequence[SampleBlock], events: Sequence[Event], limits: GuardSettings) -> Iterator[str]:
     """Why a bench was not at rest, a line each.
 
     Args:
         blocks: What it sent, each stream in order.
         limits: Which streams are positions, poses and the force.
-        force_known: Whether the force limit is the bench's own.
     """
     for event in events:
         if isinstance(event, Saturated):
@@ -149,7 +146,7 @@ def unrest(
             if way_m > MOVED_M:
                 yield f"{stream} went {1e3 * way_m:.2f} mm: nothing may move"
             continue
-        if stream == limits.force_stream and limits.force_n is not None and force_known:
+        if stream == limits.force_stream and limits.force_n is not None:
             force_n = float(np.linalg.norm(np.median(values[:, list(limits.force_channels)], axis=0)))
             if force_n > RELIEF * limits.force_n:
                 yield (

@@ -86,10 +86,10 @@ class ArmDriver(Driver):
         if self._host is not None:
             self._host.close()
         self._host, self._ready, self._failure, self._stop = None, False, NOT_OPEN, None
-        self._streams.listening = frozenset()
+        self._streams.listen(frozenset(), self._clock.monotonic_s())
 
     def _listens(self, streams: frozenset[str]) -> bool:
-        self._streams.listening = streams & self._streams.info.keys()
+        self._streams.listen(streams, self._clock.monotonic_s())
         return True
 
     def _valid(self, command: Command) -> Command:

@@ -1,6 +1,6 @@
 """The controller's rows as sample blocks: sequence, loss and bench time. Pure."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 import numpy as np
 
@@ -50,13 +50,12 @@ class Streams:
 
     Attributes:
         info: The streams, by `device.stream`.
-        listening: Those that are subscribed.
         missed: How many the controller took that did not come.
     """
 
     def __init__(self, name: str, settings: ArmSettings, bench: Clock) -> None:
         self.info = infos(name, settings.rate_hz)
-        self.listening: frozenset[str] = frozenset()
+        self._since_s: dict[str, float] = {}
         self.rows = 0
         self.missed = 0
         self._name = name
@@ -69,6 +68,10 @@ class Streams:
         """The arm was opened again: what the controller took meanwhile is not lost."""
         self._track.begin()
 
+    def listen(self, streams: Set[str], now_s: float) -> None:
+        """Subscribe to these alone. Rows that came before monotonic time `now_s` and still wait are of no new one."""
+        self._since_s = {stream: self._since_s.get(stream, now_s) for stream in streams & self.info.keys()}
+
     def take(self, rows: Sequence[ArmRow]) -> list[Lost]:
         """Take rows in order; what was lost between them, for each subscribed stream.
 
@@ -79,11 +82,12 @@ class Streams:
         for row in rows:
             placed = self._track.place(row.device_s, row.arrival_s, joins=any(self._samples.values()))
             self.rows += 1
+            heard = [stream for stream, since_s in self._since_s.items() if row.arrival_s >= since_s]
             if placed.lost is not None:
                 self.missed += placed.lost
                 t_s = self._bench.from_monotonic(placed.t0_s)
-                lost += [Lost(t_s, self._name, stream, placed.lost) for stream in sorted(self.listening)]
-            for stream in self.listening:
+                lost += [Lost(t_s, self._name, stream, placed.lost) for stream in sorted(heard)]
+            for stream in heard:
                 values = self._values(stream.rpartition(".")[2], row)
                 self._samples[stream].push(placed.seq, placed.t0_s, row.arrival_s, values, row.device_s)
         return lost
@@ -95,7 +99,7 @@ class Streams:
             block
             for stream, samples in sorted(self._samples.items())
             for block in samples.take(bench_s)
-            if stream in self.listening
+            if stream in self._since_s
         ]
 
     def _values(self, short: str, row: ArmRow) -> Sequence[float]:

@@ -8,6 +8,7 @@ from config import assemble
 from config.profile import load_profile, load_resolved
 from config.source import ProfileError, profile_names, read_source
 from config.trials import chosen
+from controller.limits import shown_limits
 from controller.registry import KINDS
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import RefusedError
@@ -296,6 +297,13 @@ def test_a_value_without_one_to_stand_in_for_it_is_the_classes_own_until_it_is_g
     source = read_source("hardware/transient")
     assert "microstep_m" not in source.data["devices"]["stage"]
     assert ("devices", "stage", "microstep_m") in source.unset
+
+
+def test_a_limit_that_the_lab_has_not_given_is_not_shown_beside_what_is_read():
+    given = {"limits.force_n": "1.5", "limits.travel_m": "0.009"}
+    assert list(shown_limits(assemble.limits_of(load_profile("hardware/transient")))) == []
+    shown = shown_limits(assemble.limits_of(load_profile("hardware/transient", given)))
+    assert [(what, limit) for what, _, _, limit, _ in shown] == [("force", 1.5), ("travel", 0.009)]
 
 
 @pytest.mark.parametrize("name", ["mock/transient", "mock/slip", "mock/pretouch", "mock/weights"])

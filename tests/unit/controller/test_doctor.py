@@ -210,8 +210,8 @@ def of(stream, values):
     ]
 
 
-def reasons(*blocks, events=(), known=True):
-    return list(unrest([each for own in blocks for each in own], events, LIMITS, known))
+def reasons(*blocks, events=(), limits=LIMITS):
+    return list(unrest([each for own in blocks for each in own], events, limits))
 
 
 def test_noise_and_a_place_that_stays_are_rest():
@@ -240,8 +240,9 @@ def test_motion_a_load_and_a_touch_are_none(stream, values, named):
     check_refusal(line, stream, *named)
 
 
-def test_a_load_is_not_held_against_a_limit_that_is_not_the_benchs_own():
-    assert reasons(of("board.load_cell", NOISE_N + 0.3), known=False) == []
+def test_a_load_is_held_against_nothing_where_there_is_no_force_limit():
+    none = LIMITS.model_copy(update={"force_n": None})
+    assert reasons(of("board.load_cell", NOISE_N + 0.3), limits=none) == []
 
 
 def test_a_stream_beyond_its_range_is_none():

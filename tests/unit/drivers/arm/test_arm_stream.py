@@ -34,7 +34,7 @@ def listening(settings: ArmSettings) -> Streams:
     bench.wait_until(EPOCH_S)
     bench.restart()
     made = Streams("arm", settings, bench)
-    made.listening = frozenset({FORCE})
+    made.listen({FORCE}, 0.0)
     return made
 
 
@@ -70,7 +70,7 @@ def test_blocks_of_successive_reads_join(streams: Streams) -> None:
 
 
 def test_each_stream_that_is_listened_to_says_its_loss(streams: Streams) -> None:
-    streams.listening = frozenset({FORCE, POSITION})
+    streams.listen({FORCE, POSITION}, 0.0)
     lost = streams.take([row(1), row(3)])
     assert {loss.stream for loss in lost} == {FORCE, POSITION}
 
@@ -78,12 +78,26 @@ def test_each_stream_that_is_listened_to_says_its_loss(streams: Streams) -> None
 def test_rows_without_a_subscriber_are_counted_and_not_lost(streams: Streams) -> None:
     streams.take([row(1)])
     (first,) = streams.blocks()
-    streams.listening = frozenset()
+    streams.listen(frozenset(), 0.0)
     assert streams.take([row(cycle) for cycle in range(2, 50)]) == []
-    streams.listening = frozenset({FORCE})
+    streams.listen({FORCE}, 0.0)
     streams.take([row(50)])
     (second,) = streams.blocks()
     assert second.seq == first.seq + 49
+
+
+def test_rows_that_waited_before_a_subscription_are_no_samples_of_it(streams: Streams) -> None:
+    streams.listen({FORCE, POSITION}, EPOCH_S + 0.015)
+    lost = streams.take([row(1), row(5), row(7), row(9), row(10)])
+    assert [(loss.stream, loss.samples) for loss in lost] == [
+        (FORCE, 3),
+        (FORCE, 1),
+        (FORCE, 1),
+        (POSITION, 1),
+    ]
+    assert [(block.stream, len(block)) for block in streams.blocks() if block.stream == POSITION] == [
+        (POSITION, 2)
+    ]
 
 
 def test_a_controller_that_starts_anew_begins_a_new_segment(streams: Streams) -> None:
@@ -95,7 +109,7 @@ def test_a_controller_that_starts_anew_begins_a_new_segment(streams: Streams) ->
 
 
 def test_the_position_is_the_way_along_the_axis(streams: Streams) -> None:
-    streams.listening = frozenset({POSITION})
+    streams.listen({POSITION}, 0.0)
     streams.take([row(10), row(11)])
     (block,) = streams.blocks()
     assert block.values == pytest.approx(np.array([[1.0e-3], [1.1e-3]]))
