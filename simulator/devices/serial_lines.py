@@ -70,21 +70,26 @@ class EmulatedSerialLines:
 
     def step(self, t_s: float) -> bytes:
         """The lines printed by `t_s`."""
-        sent = b""
+        return b"".join(line for _, line in self.printed(t_s, KEPT_S))
+
+    def printed(self, t_s: float, kept_s: float = math.inf) -> list[tuple[float, bytes]]:
+        """The lines printed by `t_s`, within the last `kept_s`, each with its time: many at once cost little."""
+        sent = []
         if self._first_s is None:
-            self._first_s, sent = t_s, BANNER
+            self._first_s, sent = t_s, [(t_s, BANNER)]
         since_s = t_s - self._first_s
         first, self._next = self._next, math.floor(since_s * self._rate_hz + 1e-9) + 1
-        first = max(first, math.ceil((since_s - KEPT_S) * self._rate_hz))
+        first = max(first, math.ceil((since_s - min(kept_s, since_s)) * self._rate_hz))
         if not self._on or first >= self._next:
             return sent
         self._bench.advance(t_s)
         ticks = np.arange(first, self._next)
         times_s = np.minimum(self._first_s + ticks / self._rate_hz, t_s)
-        for tick, shown in zip(ticks.tolist(), self._shown.at(times_s).tolist(), strict=True):
-            for column, value in zip(self._shown.columns, shown, strict=True):
+        shown = self._shown.at(times_s).tolist()
+        for tick, at_s, values in zip(ticks.tolist(), times_s.tolist(), shown, strict=True):
+            for column, value in zip(self._shown.columns, values, strict=True):
                 self._fields[int(column)] = f"{value:.4f}"
-            sent += self._format.encode(self._stamped(self._fields, tick))
+            sent.append((at_s, self._format.encode(self._stamped(self._fields, tick))))
         return sent
 
     def inject(self, kind: str, t_s: float) -> None:

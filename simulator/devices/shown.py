@@ -7,7 +7,10 @@ import numpy as np
 
 from drivers.core.errors import RefusedError
 from drivers.core.scaled import ScaledStream
-from simulator.physics.bench import Bench, Floats, part
+from simulator.physics.bench import Bench, Floats, StreamSpec, part
+
+POSITION = StreamSpec("position", ("position",), "m", 1e-6, 1000.0)
+"""What an encoder, or a distance sensor, at the mover shows: where it is on the approach axis."""
 
 
 class ShownColumn(NamedTuple):
@@ -35,12 +38,13 @@ class ShownColumns:
         self._shown = list(_shown_columns(streams, bench, device))
         self.columns = [one.column for one in self._shown]
         self._sources = frozenset(one.source for one in self._shown)
+        self._read = self._sources - {POSITION.name}
         self._key = f"{device} {id(self)}"
         self._latest = np.zeros(len(self._shown))
 
     def watch(self, on: bool) -> None:
         """Whether anybody looks: what nobody looks at need not be computed."""
-        self._bench.read(self._key, self._sources if on else frozenset())
+        self._bench.read(self._key, self._read if on else frozenset())
 
     def at(self, times_s: Floats) -> Floats:
         """What the columns show, shape (n, columns); of what was before a trial nothing is known: the latest stands."""
@@ -54,11 +58,18 @@ class ShownColumns:
         return shown
 
     def _sampled(self, source: str, times_s: Floats) -> Floats:
-        return np.asarray(self._bench.sample(source, times_s)).reshape(len(times_s), -1)
+        if source != POSITION.name:
+            found = np.asarray(self._bench.sample(source, times_s))
+        elif (mover := self._bench.mover) is None:
+            found = np.zeros(len(times_s))
+        else:
+            found = np.array([mover.position(t_s) for t_s in times_s.tolist()])
+        return found.reshape(len(times_s), -1)
 
 
 def _shown_columns(streams: Mapping[str, ScaledStream], bench: Bench, device: str) -> Iterator[ShownColumn]:
-    known = {spec.name: spec for spec in part(bench, "streams", device)() if spec.rate_hz is not None}
+    board = (spec for spec in part(bench, "streams", device)() if spec.rate_hz is not None)
+    known = {spec.name: spec for spec in (*board, POSITION)}
     all_known = ", ".join(
         name if len(spec.channels) == 1 else f"{name}.{channel}"
         for name, spec in known.items()

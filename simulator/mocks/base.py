@@ -18,7 +18,7 @@ class MemoryLine:
 
     The device lives in bench time, which begins anew with every trial; what it sends arrives in monotonic time: when it
     is read, or where the device has a `due_s`, the time at which it next sends on its own, at that time, however
-    seldom it is read.
+    seldom it is read; `printed(t_s)` of a device gives all that it sends by then at once, with the times.
 
     Args:
         device: The far end: `receive(data, t_s)` and `step(t_s)`, both bytes out, and `inject(kind, t_s)`.
@@ -72,6 +72,10 @@ class MemoryLine:
 
     def _catch_up(self, t_s: float) -> None:
         """Take what was sent before `t_s`, each at its time."""
+        if printed := getattr(self._device, "printed", None):
+            for at_s, data in printed(t_s):
+                self._take(data, at_s)
+            return
         while (due_s := getattr(self._device, "due_s", math.inf)) < t_s:
             self._take(self._device.step(due_s), due_s)
 
