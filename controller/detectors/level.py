@@ -222,9 +222,7 @@ class LevelDetector(OnEnvelope):
     `value` is the jump in scales, at the end the share of the step that is left.
 
     Not detected: a contact that comes more slowly than an undulation does, one that changes the level by less
-    than braking does, and one that begins within a gap. Of one that is complete within 8 ms some are missed
-    (simulated jaws at 40 mm/s: in two of four recordings, at every second sample to begin with; none at 20): when the
-    level stands, the prediction runs on, and where that makes the larger jump the level before it is already the new.
+    than braking does, and one that begins within a gap.
 
     Example:
         >>> detector = LevelDetector("touch", LevelSettings())

@@ -313,8 +313,13 @@ def _look(f: StepSearch, end: int) -> None:
                 and counts[SINCE] >= f.learn
                 and (score > f.jump[0] or counts[AGE] > f.settle)
             ):
+                # past a step the prediction runs on and may jump further than the step itself: a jump is the remembered
+                # one again where that is within its spans and most of the change came before the last of them
+                earlier, later = near + rest - f.levels[LEFT], _mean(f.ring, end, m) - rest - near
+                again = counts[AGE] < (PAST + 3) * m and _squared(earlier) > _squared(later)
+                if f.jump[0] == 0.0 or not again:
+                    f.levels[LEFT], counts[AGE] = near + rest, 0
                 f.jump[0], f.jump[1], f.jump[2] = score, squared, 1.0 / m
-                f.levels[LEFT], counts[AGE] = near + rest, 0
         f.late[k, place] = squared
         f.looks[k] += 1
 

@@ -130,6 +130,19 @@ def test_contact_again_and_again_is_reported_each_time():
     assert kinds(events_of(ours(), block(z))) == 5 * [Contact, ContactHeld, ContactLost]
 
 
+@pytest.mark.parametrize("rise_s", [1e-9, 3e-4, 7e-4, 2e-3])
+@pytest.mark.parametrize("echo_fs", [0.0, 0.001, 0.004])
+def test_a_contact_that_is_complete_within_a_few_samples_is_felt_wherever_it_begins(rise_s, echo_fs):
+    for late in range(20):
+        begun_s = 1.0 + late / RATE_HZ
+        t_s = np.arange(round(2.0 * RATE_HZ)) / RATE_HZ
+        way_m = 0.02 * (t_s.clip(0.4, begun_s) - 0.4)
+        echo = echo_fs * np.exp(1j * KAPPA_RAD_M * way_m)
+        events = events_of(ours(), block(level(2.0, begun_s, 9.0, rise_s=rise_s) + echo))
+        assert kinds(events) == [Contact, ContactHeld], late
+        assert 0.0 < events[0].t_s - begun_s < 0.1
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1.0, -50.0])
 def test_a_single_bad_sample_is_no_contact_and_no_end_of_one(bad):
     z = level(5.0, 2.0, 3.5)
