@@ -13,6 +13,7 @@ from pydantic import Field
 
 from config.source import ProfileError, read_source
 from config.validation import validated
+from config.verbs import INTERRUPTED
 from drivers.core.clock import utc_now
 from drivers.core.errors import PROGRAM
 from drivers.core.settings import Settings
@@ -153,8 +154,8 @@ def carry_on(
         crew: These workers; they stay from part to part.
 
     Returns:
-        The exit code of the first part that broke off; the parts behind it are not begun. Else that of the first part
-        in which no trial succeeded.
+        The exit code of the first part that broke off or was interrupted, be it at its end; the parts behind it are not
+        begun. Else that of the first part in which no trial succeeded.
     """
     parts, begun = folder.read_manifest()["parts"], folder.runs
     failed = 0
@@ -167,7 +168,7 @@ def carry_on(
             standalone_mode=False,
             obj=crew,
         )
-        if code and not _ended(folder, number):
+        if code == INTERRUPTED or (code and not _ended(folder, number)):
             return int(code)
         failed = failed or int(code)
     return failed

@@ -34,6 +34,7 @@ def run_trials(
 
     Raises:
         ProfileError: the profile or a trial cannot be used.
+        KeyboardInterrupt: somebody ended it; what was measured is in its folder. A script of many runs ends with it.
     """
     rows = [dict(row) for row in trials]
     once = {**(settings or {}), "trials.order": "listed", "trials.repeats": "1"}
@@ -45,4 +46,6 @@ def run_trials(
         ConsoleOperator(asking=rig.asking) as operator,
     ):
         outcome = Campaign(plan, rig, PlainConsole(operator, say), out).run()
+    if operator.stopped:
+        raise KeyboardInterrupt
     return outcome, open_run(outcome.folder)

@@ -12,12 +12,15 @@ from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread, get_ident
 from types import FrameType, TracebackType
-from typing import Any, Self, TextIO
+from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from controller.outcomes import UNMEASURED
 from controller.scales import scale_of
 from drivers.core import compiled
 from drivers.core.protocols import Asking, Question
+
+if TYPE_CHECKING:
+    from controller.live_view import LiveView
 
 PAUSED = "PAUSED"
 """What the loop calls the state in which it waits for the operator."""
@@ -315,7 +318,7 @@ LINES = 24
 
 
 class PlainConsole:
-    """A line for each trial, of a long campaign for every so many, for files and pipes.
+    """A line for each trial and for each of its approaches, of a long campaign for every so many, for files and pipes.
 
     Args:
         show: Prints a line, on a thread of its own.
@@ -331,6 +334,12 @@ class PlainConsole:
         self._trials = 0
         self._begun = 0
         self._factors = ""
+        self._view: LiveView | None = None
+        self._foreseen = ""
+
+    def watch(self, view: "LiveView") -> None:
+        """What is foreseen of this trial's approaches is printed."""
+        self._view, self._foreseen = view, ""
 
     def poll(self) -> str | None:
         """Polls the operator, and prints the question of a device."""
@@ -358,18 +367,25 @@ class PlainConsole:
         self._factors = ", ".join(scale_of(name).said(value) for name, value in factors.items())
 
     def state(self, name: str, t_s: float) -> None:
-        """Only a pause is worth a line."""
+        """A line for a pause, and for what an approach will do and has done, where it is this trial's turn."""
         if name == PAUSED:
             self._print("paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts")
+        foreseen = self._view.foreseen() if self._view is not None and self._shown else ""
+        if foreseen != self._foreseen:
+            self._foreseen = foreseen
+            self._print(foreseen)
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """Prints the result, where it is this trial's turn."""
-        shown = self._begun in (1, self._trials) or self._begun % -(-self._trials // LINES or 1) == 0
-        if not shown and outcome not in UNMEASURED:
+        if not self._shown and outcome not in UNMEASURED:
             return
         results = ", ".join(scale_of(name).said(value) for name, value in key_results(row).items())
         line = f"[{self._begun}/{self._trials}] trial {trial} {self._factors}: {outcome.replace('_', ' ')}, {results}"
         self._print(line.rstrip(", "))
+
+    @property
+    def _shown(self) -> bool:
+        return self._begun in (1, self._trials) or self._begun % -(-self._trials // LINES or 1) == 0
 
     def campaign_ended(self, line: str) -> None:
         """The exit prints the rest."""

@@ -83,10 +83,10 @@ class LiveView:
     def lines(self, width: int = 80) -> list[str]:
         """The signal's line, no wider than that, and the margins'; nothing for what has not arrived."""
         margins = (f"{name} {value:.2f} of {limit:.1f} {unit}" for name, value, limit, unit in self.margins())
-        lines = (self._signal_or_why_not(width), "  ".join(margins), self._foreseen())
+        lines = (self._signal_or_why_not(width), "  ".join(margins), self.foreseen())
         return [line for line in lines if line]
 
-    def _foreseen(self) -> str:
+    def foreseen(self) -> str:
         """What the approach under way will do at a touch, or what the last one did."""
         newest = (event for event in reversed(self._events) if isinstance(event, Forecast | Approached))
         return next(map(as_text, newest), "")

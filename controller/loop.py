@@ -559,9 +559,9 @@ class Loop:
         finally:
             if changed or not isinstance(event, Tick):
                 self._record_event(event, before, after, commands)
+            self._record_foreseen()
             if after != before:
                 self._operator.state(after, event.t_s)
-            self._record_foreseen()
 
     def _give_up(self, event: Event) -> None:
         """The trial ends by this event: its behavior may lead the movers out of it, for a while, from standing still.

@@ -210,11 +210,13 @@ def _ended(story: Any) -> Iterator[Violation]:
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
     full = any(effect["device"] == "disk" for effect in story.effects)
     pressed = any(effect["kind"] == "abort" for effect in story.effects)
-    allowed = ("guard", "fault", "aborted") if pressed else ("guard", "fault")
+    person = story.profile["behavior"].get("operator")
     for event in story.events():
         number = event.get("trial")
         if full and number not in outcomes:
             return
+        declined = event.get("event") == "Refused" and event["device"] == person  # who may want no more
+        allowed = ("guard", "fault", *(("aborted",) if pressed or declined else ()))
         refused = (
             event.get("event") == "Refused" and event["next"] != event["state"]
         )  # no pause had taken its place
@@ -564,7 +566,9 @@ def _late(story: Any) -> Iterator[Violation]:
             seen = [(t_s, each["axis_m"]) for t_s, each in (*before, *after) if "axis_m" in each]
             # it went on its way meanwhile, and still does; turns that were taken as one say nothing
             moving = len(seen) == 4 and seen[3][0] - seen[2][0] < 3.0 * turn_s
-            moving = moving and all(abs(two[1] - one[1]) > 1e-6 for one, two in (seen[1:3], seen[2:]))
+            steps_m = [two[1] - one[1] for one, two in (seen[1:3], seen[2:])] if moving else [0.0]
+            # another way that began since, once it had stood still, is no motion that went on
+            moving = moving and (min(steps_m) > 1e-6 or max(steps_m) < -1e-6)
             moving = moving and effect["effect_s"] - seen[1][0] < 3.0 * turn_s
             if moving and outcomes.get(trial.number) not in ("guard", "fault", "aborted"):
                 what = f"a turn was {effect.get('amount', 0.2):g} s late; the outcome is {outcomes.get(trial.number)}"

@@ -114,10 +114,14 @@ SCENES: Mapping[str, Excerpt] = {
     "pretouch": Excerpt(2, _NEAR, {"limits.stale_s": (0.06, 0.2)}),
     "touch": Excerpt(1, _NEAR, {"limits.stale_s": (0.06, 0.2)}),
     "centering": Excerpt(1, _SONIC, {"behavior.grip_force_n": (7.0, 14.0)}),
-    "grasp": Excerpt(1, {**_SONIC, "behavior.lift_speed_m_s": 0.03}, {"behavior.grip_force_n": (7.0, 12.0)}),
+    "grasp": Excerpt(
+        1,
+        {**_SONIC, "behavior.lift_m": 0.03, "behavior.shake_s": 0.8},
+        {"behavior.grip_force_n": (7.0, 12.0)},
+    ),
     "slip": Excerpt(
         1,
-        {"plant.surface_m": 0.0012, "behavior.motion_timeout_s": 12.0, "behavior.home_timeout_s": 12.0},
+        {"plant.surface_m": 0.0012, "behavior.motion_timeout_s": 12.0, "behavior.home_timeout_s": 30.0},
         {"behavior.rest_s": (0.2, 0.9)},
     ),
     "weights": Excerpt(

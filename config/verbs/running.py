@@ -242,7 +242,8 @@ def _carried_out(
                 outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
                 note.tell(not_at_rest=outcome.not_at_rest)
     permitted = loaded.trial_settings.reconnects
-    if outcome.exit_code == verbs.DEVICE and reconnected < permitted and rig is not None:
+    stopped = operator.stopped
+    if outcome.exit_code == verbs.DEVICE and reconnected < permitted and rig is not None and not stopped:
         if outcome.not_at_rest:
             verbs.complain("it is not reconnected: something may still move")
         else:
@@ -263,7 +264,9 @@ def _carried_out(
         verbs.complain(f"no report: {verbs.explained(error)[1]}")
     if outcome.error is not None:
         raise outcome.error
-    return outcome.exit_code
+    return outcome.exit_code or (
+        verbs.INTERRUPTED if stopped else verbs.DONE
+    )  # it came at the end: nothing follows
 
 
 def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reported: bool) -> int:

@@ -48,7 +48,10 @@ ONCE: tuple[Kind, ...] = (
     "pause",
     "abort",
 )
-"""What happens at an instant, in the turn that meets it."""
+"""What happens at an instant, in the turn that meets it; of these `unplug` alone lasts."""
+
+COMMANDED: tuple[Kind, ...] = ("refuse", "overrun")
+"""What shows in what a device does with a command: turns in which none is sent may be taken as one meanwhile."""
 
 AMOUNTS: Mapping[Kind, float] = {"wrong": -1.0, "drift": 0.001, "late": 0.05, "overrun": 0.002, "hang": 0.2}
 """How much, where a fault does not say. Assumption: a sensor that is wired the wrong way round; a millimetre or
@@ -202,7 +205,7 @@ class FaultSchedule:
         quiet_s = math.inf
         for fault in self._faults:
             since_s = self._since_s.get(fault.after)
-            if fault.kind in READ:
+            if fault.kind in READ or fault.kind in COMMANDED:
                 continue
             if since_s is None:
                 if fault.after in self._counted and fault.after[0].islower() and fault.after[:6] != "write ":
@@ -212,7 +215,8 @@ class FaultSchedule:
             if begins_s <= t_s:
                 times, ago_s = fault.phase(t_s - begins_s)
                 waits = fault.kind in ONCE and self._begun.get(fault, -1) < times
-                if waits or ago_s < (fault.for_s or math.inf):
+                lasts = fault.kind not in ONCE or fault.kind == "unplug"
+                if waits or (lasts and ago_s < (fault.for_s or math.inf)):
                     return t_s
                 if fault.every_s is None or times + 1 == fault.times:
                     continue

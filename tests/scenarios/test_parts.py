@@ -1,13 +1,16 @@
 """Several runs from one profile: in one folder, with one report, and gone on with where they broke off."""
 
 import shutil
+import signal
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from config.parts import parts_of
 from config.profile import load_profile
+from config.script import run_trials
 from config.source import ProfileError, profile_names
+from controller.campaign import Campaign
 from run import cli
 from tests.refusals import refused
 
@@ -86,6 +89,43 @@ def test_parts_run_into_one_folder_with_one_report_and_go_on_where_they_broke_of
     run("resume", "latest")
     assert sorted(rows(campaign)) == sorted(whole)
     assert (campaign / "report.html").is_file()
+
+
+@pytest.fixture
+def killed(monkeypatch):
+    """As each run closes its devices, after its last trial, somebody kills the program."""
+    close = Campaign._close
+
+    def closing(campaign):
+        signal.raise_signal(signal.SIGTERM)
+        close(campaign)
+
+    monkeypatch.setattr(Campaign, "_close", closing)
+
+
+def test_a_kill_that_comes_when_a_part_is_done_begins_no_other_one(killed, tmp_path):
+    profile = tmp_path / "two.toml"
+    profile.write_text(TWO)
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", str(profile), "--jobs", "1", "--no-report", "--out", str(tmp_path / "runs")])
+    assert ended.value.code == 130
+    (campaign,) = (tmp_path / "runs").iterdir()
+    (static,) = campaign.glob("*/trials.csv")
+    assert "mock-static" in str(static) and len(static.read_text().splitlines()) == 3
+
+
+def test_a_kill_that_comes_as_a_device_fails_opens_nothing_anew(killed, tmp_path, capsys):
+    fails = ["--fault", "board off in BASELINE trial 1", "--set", "trials.reconnects=1"]
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "mock/transient", "--only", "1", "--no-report", *fails, "--out", str(tmp_path)])
+    assert ended.value.code == 3
+    assert "reconnected" not in capsys.readouterr().err
+
+
+def test_a_script_of_many_runs_ends_with_the_one_that_is_killed(killed, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        run_trials("mock/static", [{"condition": "none"}], out=tmp_path, say=lambda line: None)
+    assert len(list(tmp_path.glob("*/trials.csv"))) == 1
 
 
 def test_an_option_that_one_part_alone_could_take_is_refused(tmp_path, capsys):

@@ -59,6 +59,13 @@ def test_until_when_nothing_can_happen_is_known():
     assert schedule(after="HOLDING").quiet_until_s(1.0) == np.inf, "a state is entered in a turn of its own"
     stalls = schedule(kind="stall", at_s=2.0, for_s=0.1)
     assert stalls.quiet_until_s(2.5) == 2.5, "it was not taken yet"
+    pause = schedule(kind="pause", at_s=2.0)
+    assert pause.begun(2.5, "pause")
+    assert pause.quiet_until_s(2.6) == np.inf, "it was for an instant, though no end is given"
+    assert schedule(kind="refuse").quiet_until_s(1.0) == np.inf, "only a command is refused"
+    gone = schedule(kind="unplug", at_s=2.0)
+    assert gone.begun(2.5, "unplug")
+    assert gone.quiet_until_s(2.6) == 2.6, "it stays away"
 
 
 class Sensor(Driver):

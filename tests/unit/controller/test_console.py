@@ -19,11 +19,15 @@ from hypothesis import strategies as st
 from rich.console import Console as Terminal
 from rich.text import Text
 
+from behaviors.events import Approached, Forecast
 from controller import console as console_module
 from controller import live
 from controller.campaign import foremost
 from controller.console import RESULTS, ConsoleOperator, PlainConsole, key_results
+from controller.limits import GuardSettings
 from controller.live import LiveConsole
+from controller.live_view import LiveView
+from controller.recording.series import TrialRecording
 from controller.registry import EXPERIMENTS
 from controller.scales import DIGITS, figure
 from drivers.core import compiled, compiling
@@ -287,6 +291,29 @@ def test_a_reader_that_takes_nothing_holds_neither_a_line_nor_the_end_up(keyboar
     taking.set()
     console._printer._thread.join(10.0)
     assert [line.partition(":")[0] for line in printed] == ["mock/transient", "paused"]
+
+
+def test_off_a_terminal_an_approach_has_a_line_before_and_after_where_its_trial_has_one(plain):
+    console, lines = plain
+    foreseen = Forecast(0.1, "stage", 0.004, 0.0003, None, 1.5)
+    console.campaign_started("mock/transient", 100, Path("runs/x"))
+    for trial in (1, 2):
+        events = []
+        console.trial_started(trial, {})
+        console.watch(LiveView(TrialRecording(1), {}, GuardSettings(travel_m=0.012), events=events))
+        console.state("BASELINE", 0.0)
+        events.append(foreseen)
+        console.state("APPROACH", 0.1)
+        events.append(Approached(0.9, "stage", 0.0002, 0.15))
+        console.state("HOLDING", 0.9)
+        console.state("RETRACTING", 1.0)
+        console.trial_ended(trial, "contact", {})
+    console.campaign_ended("")
+    assert lines[1:] == [
+        "stage: forecast, speed 4 mm/s, travel 0.3 mm, most 1.5 N",
+        "stage: approached, travel 0.2 mm, pressed 0.15 N",
+        "[1/100] trial 1 : contact",
+    ]
 
 
 def test_a_reader_that_has_left_ends_the_output_and_nothing_else(keyboard):
