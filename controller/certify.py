@@ -471,7 +471,11 @@ class Certifier:
         yield from self._streams(movers)
         for mover in movers:
             late_s = self._limits.late_s
-            away_s = BEYOND * late_s + 2.0 / self.session.loop.rate_hz
+            own_s = getattr(
+                mover.settings, "loop_timeout_s", math.inf
+            )  # after which the mover's process stops it
+            beyond_s = min(BEYOND * late_s, (late_s + own_s) / 2.0) if own_s > late_s else BEYOND * late_s
+            away_s = beyond_s + 2.0 / self.session.loop.rate_hz
             yield self._case([mover], "late_s", f"{late_s:g} s", self._away(mover.name, away_s, own_s=away_s))
         yield from self._forces(movers)
         for mover in movers:

@@ -383,7 +383,10 @@ def _check_values(path: Path, name: str, blocks: Sequence[SampleBlock]) -> str:
 def at_rail(blocks: Sequence[SampleBlock]) -> str:
     """What is said of a converter that stands at an end of its range for `RAIL` samples in a row; "" where none does.
 
-    A channel of a few values alone, as a switch, has no rails."""
+    A channel of a few values alone, as a switch, has no rails; nor has a place, for a mover rests at an end of its way.
+    """
+    if blocks[0].unit == "m":
+        return ""
     channels = np.concatenate([block.physical for block in blocks]).T
     live = [x for x in channels if len(np.unique(x[:RAIL_LOOK])) > RAIL_LEVELS]
     for x, end in ((each, float(end)) for each in live for end in (each.max(), each.min())):

@@ -252,10 +252,8 @@ class AuraScene:
             rows: Of the millisecond of each instant, shape (n, columns).
             width_m: Opening of the jaws, shape (n,).
         """
-        if self.layout.thing is None:
-            away_m = np.broadcast_to(0.0, (len(tool_m), 3))
-        else:
-            away_m = self._away(rows[:, OBJECT], tool_m[:, :3])
+        there = self.layout.thing is not None
+        away_m = self._away(rows[:, OBJECT], tool_m[:, :3]) if there else np.zeros((len(tool_m), 3))
         forces_n, yaw_rad = rows[:, FORCE], rows[:, YAW]
         if yaw_rad.any():  # the object's place as the wrist has it; its cross-section is taken for round
             cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)

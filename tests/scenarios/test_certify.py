@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -172,6 +173,15 @@ def test_silence_and_lateness_that_nobody_notices_fail_it(monkeypatch):
     monkeypatch.setattr("controller.arrivals.Arrivals._silent", lambda *_: None)
     failed = {proof.limit for proof in proved("mock/transient") if proof.verdict == "failed"}
     assert failed == {"limits.stale_s", "limits.late_s"}
+
+
+def test_a_late_loop_is_seen_by_the_guard_before_the_movers_own_process_acts(monkeypatch):
+    for cases in ("_streams", "_forces", "_travel", "_asked", "_of_device", "_alone", "_watchdogs", "_ended"):
+        monkeypatch.setattr(Certifier, cases, lambda *_: ())
+    settings = {"limits.late_s": "0.4", "devices.arm.loop_timeout_s": "0.5"}
+    (done,) = [proof.done for proof in of(proved("mock/transient_arm", **settings), "limits.late_s")]
+    (away_s,) = re.findall(r"away for (\S+) s", done)
+    assert 0.4 < float(away_s) < 0.5
 
 
 def test_a_bench_that_does_not_stop_is_driven_past_nothing(monkeypatch):

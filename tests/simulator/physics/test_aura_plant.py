@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from controller.signals.transducer import analyse
 from simulator.physics.aura import COUNTS, LEFT, RIGHT, AuraMotion, AuraPlant, plate_echo
+from simulator.physics.aura_part import aura_bench
 from simulator.physics.aura_settings import (
     OBJECTS,
     SIDES,
@@ -18,6 +19,7 @@ from simulator.physics.aura_settings import (
     EchoSettings,
     RoomSettings,
 )
+from simulator.physics.gripper_part import AuraBenchSettings
 
 HALF_WAVE_M = 343.2 / 40_000.0 / 2.0
 """Half a wavelength in air of 20 degrees, where sound makes 343.2 m/s: 4.29 mm."""
@@ -336,3 +338,29 @@ def test_a_plates_echo_is_what_each_piece_hears_of_the_mirror_image_of_each(plat
     found = plate_echo(plate, np.array(gaps_m), np.full(3, wave_rad_m), decay_m)
     expected = np.array([heard(gap_m) for gap_m in gaps_m])
     assert found == pytest.approx(expected / abs(expected[1]), rel=1e-3)
+
+
+class Turned:
+    """Carries the gripper at its start pose, turned about the approach of the fingers' tips."""
+
+    def __init__(self, turn_rad: float) -> None:
+        self.turn_rad = turn_rad
+
+    def offsets(self, times_s: Floats) -> Floats:
+        return np.tile([0.0, 0.0, 0.0, 0.0, 0.0, self.turn_rad], (len(times_s), 1))
+
+
+def test_fingers_with_nothing_before_them_hear_the_same_however_they_are_turned() -> None:
+    def heard(turn_rad: float) -> Any:
+        settings = AuraBenchSettings(scene="ahead", object="none")
+        bench = aura_bench(settings)
+        bench.mount(Turned(turn_rad))
+        bench.begin(0.0, 1, 1, {}, settings.model_dump(mode="json"))
+        bench.drive(40_000.0, 0.5)
+        bench.advance(0.05)
+        return bench.baseband(np.arange(1, 51) / 1000.0), bench.carrier(0, 960)
+
+    envelope, counts = heard(0.3)
+    assert np.abs(envelope).min() > 0.0
+    assert (envelope == heard(0.0)[0]).all()
+    assert (counts == heard(0.0)[1]).all()

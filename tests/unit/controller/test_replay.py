@@ -18,7 +18,7 @@ from controller.detectors.calibration import calibrate
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.recording.tables import ReplayError, read_columns
-from controller.replay import between, calibration_line, enveloped, nearest, read_blocks, replay
+from controller.replay import at_rail, between, calibration_line, enveloped, nearest, read_blocks, replay
 from controller.replay_plot import draw
 from controller.signals.iq import IqSettings
 from drivers.core.messages import SampleBlock
@@ -635,6 +635,12 @@ def test_a_converter_at_its_rail_is_named(tmp_path, limit, said):
     notes = []
     read_blocks(csv(tmp_path / "a.csv", t_s, values), STREAM, notes=notes)
     assert ("at its rail (0.02)" in notes[0] and "1.501 s" in notes[0]) == said
+
+
+def test_a_mover_that_rests_at_an_end_of_its_way_is_no_converter():
+    places_m = np.clip(0.002 * np.arange(1000.0)[:, None] / 100.0, 0.0, 0.01)
+    assert "rail" in at_rail([SampleBlock("a.b", 0, 0.0, places_m, rate_hz=100.0, unit="N")])
+    assert at_rail([SampleBlock("a.b", 0, 0.0, places_m, rate_hz=100.0, unit="m")]) == ""
 
 
 def test_a_rail_is_named_in_whichever_channel(tmp_path):
