@@ -435,7 +435,12 @@ class Loop:
         if self._witness.failure is not None:
             raise self._witness.failure
         approached = [each for status in statuses if (each := self._note(status)) is not None]
-        self._attend(t_s)
+        try:
+            self._attend(t_s)
+        except Aborted:
+            for status in [*statuses, *approached]:  # what has come by now belongs to the trial
+                self._record_aside(status)
+            raise
         statuses += self._unanswered(t_s)
         moving = bool(trial.moving)
         beyond = [status for status in statuses if isinstance(status, Saturated)]

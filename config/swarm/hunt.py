@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from config.profile import load_profile
+from config.source import flatten
 from config.swarm import checkers
 from config.swarm.cells import Cell
 from config.swarm.checkers import Violation
@@ -235,7 +237,8 @@ def replayed(path: Path) -> Sequence[Violation]:
 
     profile = load_profile(path)
     seen: list[Violation] = []
-    plan = Plan(0, profile.experiment, {}, [], [])
+    drawn_there = dict(flatten(tomllib.loads(path.read_text(encoding="utf-8"))))
+    plan = Plan(0, profile.experiment, drawn_there, [], [])
     with memory() as folder:
         story = played(plan, profile, folder)
         seen += checkers.check(story)

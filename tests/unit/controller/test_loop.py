@@ -27,6 +27,7 @@ from drivers.core.messages import (
     Refused,
     SampleBlock,
     Saturated,
+    Sent,
     Stalled,
     Standstill,
     Stop,
@@ -1197,6 +1198,16 @@ def test_an_abort_stops_every_mover_and_then_listens_to_nothing(bench):
     assert bench.sent(Listen)[-1][0] >= 0.17
     assert bench.stops == [(0.15, Stop("stage")), (0.15, Stop("other"))]
     assert bench.loop.account.not_at_rest == []
+
+
+def test_what_has_come_in_the_turn_of_an_abort_is_recorded(bench):
+    bench.requests = [("abort", 0.15)]
+    bench.board.report(Sent, Excite("board", False), at_s=0.15)
+    with pytest.raises(Aborted):
+        bench.run()
+    assert [(event.t_s, event.device) for event in bench.loop.events if isinstance(event, Sent)] == [
+        (0.15, "board")
+    ]
 
 
 def test_an_abort_from_before_the_trial_keeps_everything_from_moving(bench):
