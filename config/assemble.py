@@ -110,6 +110,7 @@ def _wire_devices(
 def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtime: bool) -> Rig:
     from controller.rig import Rig
     from drivers.core.errors import PROGRAM, RefusedError
+    from simulator.devices.faults import disk_takes_s
     from simulator.wiring.bench_clock import BenchClock, ClockPage
     from simulator.wiring.emulator_process import EmulatorControl
 
@@ -125,12 +126,13 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
 
     faults = _schedules(profile, profile.devices, emulator.mark)
     devices = _wire_devices(profile, clock, emulator.endpoints["devices"], faults)
+    faults |= _schedules(profile, ["disk"])  # of which the emulator knows nothing
 
     def begin_trial(scene: TrialScene) -> None:
         emulator.begin_trial(scene.trial, scene.seed, scene.factors, scene.plant)
         for name, schedule in faults.items():
             schedule.restart(scene.trial)
-            if schedule.any:
+            if schedule.any and name in devices:
                 devices[name].restart()  # type: ignore[attr-defined]
 
     def account() -> Mapping[str, Any]:
@@ -146,6 +148,7 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
         account=account,
         entered=partial(_entered, faults),
         place=lambda: _metres(emulator.scene()),
+        disk=lambda: disk_takes_s(faults["disk"], clock.now()),
         endpoints=emulator.endpoints,
         close=emulator.close,
         time="wall" if emulator.endpoints.get("realtime") else "held",
@@ -228,7 +231,7 @@ def _dotted(made: Any) -> str:
 def _mock_rig(profile: Profile) -> Rig:
     from controller.rig import Rig
     from drivers.core.clock import VirtualClock
-    from simulator.devices.faults import OF_THE_BENCH, FaultyClock, Keys, faulty
+    from simulator.devices.faults import OF_THE_BENCH, FaultyClock, Keys, disk_takes_s, faulty
     from simulator.look_ahead import LookAhead
 
     assert profile.plant is not None
@@ -266,7 +269,7 @@ def _mock_rig(profile: Profile) -> Rig:
         ahead=ahead.skip,
         entered=partial(_entered, faults),
         pressed=Keys(faults["keys"], clock).pressed,
-        disk=lambda: not faults["disk"].active(clock.now(), "full"),
+        disk=lambda: disk_takes_s(faults["disk"], clock.now()),
     )
 
 

@@ -170,7 +170,7 @@ class Sections:
                 found("simulator.devices.faults:OF_THE_BENCH").get(fault.device, ()) if not entry else ()
             )
             kinds = row("driver", entry.kind).faults(entry.port) if entry else of_bench
-            if of_bench and bench != "mock":
+            if of_bench and bench != "mock" and fault.device != "disk":
                 self._complain(
                     (*path, "device"), f" = {shown(fault.device)}: on the mock bench alone, in virtual time"
                 )

@@ -306,7 +306,7 @@ class Campaign:
                 measures=self._plan.columns,
                 patient=self._rig.clock.virtual,
                 mirror=self._mirror,
-                has_room=self._rig.disk,
+                busy_s=self._rig.disk,
             )
             return self._trials(folder, recorder, infos, trials)
         finally:

@@ -49,7 +49,7 @@ class Rig:
             `simulator.look_ahead.LookAhead.skip`.
         entered: Is told each state that a trial enters, and when: faults may count from it.
         pressed: Which key a simulated person presses now, as `LoopOperator.poll`.
-        disk: Whether there is room on the disk; a simulated one may be full.
+        disk: How long a simulated disk takes besides for what is recorded now, s; infinite: it is full.
     """
 
     kind: BenchKind
@@ -67,7 +67,7 @@ class Rig:
     ahead: Callable[..., int] | None = None
     entered: Callable[[str, float], None] = lambda state, t_s: None
     pressed: Callable[[], str | None] = lambda: None
-    disk: Callable[[], bool] = lambda: True
+    disk: Callable[[], float] = float
     time: BenchTime = "virtual"
 
     @property

@@ -69,6 +69,9 @@ SUCCESSES = (
 NO_DEVICES = ("loop", "keys", "disk")
 """What goes wrong and is no device."""
 
+HARMLESS = {"pause", "slow"}
+"""What spoils no trial: a person's pause, and a disk that takes its time."""
+
 CUT = ("silent", "unplug", "lose", "corrupt")
 """Kinds of faults by which samples do not come."""
 
@@ -146,7 +149,7 @@ def _exit(story: Any) -> Iterator[Violation]:
         yield Violation(
             "LIVENESS", "exit", *_where(story), f"it was interrupted; exit code {story.exit_code}"
         )
-    if kinds <= {"pause"} and story.exit_code not in (0, 1) and not _of_drawn(story):
+    if kinds <= HARMLESS and story.exit_code not in (0, 1) and not _of_drawn(story):
         what = f"nothing is wrong with the bench; exit code {story.exit_code}: {story.line}"
         yield Violation("LIVENESS", "exit", *_where(story), what)
     status = story.manifest["exit"]["status"]
@@ -160,11 +163,15 @@ def _of_drawn(story: Any) -> bool:
     return any(limit in story.line and drawn in story.plan.settings for limit, drawn in pairs)
 
 
+def _full(story: Any) -> bool:
+    return any(effect["kind"] == "full" for effect in story.effects)
+
+
 def _rows(story: Any) -> Iterator[Violation]:
     """A row for each trial that ended, with an outcome, and success only where there was one."""
     numbers = [int(row["trial"]) for row in story.rows]
     begun = [trial.number for trial in story.trials]
-    if any(effect["device"] == "disk" for effect in story.effects):  # what was written before stands
+    if _full(story):  # what was written before stands
         if story.exit_code not in (1, 130) or (story.exit_code == 1 and "No space left" not in story.line):
             what = f"the disk was full; exit code {story.exit_code}: {story.line}"
             yield Violation("DATA", "disk", *_where(story), what)
@@ -208,7 +215,7 @@ def _outcomes(story: Any) -> Iterator[Violation]:
 def _ended(story: Any) -> Iterator[Violation]:
     """A trial that the guard stopped, or in which a device failed or stalled, ends as that: never as anything else."""
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
-    full = any(effect["device"] == "disk" for effect in story.effects)
+    full = _full(story)
     pressed = any(effect["kind"] == "abort" for effect in story.effects)
     person = story.profile["behavior"].get("operator")
     for event in story.events():
@@ -243,10 +250,10 @@ def _touched(story: Any) -> Iterator[Violation]:
 
 
 def _spared(story: Any) -> Iterator[Violation]:
-    """Where nothing is wrong but a pause, no trial is given up, but for what cannot be slipped over twice."""
+    """Where nothing is wrong but what is harmless, no trial is given up, but for what cannot be slipped over twice."""
     if (
         story.plan.experiment != "slip"
-        and {effect["kind"] for effect in story.effects} <= {"pause"}
+        and {effect["kind"] for effect in story.effects} <= HARMLESS
         and story.exit_code in (0, 1)
     ):
         for row in story.rows:
@@ -402,7 +409,7 @@ def _recorded(story: Any) -> Iterator[Violation]:
     said, missing = story.manifest["loss"], dict[str, int]()
     for path in sorted(Path(story.folder).glob("*.mcap")):
         try:
-            recorded = Recorded(path, cut=any(effect["device"] == "disk" for effect in story.effects))
+            recorded = Recorded(path, cut=_full(story))
         except (McapError, OSError, ValueError, KeyError) as error:
             what = f"{path.name}: {type(error).__name__}: {error}"
             yield Violation("DATA", "readable", *_where(story), what)
@@ -583,7 +590,7 @@ def _at_once(story: Any) -> Iterator[Violation]:
         if event.get("event") == "Sent" and event["command"].startswith(f"Stop({mover}"):
             told_s.setdefault(event["trial"], []).append(event["t_s"])
     trials = {trial.number: trial for trial in story.trials}
-    if any(effect["device"] == "disk" for effect in story.effects):
+    if _full(story):
         return  # what was sent is told a turn later, and may not be written any more
     for event in story.events():
         trial = trials.get(event.get("trial", 0))
@@ -605,7 +612,7 @@ def _unseen(story: Any) -> Iterator[Violation]:
     """Where a mover cannot be asked any more at the end, the line says that nobody saw it standing still; and where
     nothing was wrong with it, the line does not."""
     mover = story.profile["behavior"].get("mover")
-    wrong = {effect["device"] for effect in story.effects}
+    wrong = {effect["device"] for effect in story.effects if effect["kind"] != "slow"}
     if mover and f"NOT seen standing still: {mover}" in story.line and not wrong & {mover, "loop", "disk"}:
         yield Violation(
             "SAFETY", "unseen", *_where(story), f"nothing was wrong with {mover}; it says: {story.line}"

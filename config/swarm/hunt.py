@@ -142,8 +142,10 @@ def _deep(plan: Plan, story: Story, deep: str, folder: Path) -> Iterator[Violati
     elif deep == "idle":
         device, kind = (plan.faults[0]["device"], "late") if plan.faults else ("loop", "hang")
         kind = {"loop": "hang", "keys": "pause", "disk": "full"}.get(device, kind)
-        idle = replace(plan, faults=[*plan.faults, {"device": device, "kind": kind, "at_s": 1e6}])
-        yield from checkers.same(story, play(idle, folder), "a fault after the end")
+        idle = {"device": device, "kind": kind, "at_s": 1e6}
+        slow = {"device": "disk", "kind": "slow", "amount": 0.002, "for_s": 1.0, "every_s": 5.0}
+        other = play(replace(plan, faults=[*plan.faults, idle, slow]), folder)
+        yield from checkers.same(story, other, "a fault after the end, and a slow disk")
     elif deep == "split" and "board" in known(plan.experiment).profile.devices:
         # each block that is lost is told by itself
         told = any(fault["kind"] in ("lose", "corrupt") for fault in plan.faults)

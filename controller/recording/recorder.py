@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import BIN_S, DETECTOR, TrialRecording, bins_of, extremes_of_each
 from controller.recording.stream_writer import StreamWriter
 from controller.scales import as_text
+from drivers.core.clock import rest
 from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
 
 if TYPE_CHECKING:
@@ -46,7 +48,7 @@ class Recorder:
         factors: Names of what the trials vary, in the order of the columns.
         measures: Names of what is measured of a trial, in the order of the columns.
         patient: Whether `record` may wait for a disk that cannot keep up: in virtual time, which waits too.
-        has_room: Whether a simulated disk has room.
+        busy_s: How long a simulated disk takes besides for what is recorded now; infinite: it is full.
 
     Raises:
         RecordingError: the folder cannot be written.
@@ -62,7 +64,7 @@ class Recorder:
         measures: Sequence[str],
         patient: bool = False,
         mirror: Mirror | None = None,
-        has_room: Callable[[], bool] = lambda: True,
+        busy_s: Callable[[], float] = float,
     ) -> None:
         self.folder = folder
         self.trial = TrialRecording(-1)
@@ -76,7 +78,7 @@ class Recorder:
         except RecordingError:
             self._streams.abandon()
             raise
-        self._has_room = has_room
+        self._busy_s = busy_s
         self._disk = DiskThread((self._streams, self._events, self._ledger), patient=patient)
 
     @property
@@ -107,8 +109,11 @@ class Recorder:
 
     def record(self, blocks: Iterable[SampleBlock]) -> None:
         """Keep blocks as they are. Their arrays must not be written to afterwards."""
-        if not self._has_room():
+        busy_s = self._busy_s()
+        if busy_s == math.inf:
             self._disk.fill()
+        elif busy_s:
+            self._disk.post(self._streams, rest, busy_s)
         room = self._disk.room()
         for block in blocks:
             self.trial.add(block)

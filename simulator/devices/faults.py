@@ -18,7 +18,7 @@ Kind = Literal[
     "unplug", "silent", "stall", "refuse", "lose", "corrupt", "double", "full_scale",
     "stuck", "wrong", "drift", "late", "nan", "overrun",
     "overheat", "reboot", "restart", "disable",
-    "hang", "pause", "abort", "full",
+    "hang", "pause", "abort", "full", "slow",
 ]  # fmt: skip
 
 SENSED: tuple[Kind, ...] = ("stuck", "wrong", "drift", "late")
@@ -30,9 +30,10 @@ READ: tuple[Kind, ...] = ("stuck", "wrong", "drift", "nan")
 OF_THE_BENCH: Mapping[str, tuple[Kind, ...]] = {
     "loop": ("hang",),
     "keys": ("pause", "abort"),
-    "disk": ("full",),
+    "disk": ("full", "slow"),
 }
-"""What is no device and can go wrong on a bench in virtual time: the program's own loop, a person's keys, the disk."""
+"""What is no device and can go wrong: the program's own loop, a person's keys, the disk. All but the last in virtual
+time alone."""
 
 INJECTED: tuple[Kind, ...] = ("stall", "refuse", "overheat", "reboot", "restart", "disable")
 """What a device is told when it begins: it knows itself what follows."""
@@ -53,9 +54,16 @@ ONCE: tuple[Kind, ...] = (
 COMMANDED: tuple[Kind, ...] = ("refuse", "overrun")
 """What shows in what a device does with a command: turns in which none is sent may be taken as one meanwhile."""
 
-AMOUNTS: Mapping[Kind, float] = {"wrong": -1.0, "drift": 0.001, "late": 0.05, "overrun": 0.002, "hang": 0.2}
+AMOUNTS: Mapping[Kind, float] = {
+    "wrong": -1.0,
+    "drift": 0.001,
+    "late": 0.05,
+    "overrun": 0.002,
+    "hang": 0.2,
+    "slow": 0.5,
+}
 """How much, where a fault does not say. Assumption: a sensor that is wired the wrong way round; a millimetre or
-millinewton a second; a buffer of 50 ms; 2 mm; twice what the guard tolerates of a loop."""
+millinewton a second; a buffer of 50 ms; 2 mm; twice what the guard tolerates of a loop; a disk that wakes up."""
 
 
 class Fault(Settings):
@@ -72,8 +80,9 @@ class Fault(Settings):
     bench alone); stuck: they repeat their last value; wrong: they read `amount` times too much; drift: they go away by
     `amount` a second; late: samples and answers come `amount` seconds later; nan: numbers that are none; overrun: a
     mover goes `amount` m farther than it was sent; overheat, reboot, disable (its motor is switched off), restart (its
-    sample counters begin anew): what the device itself makes of it; full: nothing can be written any more; hang: a
-    turn of the loop comes `amount` seconds late; pause: Ctrl+C, and Enter at the next turn; abort: Ctrl+C twice."""
+    sample counters begin anew): what the device itself makes of it; full: nothing can be written any more; slow: what
+    is recorded in a turn takes the disk `amount` seconds by the wall; hang: a turn of the loop comes `amount` seconds
+    late; pause: Ctrl+C, and Enter at the next turn; abort: Ctrl+C twice."""
 
     at_s: float = Field(default=0.0, ge=0.0)
     """When it begins, in seconds since the trial began, or since what `after` names."""
@@ -391,6 +400,14 @@ class Keys:
         keys = OF_THE_BENCH["keys"] if self._faults.any else ()
         self._last = next((key for key in keys if self._faults.begun(t_s, key)), None)
         return self._last or ("resume" if resumes else None)
+
+
+def disk_takes_s(faults: FaultSchedule, t_s: float) -> float:
+    """How long the disk is busy with what is recorded at `t_s`; infinite where it takes no more."""
+    if faults.active(t_s, "full"):
+        return math.inf
+    slow = faults.on(t_s, "slow")
+    return slow.much if slow else 0.0
 
 
 def break_by(kind: str, ways: Mapping[str, Callable[[], object]], device: str) -> None:

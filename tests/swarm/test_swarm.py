@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,16 @@ def test_a_mover_that_goes_on_after_a_failure_is_found(monkeypatch) -> None:
 
 def test_a_run_that_broke_off_goes_on_to_the_same_bytes() -> None:
     assert examined(broken(), "resumed") == []
+
+
+def test_a_slow_disk_takes_effect_and_shows_in_no_row_and_no_event():
+    fast = Plan(1, "static", SCENES["static"].short, known("static").rows[:1], [])
+    slow = replace(fast, faults=[{"device": "disk", "kind": "slow", "amount": 0.01, "after": "RECORDING"}])
+    with memory() as folder:
+        one, other = play(fast, folder), play(slow, folder)
+    assert [effect["kind"] for effect in other.effects] == ["slow"]
+    assert list(checkers.same(one, other, "")) == []
+    assert list(checkers.check(other)) == []
 
 
 def test_a_fault_is_marked_in_the_manifest_when_it_takes_effect() -> None:
