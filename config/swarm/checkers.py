@@ -603,7 +603,11 @@ def _at_once(story: Any) -> Iterator[Violation]:
             or _beyond_reach(story, trial, from_s=event["t_s"]) < math.inf
         ):
             continue
-        if not any(abs(t_s - event["t_s"]) < half_turn_s for t_s in told_s.get(trial.number, ())):
+        # a device that failed says when, between two turns
+        turns_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - half_turn_s]
+        turns_s = turns_s[: 2 if event["event"] == "Failed" else 1]
+        stops_s = told_s.get(trial.number, ())
+        if not any(abs(stop_s - t_s) < half_turn_s for stop_s in stops_s for t_s in (event["t_s"], *turns_s)):
             what = f"{event['event']} at {event['t_s']:.4f} s, and {mover} was not told to stop then"
             yield Violation("SAFETY", "at once", trial.number, event["t_s"], event["state"], what)
 
