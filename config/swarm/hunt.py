@@ -30,6 +30,9 @@ KILLED_BEFORE = 60
 OFTEN = 100
 """Seeds between two looks at the memory: in the first of them everything is loaded."""
 
+TOLD = ("lose", "corrupt")
+"""Faults of which each block that is lost is told by itself: as many events as blocks."""
+
 SHOWN_NOTHING = 3
 """How often a fault must have been on for the whole of a state, and shown nothing, until that cell cannot be."""
 
@@ -147,8 +150,7 @@ def _deep(plan: Plan, story: Story, deep: str, folder: Path) -> Iterator[Violati
         other = play(replace(plan, faults=[*plan.faults, idle, slow]), folder)
         yield from checkers.same(story, other, "a fault after the end, and a slow disk")
     elif deep == "split" and "board" in known(plan.experiment).profile.devices:
-        # each block that is lost is told by itself
-        told = any(fault["kind"] in ("lose", "corrupt") for fault in plan.faults)
+        told = any(fault["kind"] in TOLD for fault in plan.faults)
         one = healthy if told else plan
         other = replace(one, settings={**plan.settings, "devices.board.block_samples": 3})
         first = play(one, folder) if told else story
@@ -246,6 +248,9 @@ def replayed(path: Path) -> Sequence[Violation]:
         seen += checkers.check(story)
         if story.error is None:
             seen += checkers.same(story, played(plan, profile, folder), "the same plan twice")
+            if "board" in profile.devices and not any(each.kind in TOLD for each in profile.faults):
+                cut = load_profile(path, {"devices.board.block_samples": "3"})
+                seen += checkers.same(story, played(plan, cut, folder), "other block splits")
             if story.exit_code not in (0, 1):
                 healthy = replace(profile, faults=())
                 going_on = played(plan, healthy, folder, resumed=story.folder)

@@ -149,7 +149,7 @@ class FaultSchedule:
         self._trial = trial
         self._faults = [fault for fault in self._all if fault.trial is None or fault.trial == trial]
         self._begun: dict[Fault, int] = {}
-        self._last: dict[str, NDArray[Any]] = {}
+        self._last: dict[tuple[int, str], NDArray[Any]] = {}
         self._since_s = {"": 0.0}
         self._counts: dict[str, int] = {}
         self._counted = {fault.after for fault in self._faults if " " in fault.after}
@@ -247,13 +247,15 @@ class FaultSchedule:
         values: Any = block.values
         times_s = block.times
         for kind in READ:
-            for fault in (each for each in self._faults if each.kind == kind):
+            for number, fault in enumerate(self._faults):
+                if fault.kind != kind:
+                    continue
                 ago_s = self._ago_s(fault, times_s)
                 on = ago_s >= 0.0
                 if on.any() and (kind != "nan" or np.issubdtype(values.dtype, np.floating)):
                     self._noticed(fault, float(times_s[on.argmax()]))
                 if kind == "stuck":
-                    values = self._held(block.stream, values, on)
+                    values = self._held((number, block.stream), values, on)
                 elif on.any() and kind == "nan":
                     if np.issubdtype(values.dtype, np.floating):
                         values = np.where(on[:, None], math.nan, values)
@@ -264,12 +266,12 @@ class FaultSchedule:
                     values = _like(values, values + gone[:, None])
         return block if values is block.values else replace(block, values=values)
 
-    def _held(self, stream: str, values: NDArray[Any], stuck: NDArray[np.bool_]) -> NDArray[Any]:
-        """Values of which the stuck ones repeat the last that was not."""
+    def _held(self, which: tuple[int, str], values: NDArray[Any], stuck: NDArray[np.bool_]) -> NDArray[Any]:
+        """Values of which the stuck ones repeat the last that was not, by the fault of that number on that stream."""
         free = np.flatnonzero(~stuck)
-        last = self._last.setdefault(stream, values[0])
+        last = self._last.setdefault(which, values[0])
         if len(free):
-            self._last[stream] = values[free[-1]]
+            self._last[which] = values[free[-1]]
         if len(free) == len(values):
             return values
         since = np.maximum.accumulate(np.where(stuck, -1, np.arange(len(values))))
