@@ -438,8 +438,9 @@ class Loop:
         try:
             self._attend(t_s)
         except Aborted:
-            for status in [*statuses, *approached]:  # what has come by now belongs to the trial
-                self._record_aside(status)
+            come: list[Event] = [*statuses, *approached]
+            for event in come:  # by now: it belongs to the trial
+                self._record_aside(event)
             raise
         statuses += self._unanswered(t_s)
         moving = bool(trial.moving)

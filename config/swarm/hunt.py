@@ -147,8 +147,8 @@ def _deep(plan: Plan, story: Story, deep: str, folder: Path) -> Iterator[Violati
         kind = {"loop": "hang", "keys": "pause", "disk": "full"}.get(device, kind)
         idle = {"device": device, "kind": kind, "at_s": 1e6}
         slow = {"device": "disk", "kind": "slow", "amount": 0.002, "for_s": 1.0, "every_s": 5.0}
-        other = play(replace(plan, faults=[*plan.faults, idle, slow]), folder)
-        yield from checkers.same(story, other, "a fault after the end, and a slow disk")
+        same = play(replace(plan, faults=[*plan.faults, idle, slow]), folder)
+        yield from checkers.same(story, same, "a fault after the end, and a slow disk")
     elif deep == "split" and "board" in known(plan.experiment).profile.devices:
         told = any(fault["kind"] in TOLD for fault in plan.faults)
         one = healthy if told else plan
