@@ -92,19 +92,23 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         template="aura",
         paper="rupavatharam",
         summary=_summary(hard, nothing, unknown, run.simulated),
-        headline=_headline(there, bool(setting_of(run, "behavior", "touch"))),
+        headline=_headline(_papers(there) or there, bool(setting_of(run, "behavior", "touch"))),
     )
 
 
 def _headline(there: Rows, touching: bool) -> Headline | None:
     """What our detector tells, beside the paper's on the same samples; of trials along x, as printed; None where ours
     was not armed, or nothing is known of touches."""
-    column, of, what, printed = (
-        ("felt", "touches", "touches detected", f"IV.B.3 prints {percent(CONTACT[0])}")
-        if touching
-        else ("seen", "approaches", "objects seen in time", f"IV.B.1 prints {percent(PRE_TOUCH[0])}")
-    )
     own = [row for row in there if row.get("axis", "x") == "x"] or there
+    column, of, what = (
+        ("felt", "touches", "touches detected")
+        if touching
+        else ("seen", "approaches", "objects seen in time")
+    )
+    printed = f"IV.B.3 prints {percent(CONTACT[0])}" if touching else f"IV.B.1 prints {percent(PRE_TOUCH[0])}"
+    if touching and {row["object"] for row in own} == {PIPE}:  # of which the paper tells all but one side's
+        own = [row for row in own if row["side"] != DEAF] or own
+        what, printed = f"{what} with the sides other than the {DEAF}", "IV.A.3 prints all"
     n, (ours, theirs) = total(own, of), ([values(own, f"{column}_{method}") for method in ("ours", "paper")])
     if not n or not ours:
         return None
@@ -267,7 +271,7 @@ def _of_sides(there: Rows, kind: Kind) -> Iterator[Result]:
         text += f"{len(SIDES)}{'; nothing from ' * bool(blind)}{', '.join(blind)}"
         # a side that sees nothing alarms as seldom as one before nothing does
         met = all_of(decided(hits, n, 1.0 - PRE_TOUCH[1]) for hits, n in seen.values())
-        yield judged(kind, text, met, min(n for _, n in seen.values()), goal=True)
+        yield judged(kind, text, met, min(n for _, n in seen.values()), goal=method == "ours")
 
 
 def _of_passages(there: Rows) -> Iterator[Result]:
@@ -294,7 +298,7 @@ def _of_objects(rows: Rows, kind: Kind) -> Iterator[Result]:
             text = f"{what}, {whose}: {points} points {beside.side} the paper's {percent(paper)} of its own objects: "
             text += f"{hits} of {n[of]} {of}, {rate(hits, n[of])}"
             met = decided(hits, n[of], paper)
-            yield _judged(kind, text, met, n[of], column != "seen" and whose == METHODS["paper"])
+            yield _judged(kind, text, met, n[of], column, whose == METHODS["paper"])
 
 
 def _of_touches(there: Rows, kind: Kind) -> Iterator[Result]:
@@ -308,14 +312,14 @@ def _of_touches(there: Rows, kind: Kind) -> Iterator[Result]:
         text = f"Contact, {whose}: {felt} of {touches} touches detected with the other sides than the {DEAF}"
         text += f", {total(deaf, f'felt_{method}')} of {others} with the {DEAF}" if others else ""
         text += "; the paper detected all of the former"
-        yield _judged(kind, text, every(touches - felt, touches), touches, method == "paper")
+        yield _judged(kind, text, every(touches - felt, touches), touches, "felt", method == "paper")
 
 
-def _judged(kind: Kind, text: str, met: bool | None, n: int, papers_contact: bool) -> Result:
-    """The plant's touch was assumed in favour of the paper's contact: that it comes out shows nothing, that it does not
-    is a miss."""
-    kind = Kind.PREDICTED if kind == Kind.ASSUMED and papers_contact and met is False else kind
-    return judged(kind, text, met, n, goal=True)
+def _judged(kind: Kind, text: str, met: bool | None, n: int, column: str, papers: bool) -> Result:
+    """What the paper's detector does here is as printed or not, which is no goal. The plant's touch was assumed in
+    favour of its contact: that it comes out shows nothing, that it does not is told."""
+    kind = Kind.PREDICTED if kind == Kind.ASSUMED and papers and column != "seen" and met is False else kind
+    return judged(kind, text, met, n, goal=not papers)
 
 
 # --- figure ------------------------------------------------------------------------------------------

@@ -92,7 +92,7 @@ def _summary(groups: Groups, kind: Kind) -> list[Result]:
         if method == "paper" and not beyond:
             results.append(Result(kind, f"{text}."))
         else:
-            results.append(judged(kind, text, good, len(own), goal=True))
+            results.append(judged(kind, text, good, len(own), goal=method == "ours"))
         rival_m = _worst_m(groups.get((thing, "paper", speed_m_s), ())) if method == "ours" else None
         if rival_m and worst_m:
             ratio = max(rival_m, worst_m) / min(rival_m, worst_m)

@@ -47,7 +47,8 @@ def headline_of(
         found = rated("trials that succeeded", good, len(rows))._replace(verdict="")
     found = found or Headline("trials that succeeded", "none", "0 of 0")
     beside = f"; {found.verdict}" if found.verdict else ""
-    beside += "; no paper has this figure" if lines and not found.paper else ""
+    if not found.paper:
+        beside += "; no paper has this figure" if lines else "; there is no paper to compare with"
     if found.column == "delay_s" and any(setting_of(run, "behavior", "detector") for run in runs):
         found = found._replace(what=f"{found.what}, {_deciding(runs)}")
     state = "none" if not good else "all" if good == n else "some"
@@ -68,18 +69,24 @@ def _deciding(runs: Sequence[Run]) -> str:
 
 
 def goals_of(results: Iterable[Result]) -> str:
-    """`; 1 of 2 goals met`, of those that are judged."""
-    marks = Counter(result.mark for result in results)
-    of = marks["met"] + marks["missed"]
-    return f"; {marks['met']} of {of} goals met" if of else ""
+    """`; 1 of 2 goals met (missed: force at detection)`, of those that are judged."""
+    judged = [result for result in results if result.mark in ("met", "missed")]
+    missed = [f"{each.text[:1].lower()}{each.text[1:]}" for each in judged if each.mark == "missed"]
+    if len(judged) == 1:
+        return f"; its goal is {'missed' if missed else 'met'}"
+    named = (
+        f" (missed: {', '.join(text.partition(':')[0] for text in missed)})" if 0 < len(missed) <= 2 else ""
+    )
+    return f"; {len(judged) - len(missed)} of {len(judged)} goals met{named}" if judged else ""
 
 
 def agreement_of(results: Iterable[Result]) -> str:
     """How many predictions come out as the paper's, which is no praise and no blame; "" where none is judged."""
     marks = Counter(result.mark for result in results)
     of = marks["same"] + marks["apart"]
-    what = "prediction" if of == 1 else "predictions"
-    return f"{marks['same']} of {of} {what} as in the paper, {marks['apart']} not" if of else ""
+    if of == 1:
+        return f"one figure of the paper {'comes' if marks['same'] else 'does not come'} out here"
+    return f"{marks['same']} of {of} figures of the paper come out here" if of else ""
 
 
 def _kind(run: Run) -> str:

@@ -102,7 +102,7 @@ def _headline(runs: Sequence[Run]) -> Headline | None:
     low, high = median_within(over)
     value, light = three(float(np.median(over))), len(known) - len(over)
     of = f"median of {len(over)}; 1 would be perfect" if len(over) > 1 else "one trial; 1 would be perfect"
-    of += f"; {light} held by the grip that it began with not counted" if light else ""
+    of += f"; without {light} so light that the first grip held it" if light else ""
     return Headline(
         "grip over the least force that holds the object",
         value,

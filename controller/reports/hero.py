@@ -54,6 +54,7 @@ def hero_of(experiment: str, runs: Sequence[Run], page: Sequence[Run] = ()) -> l
         elif method and not is_number(row.get(column)):
             missed.append((run, row))
     column = column or first_measured(runs, [row for _, row in seen])
+    measured = any(is_number(row.get(column)) for _, row in seen)
     seen = [each for each in seen if holds(line, each[1])] or seen
 
     def size(each: tuple[Run, Row]) -> float:

@@ -257,4 +257,6 @@ def _breakable(name: str) -> Markup:
 
 
 def _typographic(value: object) -> object:
-    return value.replace("'", "\u2019") if type(value) is str else value  # Markup is left alone
+    if type(value) is not str:  # Markup is left alone
+        return value
+    return value.replace("'", "\u2019").replace(" %", "\u00a0%")  # a number and its % stay in one line

@@ -6,12 +6,14 @@ import asyncio
 import hmac
 import json
 import logging
+import re
 import secrets
 import socket
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from html import unescape
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -35,6 +37,9 @@ PING_S = 20.0
 """How often a browser is asked whether it is still there, s: a tablet that was switched off closes nothing."""
 
 REPORT = "report.html"
+
+SAID = re.compile(r'<meta name="description" content="(.*?)">')
+"""Where a report's head has its sentence of verdict."""
 
 POINTS = 1500
 """Points of a signal of a trial that has ended, as in a report."""
@@ -218,11 +223,15 @@ def html() -> str:
 
 
 def after(folder: Path) -> dict[str, Any]:
-    """How a run that has ended ended, as its manifest says, and whether its report is there."""
+    """How a run that has ended ended, as its manifest says, whether its report is there, and what that begins with."""
     ended: dict[str, Any] = {}
+    report = folder / REPORT
     with suppress(OSError, ValueError):
         ended = json.loads((folder / MANIFEST).read_text("utf-8"))["exit"]
-    return {**ended, "folder": str(folder), "report": (folder / REPORT).is_file()}
+        with report.open(encoding="utf-8") as file:
+            said = SAID.search(file.read(2000))
+        ended["said"] = unescape(said[1]) if said else ""
+    return {**ended, "folder": str(folder), "report": report.is_file()}
 
 
 def trial_signals(folder: Path, number: int) -> dict[str, Any]:

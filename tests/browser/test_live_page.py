@@ -153,10 +153,12 @@ def test_after_the_end_it_stays_says_who_ended_it_and_leads_to_the_report_and_on
     page = ending.look()
     ended = {"exit": {"status": "aborted", "code": 130, "reason": "interrupted"}}
     (ending.run.folder / "manifest.json").write_text(json.dumps(ended))
-    (ending.run.folder / "report.html").write_text("<title>what came out</title>")
+    said = '<meta name="description" content="2 of 42 trials succeeded &amp; more.">'
+    (ending.run.folder / "report.html").write_text(f"{said}<title>what came out</title>")
     ending.run.end()
     page.wait_for_selector('body[data-state="ended"]')
     page.get_by_text("stopped by the test").wait_for()
+    page.get_by_text("2 of 42 trials succeeded & more.").wait_for()
     page.get_by_text(f"run.py resume {ending.run.folder}").wait_for()
     assert page.locator("#state").inner_text() == "STOPPED"
     assert page.locator("#diagram .here, #diagram .next").count() == 0, "no state is entered any more"

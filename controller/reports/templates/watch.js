@@ -39,11 +39,11 @@
   const cells = (row, values, kind = "td") => { row.append(...values.map((value) => { const cell = document.createElement(kind); cell.textContent = value; return cell; })); return row; };
   const line = (values, kind) => cells(document.createElement("tr"), values, kind);
   const part = (text, kind) => { const made = document.createElement("span"); made.className = kind; made.textContent = text; return made; };
-  const bars = (place, all, least = () => 0) => at(place).replaceChildren(...(all ?? []).map(([name, value, limit, unit, acts = true]) => {
+  const bars = (place, all, word, least = () => 0) => at(place).replaceChildren(...(all ?? []).map(([name, value, limit, unit, acts = true]) => {
     const low = Math.min(least(name), value), digits = Math.min(6, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(limit) || 1))));
     const bar = document.createElement("div"), share = limit > low ? Math.min(1, (value - low) / (limit - low)) : 0;
     bar.className = !acts ? "bar idle" : share > 0.8 ? "bar near" : "bar";
-    bar.append(`${name} ${value.toFixed(digits)} of ${limit.toFixed(digits)} ${unit}${acts ? "" : " (only watched)"}`, document.createElement("i"));
+    bar.append(`${name} ${value.toFixed(digits)}, ${word} ${limit.toFixed(digits)} ${unit}${acts || now.ended ? "" : ": nothing acts on it now"}`, document.createElement("i"));
     bar.lastChild.style.setProperty("--share", `${100 * share}%`);
     return bar;
   }));
@@ -90,6 +90,7 @@
     large("state", now.ended ? "ENDED" : held() ? "HELD" : now.state || "begins");
     document.body.dataset.state = now.ended ? "ended" : now.state;
     document.title = `${at("state").textContent}: ${now.run.title}`;
+    if (!past) at("whose").textContent = whose();
     if (now.ended) banner(now.by ? `The run was ${now.by}: ${now.ended}` : `The run has ended: ${now.ended}`, now.by ? "broken" : "done");
     else if (held()) banner("HELD between two trials: nothing moves, but for what is asked for here, under the guard. Resume begins the next trial.", "paused");
     else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves; the guard watches ${(now.margins ?? []).map(([name]) => name).join(", ") || "on"}.${now.resumes_in ? ` Resume goes on in ${now.resumes_in}.` : ""}`, "paused");
@@ -105,8 +106,8 @@
       state.classList.toggle("here", !now.ended && state.dataset.state === now.state);
       state.classList.toggle("next", Boolean(now.paused) && !now.ended && !held() && state.dataset.state === now.resumes_in);
     }
-    bars("thresholds", now.thresholds, (name) => (signals[`detector.${name}`]?.y ?? []).reduce((low, value) => value < low ? value : low, Infinity));
-    bars("margins", now.margins);
+    bars("thresholds", now.thresholds, "alarm at", (name) => (signals[`detector.${name}`]?.y ?? []).reduce((low, value) => value < low ? value : low, Infinity));
+    bars("margins", now.margins, "stop at");
     at("streams").replaceChildren(...(now.streams ?? []).map(([name, age_s, lost]) => Object.assign(line([name, age_s < OLD_S ? `${Math.max(0, age_s).toFixed(2)} s` : clock(age_s), lost]), {className: age_s < OLD_S ? "" : "old"})));
     for (const [trial, outcome, row, success] of message.rows ?? []) {
       const names = ["trial", "outcome", ...Object.keys(row)].slice(0, 9);
@@ -133,12 +134,12 @@
     large("state", killed ? "GONE" : good ? "DONE" : now.by || after.status === "aborted" ? "STOPPED" : after.status === "done" ? "ENDED" : "FAULT");
     document.body.dataset.state = "ended";
     for (const state of at("diagram").querySelectorAll("[data-state]")) state.classList.remove("here", "next");
-    banner(killed ? "The program of this run is gone without an end: look at the bench." : at("banner").firstElementChild.textContent || `The run has ended: ${now.ended}`, good ? "done" : "broken");
+    banner(killed ? "The program of this run is gone without an end: look at the bench." : good && !now.by ? "The run has ended: all its trials were made." : at("banner").firstElementChild.textContent || `The run has ended: ${now.ended}`, good ? "done" : "broken");
     stop.disabled = pause.disabled = true;
     at("next").replaceChildren();
     if (after.report) {
       const link = Object.assign(document.createElement("a"), {href: `/report${location.search}`, textContent: "Open the report", target: "_blank"});
-      at("next").append(link);
+      at("next").append(...(after.said ? [after.said, " "] : []), link);
     } else at("next").append("No report is written yet");
     if (after.status !== "done") at("next").append(". To go on, in the terminal at the bench: ", Object.assign(document.createElement("code"), {textContent: `run.py resume ${after.folder}`}));
   };
@@ -152,17 +153,18 @@
     for (const [stream, piece] of Object.entries((await answer.json()).signals)) grow(stream, piece, past);
     soon();
     for (const each of at("rows").rows) each.classList.toggle("open", each === row);
-    [at("whose").textContent, at("back").hidden] = [`Signals of trial ${trial}`, Boolean(now.ended)];
+    [at("whose").textContent, at("back").hidden] = [`Signals of trial ${trial}`, false];
     at("whose").scrollIntoView({block: "center"});
   };
   at("back").addEventListener("click", () => {
     past = null;
     clear();
     for (const each of at("rows").rows) each.classList.remove("open");
-    [at("whose").textContent, at("back").hidden] = ["Signals now", true];
+    [at("whose").textContent, at("back").hidden] = [whose(), true];
   });
 
   // --- charts: a signal each over one axis of time, with the threshold that it is held against
+  const whose = () => now.ended ? "Signals of the last trial" : "Signals now";
   const clear = () => { charts = {}; at("panels").replaceChildren(); soon(); };
   const grow = (stream, {t, y, label, title, threshold, gap_s}, kept = signals) => {
     const seen = kept[stream] ??= {t: [], y: [], threshold: NaN, label: stream};
@@ -214,13 +216,14 @@
     const [wide, high, pitch] = [130, 24, 42];
     const drawing = svg("svg", {viewBox: `0 0 220 ${pitch * states.length}`, role: "img", "aria-label": `States: ${states.join(", ")}`});
     const place = (name) => states.indexOf(name) * pitch + 2;
-    const named = new Map();
+    const [named, labels] = [new Map(), []];
     for (const [from, to, event] of ways) named.set(`${from} ${to}`, [...(named.get(`${from} ${to}`) ?? []), event]);
     for (const [ends, events] of named) {
       const [[from, to], event] = [ends.split(" "), [...new Set(events)].join(" or ")];
       const [a, b] = [place(from), place(to)];
       if (b === a + pitch) {
-        drawing.append(svg("path", {d: `M 60 ${a + high} V ${b - 1} m -3 -5 l 3 5 l 3 -5`}), svg("text", {class: "way", x: 66, y: a + high + 12}, event));
+        drawing.append(svg("path", {d: `M 60 ${a + high} V ${b - 1} m -3 -5 l 3 5 l 3 -5`}));
+        labels.push(svg("text", {class: "way", x: 66, y: a + high + 12}, event));
       } else if (a !== b) {
         const out = Math.min(85, 18 + 9 * Math.abs(b - a) / pitch);
         const way = svg("path", {d: `M ${wide + 1} ${a + 15} C ${wide + out} ${a + 15} ${wide + out} ${b + 9} ${wide + 1} ${b + 9} m 6 -3 l -6 3 l 6 3`});
@@ -228,6 +231,7 @@
         drawing.append(way);
       }
     }
+    drawing.append(...labels);  // over the ways that go around
     for (const name of states) {
       const state = svg("g", {"data-state": name});
       state.append(svg("rect", {x: 1, y: place(name), width: wide, height: high, rx: 4}), svg("text", {x: 8, y: place(name) + 16}, name));

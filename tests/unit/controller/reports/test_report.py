@@ -510,8 +510,14 @@ def test_predictions_and_goals_are_counted_apart(campaign):
     results = [Result(kind, "", met) for kind, met in ((Kind.PREDICTED, True), (Kind.PREDICTED, False))]
     results += [Result(Kind.MEASURED, "", False, goal=True), Result(None, "")]
     found = headline_of("transient", [campaign[0]], results, None)
-    assert found.verdict.endswith("; 0 of 1 goals met.")
-    assert found.agreement == "1 of 2 predictions as in the paper, 1 not"
+    assert found.verdict.endswith("; its goal is missed.")
+    more = [
+        *results,
+        Result(Kind.MEASURED, "Force: 2 N.", False, goal=True),
+        Result(Kind.MEASURED, "", True, goal=True),
+    ]
+    assert first_screen.goals_of(more[3:]) == "; 1 of 2 goals met (missed: force)"
+    assert found.agreement == "1 of 2 figures of the paper come out here"
 
 
 def test_the_papers_number_stands_only_beside_what_it_is_of():
