@@ -133,9 +133,17 @@ class Profile:
                     f"{self._where(trial, name)}: not for a trial to change, as devices and plant are set up once for"
                     f" the run; a trial may change {', '.join(TRIAL_SECTIONS)}"
                 )
-        alone = replace(self.source, data={**self.source.data, "trials": {}})
-        own = _read(alone.joined(nest(trial.overrides.items()), self._where(trial)))
-        return replace(own, trial_settings=self.trial_settings, source=self.source)
+        key = repr(sorted(trial.overrides.items()))
+        if key not in self._varied:
+            alone = replace(self.source, data={**self.source.data, "trials": {}})
+            own = _read(alone.joined(nest(trial.overrides.items()), self._where(trial)))
+            self._varied[key] = replace(own, trial_settings=self.trial_settings, source=self.source)
+        return self._varied[key]
+
+    @cached_property
+    def _varied(self) -> dict[str, Profile]:
+        """What trials made of this profile, by what they change: each is asked for several times."""
+        return {}
 
     def factors_of(self, trial: Trial) -> Settings:
         """A trial's own factors, validated.

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from typing import Any, get_args
 
@@ -301,13 +302,19 @@ def _optional(settings: Settings, place: KeyPath) -> bool:
 
 def references(settings: Settings) -> Iterator[tuple[KeyPath, str, str]]:
     """What settings refer to by their types, settings in them included: place, kind of thing and name of each."""
-    for key, field in type(settings).model_fields.items():
+    for key, named in _referring(type(settings)).items():
         value = getattr(settings, key)
         for name, inner in value.items() if isinstance(value, dict) else ():
             if isinstance(inner, Settings):
-                yield from (((key, str(name), *place), to, named) for place, to, named in references(inner))
+                yield from (((key, str(name), *place), to, its) for place, to, its in references(inner))
         names = (value,) if isinstance(value, str) else value if isinstance(value, tuple | dict) else ()
-        yield from (((key,), to, name) for to in referred(field) for name in names)
+        yield from (((key,), to, name) for to in named for name in names)
+
+
+@cache
+def _referring(model: type[Settings]) -> Mapping[str, set[str]]:
+    """Of each setting, the kinds of things that it names."""
+    return {key: referred(field) for key, field in model.model_fields.items()}
 
 
 def referred(field: FieldInfo) -> set[str]:

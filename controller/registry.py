@@ -10,6 +10,7 @@ import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args, get_type_hints
 
@@ -232,6 +233,7 @@ def settings_of(made: Any, what: str = "settings") -> type[Settings]:
     raise KindError(f"{wanted}, and none is the type of its constructor's {what}")
 
 
+@cache
 def _hint(made: Any, parameter: str) -> Any:
     """The type of a parameter of a class's own constructor, or of a function."""
     maker = vars(made).get("__init__") if isinstance(made, type) else made

@@ -112,7 +112,7 @@ def _headline(there: Rows, touching: bool) -> Headline | None:
     n, (ours, theirs) = total(own, of), ([values(own, f"{column}_{method}") for method in ("ours", "paper")])
     if not n or not ours:
         return None
-    paper = percent(sum(theirs) / n) if theirs else ""
+    paper = sum(theirs) / n if theirs else None
     source = f"the paper's detector (same samples; {printed})" if theirs else ""
     found = rated(f"{what} by our detector", int(sum(ours)), n, paper, source, column=f"{column}_ours")
     return found._replace(rows=f"{column}_ours>-1e300")

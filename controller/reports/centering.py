@@ -26,8 +26,9 @@ from controller.reports.counts import (
     values,
 )
 from controller.reports.figures import FALSE, INK, OURS, PAPER, Figures
-from controller.reports.papers import WORST_CENTERING_M
-from controller.reports.section import Kind, Result, Section, judged, kind_of
+from controller.reports.first_screen import listed
+from controller.reports.papers import WORST_CENTERING_M, headlines
+from controller.reports.section import Headline, Kind, Result, Section, judged, kind_of
 from controller.scales import scale_of
 
 WANTED_M = 0.0025
@@ -38,7 +39,8 @@ Groups = Mapping[tuple[str, str, float], Sequence[Row]]
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Errors by method, object and speed; the histogram."""
-    groups: Groups = grouped(rows_of(runs, SearchFactors), "object", "method", "speed_m_s")
+    rows = rows_of(runs, SearchFactors)
+    groups: Groups = grouped(rows, "object", "method", "speed_m_s")
     return Section(
         title="Centering without touching (C3)",
         content={
@@ -52,7 +54,19 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         template="centering",
         paper="rupavatharam",
         summary=_summary(_pooled(groups), kind_of(runs)),
+        headline=_headline(rows),
     )
+
+
+def _headline(rows: Sequence[Row]) -> Headline | None:
+    """Our worst error beside that of the paper's method on the same bench, and beside what the paper prints."""
+    found = listed(headlines("centering"), rows)
+    rival_m = _worst_m([row for row in rows if row["method"] == "paper"])
+    if not found or not found.paper or rival_m is None:
+        return found
+    rival = f"the paper's method on this bench {quantity('error_m', rival_m)}"
+    verdict = f"{found.what} {found.ours}, {rival}, in the paper {found.paper}"
+    return found._replace(verdict=verdict, source=f"{found.source}; {rival}")
 
 
 def _pooled(groups: Groups) -> Groups:

@@ -65,11 +65,8 @@ class Comparison(NamedTuple):
 
     @property
     def times(self) -> str:
-        """`1.9 times below`."""
-        if not self.ours > 0.0:
-            return "below"
-        low, high = sorted((self.ours, self.paper))
-        return f"{high / low:.1f} times {'below' if self.ours <= self.paper else 'above'}"
+        """`1.9 times` the paper's."""
+        return f"{three(float(f'{self.ours / self.paper:.2g}'))} times" if self.ours > 0.0 else "below"
 
 
 def over_rows(pairs: Iterable[tuple[float, float]]) -> Comparison | None:
@@ -179,7 +176,7 @@ def percent(part: float) -> str:
 
 def within_all(n: int) -> str:
     """At least what share of trials lies within the largest of `n`, at 95 % confidence."""
-    return f"{math.floor(100.0 * 0.05 ** (1.0 / n))} % of trials or more"
+    return f"{math.floor(100.0 * 0.05 ** (1.0 / n))} % or more"
 
 
 def three(value: float) -> str:

@@ -18,7 +18,6 @@ from controller.reports.counts import (
     is_number,
     mean_of,
     median_within,
-    percent,
     three,
     title,
     within_all,
@@ -39,21 +38,28 @@ def headline_of(
     rows = [row for _, row in trials if row.get("outcome") not in UNMEASURED]
     good, n = sum(run.succeeded(row) for run, row in trials), len(trials)
     bad = Counter(str(row["outcome"]) for run, row in trials if not run.succeeded(row))
-    count = f"{good} of {n} {'trial' if n == 1 else 'trials'} {came_to(experiment)}"
-    missed = f" ({', '.join(f'{n} {title(name)}' for name, n in bad.most_common())})" if bad else ""
     lines = headlines(experiment)
-    found = given or _listed(lines, rows, set(map(_kind, runs))) or _measured(runs, rows)
+    count = f"{good} of {n} {'trial' if n == 1 else 'trials'} {came_to(experiment)}"
+    named = {title(str(row["outcome"])) for run, row in trials if run.succeeded(row)}
+    count += (
+        f" ({named.pop()})" if len(named) == 1 and not lines else ""
+    )  # of an experiment that nobody knows
+    missed = f" ({', '.join(f'{n} {title(name)}' for name, n in bad.most_common())})" if bad else ""
+    found = given or listed(lines, rows, set(map(_kind, runs))) or _measured(runs, rows)
     if found is None and rows:
         found = rated("trials that succeeded", good, len(rows))._replace(verdict="")
     found = found or Headline("trials that succeeded", "none", "0 of 0")
-    beside = f"; {found.verdict}" if found.verdict else ""
+    said = [found.verdict] if found.verdict else []
     if not found.paper:
-        beside += "; no paper has this figure" if lines else "; there is no paper to compare with"
+        said.append("no paper prints this number" if lines else "there is no paper to compare with")
+    # where the trials only record, how many did is said last
+    said.insert(len(said) if found.state else 0, f"{count}{missed}")
     if found.column == "delay_s" and any(setting_of(run, "behavior", "detector") for run in runs):
         found = found._replace(what=f"{found.what}, {_deciding(runs)}")
     state = "none" if not good else "all" if good == n else "some"
+    sentence = f"{'; '.join(said)}{goals_of(results)}."
     return found._replace(
-        verdict=f"{count}{missed}{beside}{goals_of(results)}.",
+        verdict=f"{sentence[:1].upper()}{sentence[1:]}",
         agreement=agreement_of(results),
         state=found.state if found.state and good == n else state,
     )
@@ -81,19 +87,17 @@ def goals_of(results: Iterable[Result]) -> str:
 
 
 def agreement_of(results: Iterable[Result]) -> str:
-    """How many predictions come out as the paper's, which is no praise and no blame; "" where none is judged."""
+    """How many of the paper's results come out here, which is no praise and no blame; "" where none is judged."""
     marks = Counter(result.mark for result in results)
     of = marks["same"] + marks["apart"]
-    if of == 1:
-        return f"one figure of the paper {'comes' if marks['same'] else 'does not come'} out here"
-    return f"{marks['same']} of {of} figures of the paper come out here" if of else ""
+    return f"{marks['same']} of {of} reproduced" if of else ""
 
 
 def _kind(run: Run) -> str:
     return str(setting_of(run, "detectors", acting_of(run), "kind") or "")
 
 
-def _listed(lines: Sequence[Row], rows: Sequence[Row], kinds: Iterable[str] = ()) -> Headline | None:
+def listed(lines: Sequence[Row], rows: Sequence[Row], kinds: Iterable[str] = ()) -> Headline | None:
     """What the first line that has a number says, of detectors of such kinds: the paper's figure stands beside the
     trials and the `detector` that it is of alone."""
     for line in lines:
@@ -149,8 +153,7 @@ def _number(own: Sequence[Row], line: Row) -> Headline | None:
         return None
     if over in ("ratio", "share"):
         of = sum(int(row.get(line["of"]) or 0) for row in own) if over == "ratio" else len(known)
-        theirs = percent(paper) if paper is not None else ""
-        return rated(line["what"], int(sum(known)), of, theirs, source, rows, name) if of else None
+        return rated(line["what"], int(sum(known)), of, paper, source, rows, name) if of else None
     scale = scale_of(name)
 
     def said(*values: float) -> str:
@@ -163,7 +166,10 @@ def _number(own: Sequence[Row], line: Row) -> Headline | None:
     interval = said(low, high) if math.isfinite(high - low) else within_all(n) if over == "worst" else ""
     beside = f"{line['what']} {said(value)}"
     if paper is not None:
-        beside += f", {_against(value, paper)} the paper's {said(paper)}"
+        if low <= paper <= high and abs(value / paper - 1.0) >= 0.005:
+            beside += f"; the paper's {said(paper)} is inside its 95 % interval"
+        else:
+            beside += f", {_against(value, paper)} the paper's {said(paper)}"
     of_all = f"{made} of {n}{'; less is better' if line.get('less') else ''}" if n > 1 else "one trial"
     theirs = said(paper) if paper is not None else ""
     return Headline(line["what"], said(value), of_all, theirs, source, interval, beside, rows, name)

@@ -14,7 +14,6 @@ from controller.reports.counts import (
     larger,
     mean_of,
     number,
-    percent,
     quantity,
     rate,
     spread,
@@ -73,7 +72,7 @@ def _headline(rows: Sequence[Row]) -> Headline | None:
     if not fixed or not following:
         return None
     what = "touches to which a threshold that follows the tendon was blind"
-    beside, n = percent(sum(fixed) / len(fixed)), len(following)
+    beside, n = sum(fixed) / len(fixed), len(following)
     return rated(what, int(sum(following)), n, beside, "the paper's fixed one (same approaches)")
 
 

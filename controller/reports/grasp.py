@@ -28,13 +28,16 @@ from controller.reports.counts import (
     values,
     wilson,
 )
-from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
+from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import entered_s, recorded, setting_of
 from controller.reports.section import Figure, Headline, Result, Section, judged, kind_of
 from controller.reports.trial_signals import key_of, said_of
 from controller.scales import NOTHING
 
 NIST = "NIST SP 1227, Performance Metrics and Test Methods for Robotic Hands"
+
+SAID = {"HOLDING": "holding, load added"}
+"""States by other words than their names."""
 
 UP = tuple(dict.fromkeys(state for row in LIFTING for state in row.sources if state != "LOWERING"))
 """States in which the object is held, in order."""
@@ -101,8 +104,9 @@ def _headline(runs: Sequence[Run]) -> Headline | None:
         return None
     low, high = median_within(over)
     value, light = three(float(np.median(over))), len(known) - len(over)
-    of = f"median of {len(over)}; 1 would be perfect" if len(over) > 1 else "one trial; 1 would be perfect"
-    of += f"; without {light} so light that the first grip held it" if light else ""
+    of = f"median of {len(over)} lifts" if len(over) > 1 else "one lift"
+    of += f" that need more than the first grip ({light} not)" if light else ""
+    of += "; 1 would be the least"
     return Headline(
         "grip over the least force that holds the object",
         value,
@@ -205,7 +209,7 @@ def _draw(figures: Figures, run: Run, row: Row, recording: TrialRecording) -> st
         step = max(1, len(felt) // 2000)
         times_s, load_n = felt.times_s[::step], _smooth(felt.values[:, 2])[::step]
         forces = list(_commanded(own, first_s, last_s))
-        top.plot(times_s, _smooth(felt.values[:, 3])[::step], color=FAINT, lw=0.8, label="felt by the pad")
+        top.plot(times_s, _smooth(felt.values[:, 3])[::step], color=PAPER, lw=0.8, label="felt by the pad")
         top.step(*zip(*forces, strict=True), where="post", color=OURS, label="commanded grip")
         if friction:
             top.plot(times_s, load_n / float(friction), color=GOOD, lw=0.9, label="least force")
@@ -235,7 +239,7 @@ def _shade(axes: Sequence[Any], entered_s: Mapping[str, float], last_s: float) -
                 each.axvspan(edges_s[number], edges_s[number + 1], color=PAPER, alpha=0.08, lw=0)
         place = 0.5 * (edges_s[number] + edges_s[number + 1]), 1.0
         look: Any = {"ha": "center", "va": "bottom", "fontsize": 7.5}
-        axes[0].annotate(state.lower(), place, xycoords=("data", "axes fraction"), **look)
+        axes[0].annotate(SAID.get(state, state.lower()), place, xycoords=("data", "axes fraction"), **look)
 
 
 def _commanded(

@@ -11,7 +11,7 @@ from controller.reports.counts import METHODS, Row, is_number
 from controller.reports.first_screen import first_measured, holds
 from controller.reports.papers import headlines
 from controller.reports.trial_signals import Moments, factors_of, key_of, moments_of, said_of
-from controller.scales import displayed
+from controller.scales import displayed, scale_of
 
 LEAST_S, MOST_S = 0.3, 2.0
 """What a picture of a trial spans, at least and at most, s (assumption)."""
@@ -21,7 +21,7 @@ class Drawn(NamedTuple):
     """A trial in the first figure.
 
     Attributes:
-        name: What it is: `typical`, `worst`, `largest`, `failed`, or what it missed: `slip missed`.
+        name: What it is: `typical`, `worst`, `largest force`, `failed`, or what it missed: `slip missed`.
         moments: What its time axis begins with, and what is marked in it.
         shown: For the page, which draws it from the trial's signals: streams, and from when to when, s.
     """
@@ -54,7 +54,7 @@ def hero_of(experiment: str, runs: Sequence[Run], page: Sequence[Run] = ()) -> l
         elif method and not is_number(row.get(column)):
             missed.append((run, row))
     column = column or first_measured(runs, [row for _, row in seen])
-    measured = any(is_number(row.get(column)) for _, row in seen)
+    measured = measured or (bool(column) and not headlines(experiment))
     seen = [each for each in seen if holds(line, each[1])] or seen
 
     def size(each: tuple[Run, Row]) -> float:
@@ -69,13 +69,13 @@ def hero_of(experiment: str, runs: Sequence[Run], page: Sequence[Run] = ()) -> l
     elif good and missed:
         chosen.append(("missed", missed[0]))
     elif len(good) > 1 and measured and line["over"] not in ("share", "ratio"):
-        chosen.append(("worst" if line["less"] else "largest", good[-1]))
-    return [
-        drawn for name, each in chosen if (drawn := _drawn(name, page or runs, *each, method)) is not None
-    ]
+        chosen.append(("worst" if line["less"] else f"largest {scale_of(column).label}", good[-1]))
+    counted = line["over"] in ("share", "ratio")  # of one trial it says yes or no
+    found = (_drawn(name, page or runs, *each, method, "" if counted else column) for name, each in chosen)
+    return [drawn for drawn in found if drawn is not None]
 
 
-def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row, method: str) -> Drawn | None:
+def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row, method: str, column: str) -> Drawn | None:
     trial, moments = int(row["trial"]), moments_of(run, row, method)
     recording = run.readable(trial)
     if recording is None:
@@ -101,6 +101,7 @@ def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row, method: str) -> D
     }
     name = f"{moments.zero} missed" if name == "missed" else name
     said = factors_of(run, row) if run.succeeded(row) else said_of(run, row)  # a success's name says no more
+    said += f": {scale_of(column).said(row[column])}" if is_number(row.get(column)) else ""
     return Drawn(name, key, trial, said, moments, shown)
 
 

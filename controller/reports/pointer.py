@@ -91,6 +91,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         template="pointer",
         paper="fernandez",
         summary=[Result(kind, _sentence(sweeps))] if sweeps else [],
+        shows_trials=not sweeps,
     )
 
 

@@ -295,7 +295,13 @@ FIGURE = re.compile(r"<figure>.*?</figure>\s*", re.DOTALL)
 
 MARKS = {"met": "✓", "missed": "✗", "same": "=", "apart": "≠", "neither": "·"}
 
-MEANINGS = {"same": "as the paper", "apart": "not as the paper", "met": "goal met", "missed": "goal missed"}
+MEANINGS = {
+    "same": "as the paper",
+    "apart": "not as the paper",
+    "met": "goal met",
+    "missed": "goal missed",
+    "neither": "not judged",
+}
 """What the marks mean, for a terminal; the page has it beside its summary."""
 
 GAP = "  "
@@ -337,7 +343,7 @@ def in_lines(part: SectionPart) -> Iterator[str]:
     for result in part.results:
         yield f"{MARKS[result.mark]} {result.text}"
     used = [mark for mark in MEANINGS if any(result.mark == mark for result in part.results)]
-    if used:
+    if used != ["neither"] and used:
         yield f"({', '.join(f'{MARKS[mark]} {MEANINGS[mark]}' for mark in used)})"
 
 
@@ -347,7 +353,7 @@ def guard_lines(runs: Sequence[Run]) -> Iterator[str]:
     for end in ends:
         yield f"{end.what}: {end.name}. {' '.join(end.stops) or end.reason}"
     if not ends:
-        yield "The guard stopped nothing."
+        yield "The guard had nothing to stop."
     lost = [(stream, n) for run in runs for stream, n in (run.manifest.get("loss") or {}).items() if n]
     if lost:
         yield f"Samples lost: {', '.join(f'{n} of {stream}' for stream, n in lost)}."

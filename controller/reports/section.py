@@ -108,13 +108,28 @@ class Headline(NamedTuple):
 
 
 def rated(
-    what: str, hits: int, of: int, paper: str = "", source: str = "", rows: str = "", column: str = ""
+    what: str,
+    hits: int,
+    of: int,
+    paper: float | None = None,
+    source: str = "",
+    rows: str = "",
+    column: str = "",
 ) -> Headline:
     """A share of some trials with its 95 % interval (Wilson), beside the paper's or a rival's; `of` is not 0."""
     low, high = wilson(hits, of)
     ours, interval = percent(hits / of), f"{three(100.0 * low)} to {three(100.0 * high)} %"
-    beside = f"{what}: {ours}" + (f", beside {source.partition(' (')[0]} {paper}" if paper else "")
-    return Headline(what, ours, f"{hits} of {of}", paper, source, interval, beside, rows, column)
+    theirs = "" if paper is None else percent(paper)
+    beside = f"{what}: {ours}"
+    if paper is not None:
+        beside += f", beside {source.partition(' (')[0]} {theirs}{untold(hits, of, paper)}"
+    return Headline(what, ours, f"{hits} of {of}", theirs, source, interval, beside, rows, column)
+
+
+def untold(hits: int, of: int, paper: float) -> str:
+    """What is said of a share of the paper's, or a rival's, that so few trials do not tell from ours; else ""."""
+    low, high = wilson(hits, of)
+    return " (too few to tell apart)" if low <= paper <= high and hits != paper * of else ""
 
 
 class Comparing(NamedTuple):
@@ -259,4 +274,5 @@ def _breakable(name: str) -> Markup:
 def _typographic(value: object) -> object:
     if type(value) is not str:  # Markup is left alone
         return value
-    return value.replace("'", "\u2019").replace(" %", "\u00a0%")  # a number and its % stay in one line
+    # a number and its sign stay in one line
+    return value.replace("'", "\u2019").replace(" %", "\u00a0%").replace(" °", "\u00a0°")

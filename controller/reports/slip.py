@@ -18,7 +18,6 @@ from controller.reports.counts import (
     Row,
     median,
     number,
-    percent,
     quantity,
     rate,
     stop_times,
@@ -29,7 +28,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import recorded, setting_of
-from controller.reports.section import Figure, Headline, Kind, Printed, Result, Section, judged, rated
+from controller.reports.section import Figure, Headline, Kind, Printed, Result, Section, judged, rated, untold
 from controller.reports.slip_scores import (
     PLAIN,
     SENSORS,
@@ -125,13 +124,14 @@ def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
     slips = {method: sum(score.slips - score.cut_short for score in own) for method, own in both.items()}
     if n := slips["ours"]:
         detected = {method: sum(len(score.delays_s) for score in own) for method, own in both.items()}
-        theirs = percent(detected["paper"] / slips["paper"]) if slips["paper"] else ""
-        hits = detected["ours"]
+        hits, theirs = detected["ours"], detected["paper"] / slips["paper"] if slips["paper"] else None
         what = f"slips that our detector detects, within {VERDICTS['missed_after_s']:g} s of their beginning"
         found = rated(what, hits, n, theirs, SAME_SAMPLES)
-        beside = f", the paper's {detected['paper']} of {slips['paper']}" * bool(theirs)
+        beside = ""
+        if theirs is not None:
+            beside = f", the paper's {detected['paper']} of {slips['paper']}{untold(hits, n, theirs)}"
         state = "all" if hits == n else "some" if hits else "none"
-        verdict = f"of the slips in them our detector detects {hits} of {n}{beside}"
+        verdict = f"our detector detects {hits} of {n} slips{beside}"
         return found._replace(of=f"{hits} of {n} slips", verdict=verdict, state=state)
     alarms = {method: sum(score.alarms for score in own) for method, own in both.items()}
     minutes = {method: sum(score.quiet_s for score in own) / 60.0 for method, own in both.items()}
@@ -139,15 +139,15 @@ def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
         return None
     a_minute = {method: f"{three(alarms[method] / t)} a minute" for method, t in minutes.items() if t}
     low, high = (three(end / minutes["ours"]) for end in poisson_interval(alarms["ours"]))
-    what, ours, theirs = "false alarms of our detector", a_minute["ours"], a_minute.get("paper", "")
+    what, ours, rival = "false alarms of our detector", a_minute["ours"], a_minute.get("paper", "")
     return Headline(
         what,
         ours,
         f"{alarms['ours']} in {three(60.0 * minutes['ours'])} s",
-        theirs,
+        rival,
         SAME_SAMPLES,
         f"{low} to {high} a minute",
-        f"{what}: {ours}" + f", the paper's {theirs}" * bool(theirs),
+        f"{what}: {ours}" + f", the paper's {rival}" * bool(rival),
         state="some" if alarms["ours"] else "all",
     )
 

@@ -67,6 +67,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         paper="backus",
         summary=summary,
         headline=_headline(scores),
+        shows_trials=not scores,
     )
 
 
@@ -80,7 +81,7 @@ def _headline(scores: Mapping[str, Scores]) -> Headline | None:
     n = len(scores["average"]["before"])
     what = f"contacts detected within {SOON} without one false contact, by {NAMES[best]}"
     source = "the paper's averaged frequency (these approaches)"
-    return rated(what, hits[best], len(scores[best]["before"]), percent(theirs / n), source)
+    return rated(what, hits[best], len(scores[best]["before"]), theirs / n, source)
 
 
 def _rows(scores: Mapping[str, Scores]) -> Iterator[Row]:

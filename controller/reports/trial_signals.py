@@ -74,7 +74,12 @@ NAMES = {
     "baseline_hz": "learned",
     "seen_to_stop_left_s": "left finger to stop",
     "seen_to_stop_right_s": "right finger to stop",
+    "theta_bias_rad": "angle error, mean",
+    "theta_sd_rad": "angle error, sd",
     "theta_rms_rad": "angle error, rms",
+    "theta_max_rad": "angle error, largest",
+    "theta_hysteresis_rad": "hysteresis",
+    "theta_spread_rad": "spread of one sample",
 }
 """Columns by the words that a person has for them, where their names do not say it."""
 

@@ -180,7 +180,7 @@ class Watched:
             if message["do"] == "answer":
                 self._operator.reply(int(message["number"]), bool(message["done"]))
             elif message["do"] in COMMANDS:
-                self._operator.press(message["do"], "the live page")
+                self._operator.press(message["do"], "a click on the live page")
             elif message["do"] in BY_HAND:
                 return self.between.ask(message["do"], str(message.get("target", "")))
             else:

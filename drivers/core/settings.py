@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict
@@ -60,7 +61,7 @@ class Settings(BaseModel):
     """
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True, defer_build=True
     )
 
     def mismatches(
@@ -75,6 +76,7 @@ class Settings(BaseModel):
         return ()
 
     @classmethod
-    def keys_of(cls, what: str) -> list[str]:
+    @cache
+    def keys_of(cls, what: str) -> tuple[str, ...]:
         """The settings that mean something: see `Mark`."""
-        return [key for key, field in cls.model_fields.items() if Mark(what) in field.metadata]  # type: ignore[arg-type]
+        return tuple(key for key, field in cls.model_fields.items() if Mark(what) in field.metadata)  # type: ignore[arg-type]

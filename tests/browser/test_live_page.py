@@ -83,10 +83,10 @@ def ending(browser, tmp_path):
 
 def test_it_shows_the_state_the_signals_the_margins_the_trials_and_the_events(watching):
     page = watching.look()
-    assert page.locator("#now").inner_text().startswith("Trial 3, location f, speed 3.785 mm/s: ")
+    assert page.locator("#now").inner_text().startswith("Now trial 3, location f, speed 3.785 mm/s: ")
     assert page.locator("#state").inner_text() == "APPROACH"
-    assert page.locator("#verdict").inner_text() == "1 of 42: none failed"
-    assert page.locator("#counts").inner_text() == "1 contact"
+    assert page.locator("#verdict").inner_text() == "1 of 42 done: none failed"
+    assert page.locator("#counts").inner_text() == "So far: 1 contact"
     assert "left" in page.locator("#now").inner_text()
     assert "contact 2" in page.locator("#thresholds").inner_text()
     assert page.locator("#thresholds .bar.idle").count() == 1, (
@@ -130,8 +130,10 @@ def test_two_who_watch_see_the_same_and_each_can_pause_and_go_on(watching):
     one, other = watching.look(), watching.look()
     one.get_by_role("button", name="Pause").click()
     other.wait_for_selector('body[data-state="PAUSED"]')
-    assert "PAUSED by the live page: nothing moves" in other.locator("#banner").inner_text()
-    assert "Resume goes on in HOMING" in other.locator("#banner").inner_text(), "as the behavior's table says"
+    assert "PAUSED by a click on the live page: nothing moves" in other.locator("#banner").inner_text()
+    assert "On Resume this trial goes on in HOMING" in other.locator("#banner").inner_text(), (
+        "as the behavior's table says"
+    )
     assert other.locator("#diagram .next").text_content() == "HOMING"
     other.get_by_role("button", name="Resume").click()
     one.wait_for_selector('body[data-state="APPROACH"]')

@@ -355,7 +355,7 @@ def test_run_prints_each_trial_on_a_line_and_where_the_report_is(recorded):
         "the verdict comes last"
     )
     assert any(line.split()[:3] == ["pad", "f", "4.84"] for line in lines), "Table I beside the paper's"
-    assert "The guard stopped nothing." in lines
+    assert "The guard had nothing to stop." in lines
     assert (folder / "report.html").is_file()
     assert json.loads((folder / "manifest.json").read_text())["exit"]["status"] == "done"
 

@@ -4,7 +4,7 @@
   const QUIET_MS = 2000;  // after this long without a message the run counts as lost
   const at = (id) => document.getElementById(id);
   const [stop, pause, alarm] = [at("stop"), at("pause"), at("alert")];
-  let [wire, now, signals, charts, question, last, after, past, refused, offered] = [null, {}, {}, {}, null, 0, null, null, "", ""];
+  let [wire, now, signals, charts, question, last, after, past, refused, offered, before] = [null, {}, {}, {}, null, 0, null, null, "", "", ""];
 
   // --- the line to the run; a lost one is made anew
   const send = (message) => { if (wire?.readyState === WebSocket.OPEN) wire.send(JSON.stringify(message)); };
@@ -40,10 +40,12 @@
   const line = (values, kind) => cells(document.createElement("tr"), values, kind);
   const part = (text, kind) => { const made = document.createElement("span"); made.className = kind; made.textContent = text; return made; };
   const bars = (place, all, word, least = () => 0) => at(place).replaceChildren(...(all ?? []).map(([name, value, limit, unit, acts = true]) => {
-    const low = Math.min(least(name), value), digits = Math.min(6, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(limit) || 1))));
+    const low = Math.min(least(name), value);
+    let digits = Math.min(6, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(limit) || 1))));
+    while (digits < 6 && value !== limit && value.toFixed(digits) === limit.toFixed(digits)) digits += 1;
     const bar = document.createElement("div"), share = limit > low ? Math.min(1, (value - low) / (limit - low)) : 0;
     bar.className = !acts ? "bar idle" : share > 0.8 ? "bar near" : "bar";
-    bar.append(`${name} ${value.toFixed(digits)}, ${word} ${limit.toFixed(digits)} ${unit}${acts || now.ended ? "" : ": nothing acts on it now"}`, document.createElement("i"));
+    bar.append(`${name} ${value.toFixed(digits)}, ${word} ${limit.toFixed(digits)} ${unit}${acts || now.ended ? "" : " – recorded only, stops nothing now"}`, document.createElement("i"));
     bar.lastChild.style.setProperty("--share", `${100 * share}%`);
     return bar;
   }));
@@ -70,7 +72,8 @@
     const counts = now.counts ?? [], done = counts.reduce((sum, [, number]) => sum + number, 0);
     const said = counts.map(([name, number, good]) => part(`${number} ${words(name)}`, good ? "good" : "missed"));
     const bad = counts.reduce((sum, [, number, good]) => sum + (good ? 0 : number), 0);
-    large("verdict", `${done} of ${now.run?.trials ?? "–"}`, ...(done ? [": ", bad ? part(`${bad} failed`, "missed") : part("none failed", "good")] : [" trials"]));
+    large("verdict", `${done} of ${now.run?.trials ?? "–"}${done ? " done" : ""}`, ...(done ? [": ", bad ? part(`${bad} failed`, "missed") : part("none failed", "good")] : [" trials"]));
+    if (done && !now.ended) said[0].prepend("So far: ");
     at("counts").replaceChildren(...said.flatMap((each, place) => place ? [", ", each] : [each]));
   };
   const large = (id, ...content) => {  // on one line whatever its length: narrower letters, as high as the others
@@ -82,18 +85,19 @@
   };
   const update = (message) => {
     if (message.diagram) { signals = {}; if (!past) clear(); at("events").replaceChildren(); diagram(message.diagram); }
+    if (message.paused && !now.paused) before = now.state;
     now = {...now, ...message};
     [at("title").textContent, at("title").title] = [now.run.title, now.run.folder];
     verdict();
-    const left = Number.isFinite(now.left_s) && !now.ended ? `, about ${clock(now.left_s)} left` : "";
-    at("now").textContent = now.ended ? "" : `Trial ${now.trial ?? "–"}, ${now.factors ?? ""}: ${Number((now.t_s ?? 0).toPrecision(4))} s${left}`;
+    const left = Number.isFinite(now.left_s) && !now.paused ? `; about ${clock(now.left_s)} of the run left` : "";
+    at("now").textContent = now.ended ? "" : `Now trial ${now.trial ?? "–"}, ${now.factors ?? ""}: ${Number((now.t_s ?? 0).toPrecision(4))} s${left}`;
     large("state", now.ended ? "ENDED" : held() ? "HELD" : now.state || "begins");
     document.body.dataset.state = now.ended ? "ended" : now.state;
     document.title = `${at("state").textContent}: ${now.run.title}`;
     if (!past) at("whose").textContent = whose();
     if (now.ended) banner(now.by ? `The run was ${now.by}: ${now.ended}` : `The run has ended: ${now.ended}`, now.by ? "broken" : "done");
     else if (held()) banner("HELD between two trials: nothing moves, but for what is asked for here, under the guard. Resume begins the next trial.", "paused");
-    else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves; the guard watches ${(now.margins ?? []).map(([name]) => name).join(", ") || "on"}.${now.resumes_in ? ` Resume goes on in ${now.resumes_in}.` : ""}`, "paused");
+    else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves; the guard watches ${(now.margins ?? []).map(([name]) => name).join(", ") || "on"}.${now.resumes_in ? ` On Resume this trial goes on in ${now.resumes_in}${before ? `; it was in ${before}` : ""}.` : ""}`, "paused");
     else banner("", "running");
     byHand();
     pause.textContent = now.paused ? "Resume" : "Pause";
@@ -134,7 +138,7 @@
     large("state", killed ? "GONE" : good ? "DONE" : now.by || after.status === "aborted" ? "STOPPED" : after.status === "done" ? "ENDED" : "FAULT");
     document.body.dataset.state = "ended";
     for (const state of at("diagram").querySelectorAll("[data-state]")) state.classList.remove("here", "next");
-    banner(killed ? "The program of this run is gone without an end: look at the bench." : good && !now.by ? "The run has ended: all its trials were made." : at("banner").firstElementChild.textContent || `The run has ended: ${now.ended}`, good ? "done" : "broken");
+    banner(killed ? "The program of this run is gone without an end: look at the bench." : good && !now.by ? "The run is complete." : at("banner").firstElementChild.textContent || `The run has ended: ${now.ended}`, good ? "done" : "broken");
     stop.disabled = pause.disabled = true;
     at("next").replaceChildren();
     if (after.report) {
@@ -179,14 +183,16 @@
   const box = (stream, {label, title}) => {
     const made = Object.assign(document.createElement("div"), {role: "img", ariaLabel: label});
     made.dataset.stream = stream;
-    made.append(Object.assign(document.createElement("p"), {textContent: title ? `${title} (${label}); dashed: threshold` : label}), svg("svg", {height: tall, width: "100%"}));
+    const unit = label.includes(", ") ? ` (${label.split(", ").pop()})` : "";
+    made.append(Object.assign(document.createElement("p"), {textContent: title ? `${title}${unit}; dashed: threshold` : label}), svg("svg", {height: tall, width: "100%"}));
     at("panels").append(made);
     return made;
   };
   const show = (stream, seen, {start, end}) => {
     if (![...seen.y, seen.threshold].some(Number.isFinite)) return;
     const stands = stream.startsWith("detector.");  // a statistic stands until the next decision
-    const curves = [{look: stands ? "signal statistic" : "signal", t: seen.t, y: seen.y, stands}];
+    const idle = !past && (now.thresholds ?? []).some(([name, , , , acts]) => `detector.${name}` === stream && !acts);
+    const curves = [{look: stands ? `signal statistic${idle ? " idle" : ""}` : "signal", t: seen.t, y: seen.y, stands}];
     if (Number.isFinite(seen.threshold)) curves.push({look: "threshold", t: [start, end], y: [seen.threshold, seen.threshold]});
     plot((charts[stream] ??= box(stream, seen)).lastChild, {start, end, unit: "s", curves});
   };

@@ -64,8 +64,8 @@ def test_what_the_least_grip_holds_anyway_does_not_count_in_the_grip_over_the_le
     resolved = {"behavior": {"grip_force_n": 7.0}}
     head = _headline([SimpleNamespace(trials=rows, resolved=resolved)])
     assert head.ours == "1.2"
-    assert head.of.startswith("median of 2;")
-    assert "without 1 so light that the first grip held it" in head.of
+    assert head.of.startswith("median of 2 lifts ")
+    assert "more than the first grip (1 not)" in head.of
     assert _headline([SimpleNamespace(trials=rows[2:], resolved=resolved)]) is None
 
 

@@ -107,8 +107,8 @@ SAID = {
         "pad f 12.70 4.843 1 1 0.17 (–) 0.17 (0.12) 0.00",
     ),
     "a bound that is missed, with its worst approach": (
-        "largest 0.200 N, 1.3 times above the paper's 0.150 N (IV.B).",
-        "largest force 0.150 N 0.200 N 1.3 times above not judged Largest: 0.200 N in trial 5, location f",
+        "largest 0.200 N, 1.3 times the paper's 0.150 N (IV.B).",
+        "largest force 0.150 N 0.200 N 1.3 times not judged Largest: 0.200 N in trial 5, location f",
     ),
     "the stop certificates": (
         "detection to stop command, ms 5.00 5.00 5.00",
@@ -517,12 +517,12 @@ def test_predictions_and_goals_are_counted_apart(campaign):
         Result(Kind.MEASURED, "", True, goal=True),
     ]
     assert first_screen.goals_of(more[3:]) == "; 1 of 2 goals met (missed: force)"
-    assert found.agreement == "1 of 2 figures of the paper come out here"
+    assert found.agreement == "1 of 2 reproduced"
 
 
 def test_the_papers_number_stands_only_beside_what_it_is_of():
     rows = [{"object": "pipe", "axis": "y", "seen_paper": 1, "approaches": 1, "outcome": "approached"}] * 4
-    listed, aura = first_screen._listed, headlines("aura")
+    listed, aura = first_screen.listed, headlines("aura")
     beside = [listed(aura, [{**row, "axis": axis} for row in rows]).paper for axis in "xy"]
     assert beside == ["92.4 %", ""]
     touched = [{"delay_s": 0.1, "outcome": "contact"}] * 4

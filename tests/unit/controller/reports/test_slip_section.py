@@ -186,7 +186,9 @@ def test_where_nothing_is_judged_it_opens_with_the_slips_that_ours_detects_besid
     trials = [trial(), trial(**of("paper", missed=1, **UNDETECTED)), trial("wrist", **lost)]
     found = slip.section([write(tmp_path, trials, **BUMPS)], Figures(tmp_path)).headline
     assert (found.ours, found.of, found.paper, found.state) == ("66.7 %", "2 of 3 slips", "33.3 %", "some")
-    assert found.verdict.endswith("our detector detects 2 of 3, the paper's 1 of 3")
+    assert found.verdict.endswith(
+        "our detector detects 2 of 3 slips, the paper's 1 of 3 (too few to tell apart)"
+    )
 
 
 def test_it_opens_with_the_papers_table_only_where_slips_decide_that_of_most_sensors(tmp_path):

@@ -283,7 +283,7 @@ def test_errors_searches_and_stops_are_counted(tmp_path):
     assert section.summary == [
         (
             Kind.PREDICTED,
-            "Pipe, ours, 10 mm/s: 1.2 times above the 2.5 mm aimed at: worst error 3.00 mm in 2 trials; 1 of 3 found "
+            "Pipe, ours, 10 mm/s: 1.2 times the 2.5 mm aimed at: worst error 3.00 mm in 2 trials; 1 of 3 found "
             "no middle.",
             False,
             True,
@@ -314,7 +314,7 @@ def test_a_run_that_ended_early_is_not_judged(tmp_path, outcome):
     page = build_report([write(tmp_path, "centering", rows, planned=340)])
     text = text_of(page)
     assert "2 of 340 planned trials were measured: no verdict in these lines." in text
-    assert "1.2 times below the 2.5 mm aimed at: worst error 2.00 mm in 2 trials" in text
+    assert "0.8 times the 2.5 mm aimed at: worst error 2.00 mm in 2 trials" in text
     assert marks(page) == ["neither", "neither"]
 
 
@@ -340,9 +340,9 @@ def test_a_trial_that_was_run_again_counts_once(tmp_path):
 def test_the_papers_method_beside_its_own_worst_is_no_good_news_and_ours_is_compared_with_it(tmp_path):
     rows = [centred(0.0035, method="paper"), *[centred(0.0002)] * 29]
     theirs, beside, ours = section_of(centering, write(tmp_path, "centering", rows)).summary[::-1]
-    assert theirs.text.startswith("Pipe, the paper's, 10 mm/s: 2.3 times below the 8.0 mm that the paper has")
+    assert theirs.text.startswith("Pipe, the paper's, 10 mm/s: 0.44 times the 8.0 mm that the paper has")
     assert theirs.mark == "neither"
-    assert "12.5 times below the 2.5 mm aimed at" in ours.text
+    assert "0.08 times the 2.5 mm aimed at" in ours.text
     assert "17.5 times smaller than the paper's method's on this bench" in beside.text
     assert ours.mark == "met"
     few = section_of(centering, write(tmp_path, "centering", rows[:-1])).summary
@@ -355,7 +355,7 @@ def test_several_objects_are_judged_together_and_each_has_its_row(tmp_path):
     rows = [centred(0.001, object=thing) for thing in ("pipe", "mug") for _ in range(15)]
     found = section_of(centering, write(tmp_path, "centering", rows))
     (result,) = found.summary
-    assert result.text.startswith("2 objects, ours, 10 mm/s: 2.5 times below the 2.5 mm aimed at")
+    assert result.text.startswith("2 objects, ours, 10 mm/s: 0.4 times the 2.5 mm aimed at")
     assert result.mark == "met", "of 15 each object alone decides nothing"
     assert [row["object"] for row in found.content["errors"]] == ["mug", "pipe"]
 
