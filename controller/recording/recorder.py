@@ -154,8 +154,9 @@ class Recorder:
         )
 
     def skip(self, stream: str, t0_s: float, t1_s: float) -> None:
-        """Note that a stream had no subscriber from `t0_s` to `t1_s`: no loss. An empty span is none."""
-        if t1_s > t0_s:
+        """Note that a stream had no subscriber from `t0_s` to `t1_s`: no loss. An empty span is one only where samples
+        came before: a sensor that is stopped and started in one turn misses some."""
+        if t1_s > t0_s or self.trial.blocks(stream):
             self.trial.skip(stream, t0_s, t1_s)
             self._disk.post(self._streams, self._streams.skip, stream, t0_s, t1_s)
 

@@ -141,6 +141,20 @@ def test_an_empty_skipped_span_is_none(folder):
     assert kept.stream("board.load_cell").skipped == ()
 
 
+def test_what_a_sensor_misses_that_is_stopped_and_started_in_one_turn_is_no_loss(folder):
+    recorder = recorder_in(folder)
+    kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder.record([load_cell(7)])
+    later = load_cell(7)
+    begin_s = later.last_s + 0.004
+    recorder.skip("board.load_cell", begin_s - 0.001, begin_s - 0.001)
+    recorder.record([replace(later, seq=later.seq + len(later) + 3, t0_s=begin_s)])
+    recorder.close()
+    series = kept.stream("board.load_cell")
+    assert len(series) == 2 * len(later)
+    assert series.gaps == ()
+
+
 def test_raw_counts_device_time_and_arrival_are_kept(folder):
     recorder = recorder_in(folder)
     recorder.begin_trial(1, {"location": "f"}, 0.0)

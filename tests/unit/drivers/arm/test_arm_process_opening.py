@@ -36,8 +36,10 @@ class Client:
         self.calls.append("leave")
 
 
-def test_an_arm_that_opens_has_its_report_a_listener_and_a_program_that_ends(monkeypatch):
+@pytest.mark.parametrize("priority", [10, 0])
+def test_an_arm_that_opens_has_its_report_a_listener_and_a_program_that_ends(monkeypatch, priority):
     arm, threads, again = Arm(monkeypatch), [], []
+    arm.process._settings = SETTINGS.model_copy(update={"realtime_priority": priority})
     opened = Opened("UR5", "20195500", "5.9.4", ArmRow(103.0, 9.0, START, REST, REST), {"tool": 2})
 
     def opens(replaces):
@@ -50,14 +52,15 @@ def test_an_arm_that_opens_has_its_report_a_listener_and_a_program_that_ends(mon
         return SimpleNamespace(start=lambda: threads.append((given, arm.process._heartbeat_s)))
 
     arm.link.open = opens
-    monkeypatch.setattr(process, "_ask_for_realtime", lambda priority: priority == SETTINGS.realtime_priority)
+    monkeypatch.setattr(process, "_ask_for_realtime", lambda given: given == priority)
     monkeypatch.setattr(process, "threading", SimpleNamespace(Thread=thread))
     arm.ends[0].shutdown(socket.SHUT_WR)
     arm.process.run()
     report = arm.messages()[0]
     arm.close()
     assert again == [False]
-    details = {"client": f"pytest {version('pytest')}", "realtime": True, "tool": 2}
+    details = {"client": f"pytest {version('pytest')}", "tool": 2}
+    details |= {"realtime": True} if priority else {}  # what is not asked for is not missing
     assert report == Opened("UR5", "20195500", "5.9.4", opened.row, details)
     ((listener, heartbeat_s),) = threads
     expected = {"target": arm.process._listen, "name": "listener", "daemon": True}
