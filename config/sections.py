@@ -1,5 +1,6 @@
 """The sections of a profile, each held against the settings class that it configures."""
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -10,7 +11,7 @@ from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from config.hints import did_you_mean, near_or_all
-from config.source import Bench, KeyPath, ProfileError, Source, Table, bench_of
+from config.source import UNSET, Bench, KeyPath, ProfileError, Source, Table, bench_of
 from config.trials import TrialsSettings
 from config.validation import may_be_none, shown, validated
 from controller.own_modules import KindError, found, is_own
@@ -105,7 +106,20 @@ class Sections:
             self._complain(
                 ("devices", SIGNALS), ": the name is taken by the signals' streams; choose another"
             )
-        return dict(self._entries("driver"))
+        entries = dict(self._entries("driver"))
+        taken: dict[str, str] = {}
+        for name, entry in entries.items():
+            fields = type(entry.settings).model_fields
+            serial = "baud" in fields or getattr(entry.settings, "interface", "") == "slcan"
+            if not serial or entry.port in ("mock", "emulated", "console") or entry.port.startswith(UNSET):
+                continue
+            other = taken.setdefault(os.path.realpath(entry.port), name)
+            if other != name:
+                self._complain(
+                    ("devices", name, "port"),
+                    f" = {shown(entry.port)}: {other} is there already; a serial port has one device",
+                )
+        return entries
 
     def detectors(self) -> dict[str, Entry]:
         """The detectors that are sound."""

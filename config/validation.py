@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from itertools import compress
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -41,6 +42,12 @@ def validated(model: type[S], table: Mapping[str, Any], where: Where) -> S:
         # An unknown key explains a missing one, so it comes first.
         found = sorted(error.errors(include_url=False), key=lambda found: found["type"] == "missing")
     places = [tuple(str(part) for part in each["loc"]) for each in found]
+    # A list whose every item is refused counts as empty: that is no mistake of its own.
+    kept = [
+        not (each["type"] == "too_short" and any(place == other[:-1] for other in places))
+        for place, each in zip(places, found, strict=True)
+    ]
+    places, found = list(compress(places, kept)), list(compress(found, kept))
     raise ProfileError(
         [f"{where(place)}{_reason(model, place, each)}" for place, each in zip(places, found, strict=True)]
     )
@@ -80,6 +87,7 @@ def _reason(model: type[BaseModel], place: KeyPath, found: Mapping[str, Any]) ->
         )
     message = found["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
     message = f"{message[:1].lower()}{message[1:]}".replace("be an object", "be a table")
+    message = re.sub("^tuple should have at least (\\d+) items?.*", r"needs \1 or more items", message)
     unit = si_unit(key) if message.startswith("must be") else ""
     hint = did_you_mean(value, re.findall("'(.*?)'", message)) if isinstance(value, str) else ""
     return f"{has}: {message}" + (f", in {unit}" if unit else "") + (f"; {hint}" if hint else "")

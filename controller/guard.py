@@ -44,6 +44,9 @@ BRAKING_S = 0.3
 """How long what presses may still grow after a stop, before it may only fall. Assumption: as long as an arm at
 0.25 m/s brakes with 1 m/s2, and a little more."""
 
+UNITS = {"force_stream": "N", "position_stream": "m", "pose_stream": "m"}
+"""What the streams that a limit is held against are in."""
+
 Look = Callable[[SampleBlock], str | None]
 """Sees a block; gives why every mover must stop now."""
 
@@ -158,6 +161,10 @@ class Guard:
                     f"{key} = {name}: channel {channels - 1} is to be watched, but it has"
                     f" {len(streams[name].channels)}; count from 0"
                 )
+            unit, found = UNITS.get(key.rpartition(".")[2]), streams[name].unit or "no unit"
+            if unit not in (None, found):
+                reason = f"{key} = {name}: it is in {found}, its limit is in {unit}"
+                raise GuardRefusal(f"{reason}; name a stream in {unit}, or scale this one")
 
     def admit(self, command: Command) -> Command:
         """Admit a command, with the bound that its mover's device shall hold, or refuse it with the reason.

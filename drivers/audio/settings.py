@@ -1,8 +1,8 @@
 """Where the fingers' sound comes from, and what is asked of it."""
 
-from typing import Annotated, Final
+from typing import Annotated, Final, Self
 
-from pydantic import Field, Strict
+from pydantic import Field, Strict, model_validator
 
 from drivers.core.settings import Settings
 
@@ -49,3 +49,10 @@ class AudioSettings(Settings):
     as PulseAudio, needs 0.1 (measured there: at 0.02 it does not keep up)."""
     max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
     """Bound on the drift between the converter's clock and the host's. Assumption: two crystals of 100 ppm."""
+
+    @model_validator(mode="after")
+    def _each_channel_once(self) -> Self:
+        for key, channels in (("channels", self.channels), ("drive_channels", self.drive_channels)):
+            if len(set(channels)) < len(channels) or min(channels, default=0) < 0:
+                raise ValueError(f"{key} = {list(channels)}: each channel once, counted from 0")
+        return self

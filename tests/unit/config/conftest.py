@@ -92,5 +92,6 @@ def lab_values(name: str) -> dict[str, str]:
         place: Any = profile.resolved
         for key in path:
             place = place[key]
-        found[".".join(path)] = json.dumps(PLAIN.get(path[-1], place))
+        value = PLAIN.get(path[-1], place)
+        found[".".join(path)] = json.dumps(f"{value}/{path[1]}" if path[-1] == "port" else value)
     return found

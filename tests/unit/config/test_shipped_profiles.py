@@ -5,6 +5,7 @@ import pytest
 from config.profile import load_profile
 from config.sections import referred
 from config.source import ProfileError, profile_names, read_source
+from tests.refusals import check_refusal
 from tests.unit.config.conftest import on_the_mock_bench
 
 EXPERIMENTS = [name for name in profile_names() if "bench" not in name and not name.startswith("papers/")]
@@ -171,3 +172,24 @@ def test_every_setting_that_names_a_device_a_stream_or_a_detector_has_a_type_for
     found = [one for part in parts for one in referring(part, names)]
     assert found
     assert [key for key, typed in found if not typed] == []
+
+
+CELL = 'devices.cell={{ driver = "serial_lines", port = "{port}", rate_hz = 500.0, streams.force = {force} }}'
+
+
+def with_a_cell(port, force='{ columns = [1], unit = "N" }'):
+    key, _, value = CELL.format(port=port, force=force).partition("=")
+    ports = {"devices.stage.port": '"/dev/nowhere/1"', "devices.board.port": '"/dev/nowhere/2"'}
+    with pytest.raises(ProfileError) as caught:
+        load_profile("hardware/transient", {**ports, key: value})
+    return caught.value.problems
+
+
+def test_two_devices_at_one_serial_port_are_named_before_either_is_opened():
+    (line,) = with_a_cell("/dev/nowhere/../nowhere/1")
+    check_refusal(line, "[devices.cell] port", "stage is there already", "one device")
+
+
+def test_columns_by_name_are_one_mistake():
+    (line,) = with_a_cell("/dev/nowhere/3", '{ columns = ["Kraft"], unit = "N" }')
+    check_refusal(line, "[devices.cell.streams.force] columns #1", '"Kraft"', "integer")

@@ -231,9 +231,8 @@ def test_a_new_trial_has_nothing_that_is_late():
 
 
 def test_a_range_that_nothing_reports_is_refused_before_anything_moves():
-    streams = {
-        name: StreamInfo(name, ("x",), "N") for name in ("board.load_cell", "stage.position", "signals.tip")
-    }
+    streams = {name: StreamInfo(name, ("x",), "N") for name in ("board.load_cell", "signals.tip")}
+    streams["stage.position"] = StreamInfo("stage.position", ("x",), "m")
     guard(range_streams=["signals.tip"]).check_streams(streams)
     with pytest.raises(
         GuardRefusal, match=r"limits.range_streams = signals.tap: the bench has no such stream"
@@ -407,9 +406,24 @@ def test_a_motion_that_no_limit_is_known_for_is_refused(monkeypatch):
     ],
 )
 def test_streams_that_do_not_fit_are_refused_before_anything_moves(streams, reason):
-    there = {name: StreamInfo(name, tuple("xyz"[:n]), "N") for name, n in streams.items()}
+    units = {"board.load_cell": "N"}
+    there = {name: StreamInfo(name, tuple("xyz"[:n]), units.get(name, "m")) for name, n in streams.items()}
     with pytest.raises(GuardRefusal, match=reason):
         boxed().check_streams(there)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "reason"),
+    [
+        ("board.load_cell", "kg", r"limits.force_stream = board.load_cell: it is in kg, its limit is in N"),
+        ("stage.position", "mm", r"limits.position_stream = stage.position: it is in mm, its limit is in m"),
+        ("arm.pose", "", r"limits.pose_stream = arm.pose: it is in no unit, its limit is in m"),
+    ],
+)
+def test_a_limit_is_held_against_no_stream_in_another_unit(name, unit, reason):
+    units = {"board.load_cell": "N", "stage.position": "m", "arm.pose": "m", name: unit}
+    with pytest.raises(GuardRefusal, match=reason):
+        boxed().check_streams({each: StreamInfo(each, tuple("xyz"), unit) for each, unit in units.items()})
 
 
 # --- limits of each mover
@@ -943,7 +957,8 @@ def test_one_sensor_alone_is_not_compared_and_both_must_be_there():
     watched = guard(**BOTH)
     assert watched.check(1.0, [force(np.ones(300))], moving=True) is None
     assert watched.inputs == {"board.load_cell", "stage.position", "arm.force"}
-    there = {name: StreamInfo(name, ("x",), "N") for name in ("board.load_cell", "stage.position")}
+    units = {"board.load_cell": "N", "stage.position": "m"}
+    there = {name: StreamInfo(name, ("x",), unit) for name, unit in units.items()}
     with pytest.raises(GuardRefusal, match=r"limits.agree.force.streams = arm.force: the bench has no such"):
         watched.check_streams(there)
 

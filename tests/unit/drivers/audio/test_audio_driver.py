@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from drivers.audio.codec import Sound
 from drivers.audio.driver import Audio, AudioSettings
@@ -130,7 +131,6 @@ def test_what_was_found_and_which_finger_is_where_stands_in_the_manifest(bits, r
     ("changes", "settings", "cause", "remedy"),
     [
         ({"channels": 1}, {}, "1 channel where two fingers need 2", "`channels`"),
-        ({"channels": 1}, {"channels": (0, 0)}, "1 channel where two fingers need 2", "`channels`"),
         ({"channels": 2}, {"channels": (0, 3)}, "2 channels where two fingers need 4", "`channels`"),
         ({"rate_hz": 48_000.0}, {}, "48000 frames a second, not 96000", "record at 96000 Hz"),
         ({"bits": 16}, {}, "16 bits a sample, not 24", "24-bit format"),
@@ -407,3 +407,9 @@ def test_the_end_of_the_sound_is_reported_after_the_sound(bench):
     bench.device.apply(OFF)
     bench.source.fault = "the cable is out"
     assert [type(status) for status in bench.device.poll()] == [Sent, Failed]
+
+
+@pytest.mark.parametrize("given", [{"channels": (0, 0)}, {"channels": (-1, 0)}, {"drive_channels": (1, 1)}])
+def test_a_channel_that_stands_twice_or_is_none_is_refused(given):
+    with pytest.raises(ValidationError, match=r"each channel once, counted from 0"):
+        AudioSettings(port="sounddevice:", **given)
