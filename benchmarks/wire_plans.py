@@ -41,8 +41,8 @@ STOPPED_S = 2.0
 """How long a stopped process stands: longer than any watchdog here."""
 
 LOOK_S = 0.02
-LONGEST_S = 150.0
-"""Longest run: some ten times what one takes."""
+SILENT_S, LONGEST_S = 60.0, 900.0
+"""A run that writes nothing for so long, or goes on for so long, does not end: a busy machine slows all of it down."""
 
 LEFT_S = 2.0
 """After its program's end a mover may go on for so long: longer than any watchdog here; then it stands for as long."""
@@ -142,9 +142,8 @@ def watched(
             command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
         )
         begun_s = acted_s = stands_s = None
-        end_s = time.monotonic() + LONGEST_S
-        while program.poll() is None and time.monotonic() < end_s:
-            time.sleep(LOOK_S)
+        goes_on = _Patience(folder)
+        while program.poll() is None and goes_on():
             now_s = time.monotonic()
             if begun_s is None and list((folder / "runs").glob("*/manifest.json")):
                 begun_s = now_s
@@ -167,6 +166,24 @@ def watched(
                 time.sleep(LOOK_S)
         output.seek(0)
         return code, output.read(), places + after, after
+
+
+class _Patience:
+    """Looks, each `LOOK_S`, whether what is in a folder still grows."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._size = folder, 0
+        self._begun_s = self._grown_s = time.monotonic()
+
+    def __call__(self) -> bool:
+        time.sleep(LOOK_S)
+        size, now_s = (
+            sum(path.stat().st_size for path in self._folder.rglob("*") if path.is_file()),
+            time.monotonic(),
+        )
+        if size != self._size:
+            self._size, self._grown_s = size, now_s
+        return now_s < min(self._begun_s + LONGEST_S, self._grown_s + SILENT_S)
 
 
 def _sent(act: Act, program: subprocess.Popen[Any], emulator: EmulatorProcess) -> int | None:
@@ -215,7 +232,7 @@ def _failures(
     if "Traceback" in output or "unexpected" in output:
         yield f"CRASH: {last}"
     if code is None:
-        yield f"LIVENESS: it goes on after {LONGEST_S:g} s: {last}"
+        yield f"LIVENESS: it does not end, and has written nothing for {SILENT_S:g} s: {last}"
     if code not in (0, 1, 3, 4, 130, -signal.SIGKILL if killed else 0):
         yield f"CRASH: exit code {code}: {last}"
     mover: Any = profile.devices[getattr(profile.behavior, "mover", "stage")].settings
@@ -273,26 +290,24 @@ def _resumed(profile: Profile, folder: Path) -> str:
         (folder / "endpoints.json").write_text(json.dumps(emulator.endpoints), encoding="utf-8")
         command = [sys.executable, "run.py", "resume", "latest", "--no-report", "--jobs", "1"]
         command += ["--out", str(folder / "runs"), "--endpoints", str(folder / "endpoints.json")]
-        done = subprocess.run(
-            command,
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            timeout=LONGEST_S,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-    except subprocess.TimeoutExpired:
-        return "LIVENESS: what was resumed does not end"
+        with (folder / "resumed").open("w+", encoding="utf-8") as output:
+            program = subprocess.Popen(
+                command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+            )
+            goes_on = _Patience(folder)
+            while program.poll() is None and goes_on():
+                pass
+            code = program.poll()
+            program.kill()
+            program.wait()
+            output.seek(0)
+            last = (output.read().strip().splitlines() or [""])[-1]
     finally:
         emulator.close()
-    last = ((done.stdout + done.stderr).strip().splitlines() or [""])[-1]
-    own_limit = done.returncode == 4 and "limits.force_n" in last  # which was drawn, and may be too low
-    return (
-        ""
-        if done.returncode in (0, 1) or own_limit
-        else f"LIVENESS: resumed: exit code {done.returncode}: {last}"
-    )
+    if code is None:
+        return f"LIVENESS: what was resumed does not end: {last}"
+    own_limit = code == 4 and "limits.force_n" in last  # which was drawn, and may be too low
+    return "" if code in (0, 1) or own_limit else f"LIVENESS: resumed: exit code {code}: {last}"
 
 
 SOAKED = (

@@ -151,6 +151,12 @@ class UrLink:
         if again and self._row.running:
             dashboard.ask("stop")
         if not self._await_row(lambda: not self._row.running):
+            if not self._row.running:
+                raise LinkError(
+                    SilentError,
+                    f"no row came in {SETTLED_S:g} s",
+                    "is the controller up, and this machine not overloaded?",
+                )
             raise LinkError(
                 RefusedError, "another program runs on the controller", "stop it at the pendant, or its host"
             )

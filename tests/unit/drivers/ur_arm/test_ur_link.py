@@ -264,6 +264,12 @@ def test_a_program_that_ends_within_a_second_does_not_matter(opening):
     assert "stop" not in opening.dashboard.asked
 
 
+def test_a_controller_of_which_no_row_comes_is_not_said_to_run_another_program(opening):
+    opening.row_s = 1e6
+    error, message, _ = opening.refuses()
+    assert (error, message) == (SilentError, "no row came in 1 s")
+
+
 @pytest.mark.parametrize(("runtime", "stops"), [(PLAYING, 1), (STOPPED, 0)])
 def test_a_process_that_replaces_another_stops_the_program_that_the_other_has_left(opening, runtime, stops):
     opening.receive.runtime = runtime
