@@ -46,7 +46,7 @@ class TrueTrial:
     """What really happened in a trial.
 
     Attributes:
-        samples: At each turn: bench time, and places of the scene, m, by name.
+        samples: At each turn: bench time; where axis and jaws are, m, and what presses, N, by name.
         states: Entered, and when.
         end_s: When its row was written.
         outcome: In that row.
@@ -149,13 +149,14 @@ class Onlooker:
 
     def _places(self, t_s: float) -> dict[str, float]:
         mover: Any = getattr(self._bench, "mover", None)
-        places = dict(self._rig.place())
+        places: dict[str, float] = {}
         if hasattr(mover, "position"):
             places["axis_m"] = mover.position(t_s)
         if hasattr(self._bench, "force_n"):
             places["force_n"] = self._bench.force_n
         if hasattr(self._bench, "jaws"):
-            places["grip_n"] = self._bench.jaws.jaws.contact_n
+            jaws = self._bench.jaws.jaws
+            places |= {"width_m": jaws.width_m, "grip_n": jaws.contact_n}
         return places
 
     def poll(self) -> str | None:
