@@ -86,6 +86,7 @@ def profile_of(seed: int, folder: Path) -> tuple[str, Path]:
     plan = drawn(seed, EXPERIMENTS)
     emulated = load_profile(f"emulated/{plan.experiment}", {})
     could = {(name, kind) for name, entry in emulated.devices.items() for kind in _kinds(entry.kind)}
+    could.add(("disk", "slow"))
     faults = [fault for fault in plan.faults if (fault["device"], fault["kind"]) in could]
     settings = dict(plan.settings)
     settings.pop("devices.board.block_samples", None)  # of a board that is no mock the firmware says that

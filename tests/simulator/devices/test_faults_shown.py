@@ -7,6 +7,7 @@ import pytest
 
 from config import assemble
 from config.profile import load_profile
+from config.source import ProfileError
 from controller.own_modules import found
 from controller.registry import KINDS
 from controller.rig import TrialScene
@@ -101,3 +102,16 @@ def test_every_kind_can_be_shown_and_no_other_is_in_the_table() -> None:
     rows = KINDS["driver"].values()
     shown = {kind for row in rows for kind in (*row.faults("mock"), *row.faults("emulated"))}
     assert shown | {kind for kinds in OF_THE_BENCH.values() for kind in kinds} == set(get_args(Kind))
+
+
+@pytest.mark.parametrize(("device", "kind", "there"), [("disk", "slow", True), ("loop", "hang", False)])
+def test_of_what_is_no_device_only_the_disk_is_wrong_beside_an_emulated_bench(
+    device: str, kind: str, there: bool
+) -> None:
+    faults = {"faults": f'[{{ device = "{device}", kind = "{kind}" }}]'}
+    if there:
+        (fault,) = load_profile("emulated/static", faults).faults
+        assert (fault.device, fault.kind) == (device, kind)
+    else:
+        with pytest.raises(ProfileError, match="on the mock bench alone"):
+            load_profile("emulated/static", faults)
