@@ -76,7 +76,6 @@ class LiveView:
         self._behavior = behavior
         self._events = events
         self._lost = lost or {}
-        self._listed = self.deciding()
 
     # on the terminal
 
@@ -106,7 +105,7 @@ class LiveView:
         values, unit = self.recording.latest(stream, SPARKS)
         if not len(values):
             return ""
-        shown, unit = displayed(stream, values[:, 0], unit)
+        shown, unit = displayed(stream, values[:, self.channel(stream)], unit)
         readings, its_unit = self.recording.latest(f"{DETECTOR}{name}", 1)
         known = len(readings) and math.isfinite(readings[-1, 1])
         held, its_unit = displayed(DETECTOR, readings[-1] if known else readings, its_unit)
@@ -142,6 +141,12 @@ class LiveView:
         first = self._behavior.deciding if self._behavior is not None else ()
         return sorted(self._detectors, key=lambda name: first.index(name) if name in first else len(first))
 
+    def channel(self, stream: str) -> int:
+        """Of a stream's channels the one that is drawn: what the foremost detector hears, else the first."""
+        heard = (self._detectors[name] for name in self.deciding() if stream in self._detectors[name].inputs)
+        chosen = getattr(getattr(next(heard, None), "settings", None), "channel", 0)
+        return chosen if isinstance(chosen, int) else 0
+
     def title(self, stream: str) -> str:
         """What a detector's statistic is; "" for any other stream."""
         name = stream.removeprefix(DETECTOR)
@@ -167,10 +172,15 @@ class LiveView:
         return next((row.dest or here for row in rows if not row.conditions), here)
 
     def panels(self) -> list[str]:
-        """Streams that are drawn: detectors' statistics with thresholds, their inputs, what the guard watches."""
-        wanted = [f"{DETECTOR}{name}" for name in self._listed]
-        wanted += [stream for name in self._listed for stream in self._detectors[name].inputs]
+        """Streams that are drawn: of what decides in the present state statistic and inputs; what the guard watches;
+        the same of the other detectors, those that listen first."""
+        behavior = self._behavior
+        first, armed = (behavior.deciding, behavior.plan.detectors) if behavior is not None else ((), ())
+        names = sorted(self.deciding(), key=lambda name: (name not in first, name not in armed))
+        pairs = {name: (f"{DETECTOR}{name}", *self._detectors[name].inputs) for name in names}
+        wanted = [stream for name in names if name in first for stream in pairs[name]]
         wanted += [stream for stream in (self._limits.force_stream, self._limits.position_stream) if stream]
+        wanted += [stream for name in names for stream in pairs[name]]
         present = set(self.recording.streams)
         return list(islice((stream for stream in dict.fromkeys(wanted) if stream in present), PANELS))
 

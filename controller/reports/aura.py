@@ -27,7 +27,7 @@ from controller.reports.counts import (
     under,
     values,
 )
-from controller.reports.figures import FAINT, FALSE, GOOD, OURS, Figures
+from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, Figures
 from controller.reports.papers import BEST_HZ, CONTACT, PRE_TOUCH
 from controller.reports.run_account import setting_of
 from controller.reports.section import Headline, Kind, Result, Section, judged, rated
@@ -343,6 +343,12 @@ def _draw(runs: Sequence[Run], figures: Figures) -> str:
         # a trial that was refused at once has a recording without the finger
         for axes in [axes for axes in drawing.axes if axes.get_legend_handles_labels()[0]][:1]:
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2)
+        for axes in drawing.axes[1:2]:
+            for mark, whose in (("o", "ours"), ("x", "the paper's")):
+                axes.plot([], [], mark, mfc="none", color=INK, ms=4.0, label=whose)
+            narrow: Any = {"handlelength": 0.8, "columnspacing": 0.8, "handletextpad": 0.4}
+            handles = axes.get_lines()[-2:]
+            axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2, **narrow)
         return drawing.save("approaches")
 
 

@@ -108,7 +108,7 @@ def moments_of(run: Run, row: Mapping[str, Any], method: str = "") -> Moments:
     events = run.events_of(row["trial"])
     alarms = [event for event in events if _alarms(event) and str(event["detector"]).endswith(method)]
     if found:  # what is seen ahead is no answer to a touch
-        alarms = [event for event in alarms if event["event"] != "PreTouch"]
+        alarms = [event for event in alarms if not event["event"].startswith("PreTouch")]
     led = [event for event in alarms if event.get("next") != event.get("state")]
     if found:
         slips = found[0] == "slip"  # a touch before it is no answer to it

@@ -239,7 +239,8 @@ class Watched:
             if number % BLOCKS == BLOCKS - 1:
                 rest(GIVE_WAY_S)
             times.append(block.times)
-            parts.append(block.physical)
+            values = block.physical
+            parts.append(values if stream.startswith(DETECTOR) else values[:, [view.channel(stream)]])
         times_s, values = np.concatenate(times), np.concatenate(parts)
         span_s = min(LATE_S, float(times_s[-1] - times_s[0]))
         news = curve(stream, times_s, values, fresh[0].unit, max(4, round(POINTS_HZ * span_s)))

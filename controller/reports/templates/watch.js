@@ -89,7 +89,7 @@
     now = {...now, ...message};
     [at("title").textContent, at("title").title] = [now.run.title, now.run.folder];
     verdict();
-    const left = Number.isFinite(now.left_s) && !now.paused ? `; about ${clock(now.left_s)} of the run left` : "";
+    const left = Number.isFinite(now.left_s) && !now.paused ? `; about ${clock(now.left_s)} left in all` : "";
     at("now").textContent = now.ended ? "" : `Now trial ${now.trial ?? "–"}, ${now.factors ?? ""}: ${Number((now.t_s ?? 0).toPrecision(4))} s${left}`;
     large("state", now.ended ? "ENDED" : held() ? "HELD" : now.state || "begins");
     document.body.dataset.state = now.ended ? "ended" : now.state;
@@ -208,6 +208,7 @@
     const shown = past ?? signals, span = spanOf(shown);
     const order = Object.keys((past ? null : now.signals) ?? shown);  // what decides comes first, whenever it came
     if (!document.hidden) for (const [stream, seen] of Object.entries(shown)) {
+      if (!order.includes(stream)) { charts[stream]?.remove(); delete charts[stream]; continue; }
       show(stream, seen, span);
       if (charts[stream]) charts[stream].style.order = order.indexOf(stream);
     }
