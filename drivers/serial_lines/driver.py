@@ -1,7 +1,7 @@
 """Any board that prints a line of numbers for each sample: columns, units and rate are the profile's."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -49,12 +49,12 @@ class SerialLines(LineSensor):
             raise CodecError(f"{line[:SHOWN]!r} has {len(numbers)} numbers")
         counter, shown_s = None, math.nan
         if s.counter_column is not None and s.counter_modulus is not None:
-            counter = _whole(numbers[s.counter_column], s.counter_modulus)
+            counter = _whole(numbers, s.counter_column, s.counter_modulus)
             shown_s = counter / s.rate_hz if s.rate_hz else math.nan
         elif s.rate_hz is None:
             counter = self._seen  # a line that made no sense was a sample
         if s.time_column is not None:
-            shown_s = _whole(numbers[s.time_column], s.time_modulus or ENDLESS) * s.time_unit_s
+            shown_s = _whole(numbers, s.time_column, s.time_modulus or ENDLESS) * s.time_unit_s
         return LineSample(numbers, shown_s, counter)
 
     def account(self) -> Mapping[str, object]:
@@ -148,6 +148,13 @@ class SerialLines(LineSensor):
                 f"sound lines came, but not without a break in {s.reply_timeout_s:g} s",
                 "does it print all the time? reply_timeout_s is how long to wait",
             )
+        if wrong := self._no_clock():
+            return ProtocolError(
+                self.name,
+                doing,
+                f"{wrong}; the latest line is {self._latest[:SHOWN]!r}",
+                'correct time_column or counter_column; "none" where it prints none',
+            )
         sort = (
             f"{s.fields} numbers or more (12.5, not 12,5) with {s.separator!r} between"
             + f", *{s.checksum}" * (s.checksum != "none")
@@ -158,6 +165,15 @@ class SerialLines(LineSensor):
             f"{self._seen} lines came, but none of {sort}; the latest is {self._latest[:SHOWN]!r}",
             "compare baud, separator, checksum and columns with its sketch",
         )
+
+    def _no_clock(self) -> str:
+        """What is wrong with the column of its time or counter, in a line that has all its numbers; "" of another."""
+        try:
+            if len(self._format.decode(self._latest)) >= self._settings.fields:
+                self.parse(self._latest)
+        except CodecError as error:
+            return str(error) * str(error).startswith("column ")
+        return ""
 
     def _check_rate(self, sound: list[tuple[float, LineSample]]) -> float | None:
         """The rate that its first lines have, Hz; None of too few lines. Raises `ProtocolError`: not the profile's."""
@@ -209,8 +225,10 @@ class SerialLines(LineSensor):
             self._push(name, sample._replace(counts=counts), arrival_s)
 
 
-def _whole(number: float, modulus: int) -> int:
-    """A counter's number; raises `CodecError`."""
+def _whole(numbers: Sequence[float], column: int, modulus: int) -> int:
+    """The number of a time or a counter; raises `CodecError`."""
+    number = numbers[column]
     if not (number.is_integer() and 0 <= number < modulus):
-        raise CodecError(f"{number:g} is no counter below {modulus}")
+        below = f" from 0 to below {modulus}" * (modulus != ENDLESS)
+        raise CodecError(f"column {column} is {number:g}, no whole number{below}")
     return int(number)

@@ -150,6 +150,12 @@ def test_lines_from_before_the_reset_do_not_open_it() -> None:
         (Board(lambda tick: b""), {}, SilentError, ("nothing came in 5 s", "powered", "115200 baud")),
         (Board(lambda tick: b"\x80\xf8\x00"), {}, ProtocolError, ("bytes came", "end of a line", "baud")),
         (Board(lambda tick: b"x\xf8\x80\n"), {}, ProtocolError, ("lines came", "2 numbers", "baud")),
+        (
+            Board(lambda tick: b"0.25,%d\n" % tick),
+            {},
+            ProtocolError,
+            ("column 0 is 0.25", "whole", "time_column"),
+        ),
         (Board(lambda tick: b"5\n"), {}, ProtocolError, ("2 numbers or more", "','", "b'5'")),
         (Board(timed), {"separator": ";"}, ProtocolError, ("2 numbers or more", "';'", "separator")),
         (Board(timed), {"checksum": "xor"}, ProtocolError, ("*xor", "checksum")),
