@@ -1,6 +1,7 @@
 """Where an arm starts, and how far and fast it may go."""
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator
@@ -13,6 +14,15 @@ Pose = Annotated[tuple[float, float, float, float, float, float], Strict(False)]
 
 UNIT_TOLERANCE = 1e-3
 """How far the length of a direction may be from 1 (assumption: three digits in a profile)."""
+
+FAR_M, TURNED_RAD = 3.0, 2.0 * math.pi + 0.01
+"""No arm's tool is farther off, and no rotation vector longer (assumption): millimetres or degrees are meant."""
+
+
+def in_metres(key: str, pose: Sequence[float] | None) -> None:
+    """Refuse a place, or a pose, that was written in millimetres or degrees."""
+    if pose is not None and (math.hypot(*pose[:3]) > FAR_M or math.hypot(*pose[3:]) > TURNED_RAD):
+        raise ValueError(f"{key} = {list(pose)} is farther than any arm reaches: write m and rad")
 
 
 class ArmSettings(AxisLimits):
@@ -62,7 +72,8 @@ class ArmSettings(AxisLimits):
     """SCHED_FIFO priority of the arm's process where the system allows it; 0 does not ask."""
 
     @model_validator(mode="after")
-    def _of_length_one(self) -> Self:
+    def _in_its_units(self) -> Self:
         if abs(math.hypot(*self.approach_axis) - 1.0) > UNIT_TOLERANCE:
             raise ValueError(f"approach_axis has length {math.hypot(*self.approach_axis):.4g}, not 1")
+        in_metres("start_pose", self.start_pose)
         return self

@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.arm.settings import ArmSettings, Pose, Vector
+from drivers.arm.settings import ArmSettings, Pose, Vector, in_metres
 
 CYCLES_HZ = 500.0
 """An e-Series controller's cycles a second (RTDE guide)."""
@@ -37,6 +37,8 @@ class UrArmSettings(ArmSettings):
             raise ValueError(
                 f"rate_hz = {self.rate_hz:g} is no whole part of {CYCLES_HZ:g}: take 500, 250 or 125"
             )
+        in_metres("tcp_offset", self.tcp_offset)
+        in_metres("payload_cog_m", self.payload_cog_m)
         if self.tool == "set" and (self.tcp_offset, self.payload_kg, self.payload_cog_m) == (
             None,
             None,

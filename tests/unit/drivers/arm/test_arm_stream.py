@@ -222,3 +222,17 @@ def test_an_arm_that_is_not_open_refuses_and_closes_in_peace() -> None:
     assert not arm.read()
     arm.close()
     arm.close()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("start_pose", (400.0, -133.3, 250.0, 0.0, 3.1416, 0.0)),
+        ("start_pose", (0.4, -0.1333, 0.25, 0.0, 180.0, 0.0)),
+        ("tcp_offset", (0.0, 0.0, 100.0, 0.0, 0.0, 0.0)),
+        ("payload_cog_m", (0.0, 0.0, 50.0)),
+    ],
+)
+def test_millimetres_and_degrees_are_refused(key, value):
+    with pytest.raises(ValidationError, match=f"{key} = .* write m and rad"):
+        UrArmSettings(**{"host": "127.0.0.2", "start_pose": START, key: value})
