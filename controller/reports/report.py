@@ -112,7 +112,7 @@ def build_report_with_summary(
 def comparison_page(first: Run, second: Run, comparing: Comparing) -> str:
     """A page on two runs, which are never pooled on it."""
     runs = [first, second] if first.folder.path != second.folder.path else [first]
-    title = " beside ".join(run.folder.path.name for run in (first, second))
+    title = " beside ".join(_told_apart(runs))
     return _page(runs, None, title, (), (), comparing)[0]
 
 
@@ -143,7 +143,7 @@ def _page(
     for (experiment, bench), members in kinds.items():
         groups = _named(bench, by_settings(members, not _experiment(members[-1]).pooled))
         if comparing:
-            groups = {run.folder.path.name: [run] for run in members}
+            groups = {name: [run] for name, run in zip(_told_apart(members), members, strict=True)}
         for number, (name, group) in enumerate(groups.items(), start=1):
             alone = len(kinds) == len(groups) == 1
             folder = figures_path
@@ -223,6 +223,12 @@ def _named(bench: str, groups: Sequence[Sequence[Run]]) -> dict[str, Sequence[Ru
             names = [f"{scale_of(own[0]['setting']).label} {own[0][name]}" for name in names]
         names = [f"{bench}, {name}" for name in names]
     return dict(zip(names if len(groups) > 1 else [bench], groups, strict=True))
+
+
+def _told_apart(runs: Sequence[Run]) -> Sequence[str]:
+    """Runs by their profiles where these differ, else by their folders."""
+    names = [_profile(run) for run in runs]
+    return names if len(set(names)) == len(runs) else [run.folder.path.name for run in runs]
 
 
 def _profile(run: Run) -> str:

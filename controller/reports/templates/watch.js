@@ -97,7 +97,7 @@
     if (!past) at("whose").textContent = whose();
     if (now.ended) banner(now.by ? `The run was ${now.by}: ${now.ended}` : `The run has ended: ${now.ended}`, now.by ? "broken" : "done");
     else if (held()) banner("HELD between two trials: nothing moves, but for what is asked for here, under the guard. Resume begins the next trial.", "paused");
-    else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves; the guard watches ${(now.margins ?? []).map(([name]) => name).join(", ") || "on"}.${now.resumes_in ? ` On Resume this trial goes on in ${now.resumes_in}${before ? `; it was in ${before}` : ""}.` : ""}`, "paused");
+    else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves; the guard watches ${(now.margins ?? []).map(([name]) => name).join(", ") || "on"}.${now.resumes_in ? ` On Resume this trial goes on in ${now.resumes_in}${before === now.resumes_in ? ", where it was" : before ? `; it was in ${before}` : ""}.` : ""}`, "paused");
     else banner("", "running");
     byHand();
     pause.textContent = now.paused ? "Resume" : "Pause";
