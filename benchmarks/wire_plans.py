@@ -312,21 +312,22 @@ def _resumed(profile: Profile, folder: Path) -> str:
 
 
 SOAKED = (
-    "[ "
-    '{ device = "board", kind = "lose", at_s = 1.0, for_s = 0.02, every_s = 17.0 }, '
-    '{ device = "board", kind = "double", at_s = 1.3, for_s = 0.03, every_s = 23.0 }, '
-    '{ device = "board", kind = "corrupt", at_s = 1.1, for_s = 0.01, every_s = 31.0 }, '
-    '{ device = "stage", kind = "double", at_s = 0.5, for_s = 0.05, every_s = 7.0 }, '
-    '{ device = "board", kind = "silent", at_s = 4.0, for_s = 0.3, every_s = 61.0 } ]'
+    ("board", "lose", 0.02),
+    ("board", "double", 0.03),
+    ("board", "corrupt", 0.01),
+    ("board", "silent", 0.3),
+    ("stage", "double", 0.05),
 )
-"""What goes wrong all the time: losses, doubled and altered bytes, and a board that at times is silent for too long."""
+"""What goes wrong in a soak, for how long, s: bytes lost, doubled, altered, and a board that is silent too long."""
+
+BETWEEN_S = (3.0, 30.0)
+"""How long nothing goes wrong: between these, uniform."""
 
 
 def soaked(minutes: float) -> dict[str, Any]:
     """One run that goes on for so long, its trials repeated after faults; memory of program and emulator, MB, and where
     the mover was, m."""
     sets = {
-        "faults": SOAKED,
         "trials.repeats": "1000",
         "trials.reconnects": "1000",
         "behavior.settle_s": "2.0",
@@ -352,9 +353,15 @@ def soaked(minutes: float) -> dict[str, Any]:
         program = subprocess.Popen(
             command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
         )
-        end_s, look_s = time.monotonic() + 60.0 * minutes, 0.0
+        dice, injected = random.Random("soak"), Counter[str]()
+        end_s, look_s, wrong_s = time.monotonic() + 60.0 * minutes, 0.0, time.monotonic() + BETWEEN_S[1]
         while program.poll() is None and time.monotonic() < end_s:
             places += _place(emulator)
+            if time.monotonic() > wrong_s:
+                wrong_s = time.monotonic() + dice.uniform(*BETWEEN_S)
+                device, kind, for_s = dice.choice(SOAKED)
+                emulator.inject(device, kind, for_s=for_s)
+                injected[f"{device} {kind}"] += 1
             if time.monotonic() > look_s:
                 look_s = time.monotonic() + 10.0
                 for name, pid in (("program", program.pid), ("emulator", emulator._child.pid)):
@@ -372,6 +379,7 @@ def soaked(minutes: float) -> dict[str, Any]:
         "minutes": minutes,
         "alive": alive,
         "last": said.strip().splitlines()[-1],
+        "injected": dict(injected),
         "reconnected": said.count("; reconnected"),
         "outcomes": dict(Counter(row.split(",")[1] for row in rows)),
         "memory_mb": memory,

@@ -624,9 +624,22 @@ def _unseen(story: Any) -> Iterator[Violation]:
     for effect in story.effects:
         gone = effect["kind"] in ("silent", "unplug") and "for_s" not in effect and effect["device"] == mover
         last = story.trials[-1].number == effect["trial"] if story.trials else False
-        if gone and last and "NOT seen standing still" not in story.line:
+        if (
+            gone
+            and last
+            and not _stood(story, effect["trial"], mover, effect["effect_s"])
+            and "NOT seen standing still" not in story.line
+        ):
             what = f"{mover} is {effect['kind']}; it says: {story.line}"
             yield Violation("SAFETY", "unseen", effect["trial"], effect["effect_s"], "", what)
+
+
+def _stood(story: Any, number: int, mover: str, t_s: float) -> bool:
+    """Whether a mover had answered its last command by then, however late that was heard."""
+    seen = [event for event in story.events() if event["trial"] == number and event.get("device") == mover]
+    asked = [each for each in seen if each["event"] == "Sent" and MOVES.match(each["command"])]
+    answers = [each for each in seen if each["event"] == "Standstill" and each["t_s"] <= t_s]
+    return any(each["command_id"] == asked[-1]["command_id"] for each in answers) if asked else False
 
 
 def _stops(story: Any) -> Iterator[Violation]:

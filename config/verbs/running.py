@@ -18,7 +18,7 @@ from drivers.core.errors import PROGRAM, lacking
 if TYPE_CHECKING:
     from config.jobs import Crew
     from config.profile import Profile
-    from controller.campaign import CampaignPlan, Console
+    from controller.campaign import CampaignPlan, Console, Outcome
     from controller.console import ConsoleOperator
     from controller.recording.joining import ResumedRun
     from controller.recording.run_folder import RunFolder
@@ -199,26 +199,63 @@ def _carried_out(
     resumed: ResumedRun | None = None,
     *,
     reported: bool,
-    endpoints: Path | None,
     jobs: int | None,
-    scheduler: str | None,
-    watched: bool,
-    realtime: bool = False,
-    foxglove: bool = False,
-    reconnected: int = 0,
+    **how: Any,
 ) -> int:
     """Run a campaign and report it; returns the exit code.
 
     Where a device failed, all stands still and the profile permits one more (`trials.reconnects`), the run goes on with
     devices opened anew, as one that is resumed.
     """
+    from controller.recording.run_folder import RunFolder
+
+    outcome, again, stopped = _once(loaded, plan, out, resumed, jobs=jobs, **how)
+    permitted = loaded.trial_settings.reconnects
+    for number in range(1, permitted + 1):
+        if outcome.exit_code != verbs.DEVICE or stopped or not again:
+            break
+        if outcome.not_at_rest:
+            verbs.complain("it is not reconnected: something may still move")
+            break
+        verbs.complain(f"{outcome.line}; reconnected, {number} of {permitted}")
+        rest(0.0 if loaded.bench == "mock" else RECONNECT_S)
+        _, plan, resumed = _what_is_left(RunFolder(outcome.folder))
+        outcome, _, stopped = _once(loaded, plan, out, resumed, jobs=1, **how)
+    if outcome.error is None:
+        (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
+    try:
+        if reported and RunFolder(outcome.folder).begun:
+            verbs.report_on([RunFolder(outcome.folder)])
+    except Exception as error:
+        if not outcome.exit_code:
+            raise
+        verbs.complain(f"no report: {verbs.explained(error)[1]}")
+    if outcome.error is not None:
+        raise outcome.error
+    return outcome.exit_code or (verbs.INTERRUPTED if stopped else verbs.DONE)  # it came at the end
+
+
+def _once(
+    loaded: Profile,
+    plan: CampaignPlan,
+    out: Path,
+    resumed: ResumedRun | None,
+    *,
+    endpoints: Path | None,
+    jobs: int | None,
+    scheduler: str | None,
+    watched: bool,
+    realtime: bool = False,
+    foxglove: bool = False,
+) -> tuple[Outcome, bool, bool]:
+    """Run a campaign with its devices opened once: how it ended, whether they were opened in this process, and whether
+    somebody has stopped it."""
     from config.assemble import build_rig
     from config.costs import duration
     from config.jobs import in_batches
     from controller.campaign import Campaign
     from controller.console import ConsoleOperator
     from controller.holding import Holding, addresses
-    from controller.recording.run_folder import RunFolder
 
     if realtime_note := verbs.real_time(loaded):
         verbs.say(realtime_note)
@@ -241,32 +278,7 @@ def _carried_out(
             with Holding(loaded.name, "run", addresses(rig), loaded.bench == "hardware") as note:
                 outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
                 note.tell(not_at_rest=outcome.not_at_rest)
-    permitted = loaded.trial_settings.reconnects
-    stopped = operator.stopped
-    if outcome.exit_code == verbs.DEVICE and reconnected < permitted and rig is not None and not stopped:
-        if outcome.not_at_rest:
-            verbs.complain("it is not reconnected: something may still move")
-        else:
-            verbs.complain(f"{outcome.line}; reconnected, {reconnected + 1} of {permitted}")
-            rest(0.0 if loaded.bench == "mock" else RECONNECT_S)
-            _, plan, resumed = _what_is_left(RunFolder(outcome.folder))
-            how: dict[str, Any] = {"reported": reported, "endpoints": endpoints, "watched": watched}
-            how |= {"jobs": 1, "scheduler": scheduler, "realtime": realtime, "foxglove": foxglove}
-            return _carried_out(loaded, plan, out, resumed, reconnected=reconnected + 1, **how)
-    if outcome.error is None:
-        (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
-    try:
-        if reported and RunFolder(outcome.folder).begun:
-            verbs.report_on([RunFolder(outcome.folder)])
-    except Exception as error:
-        if not outcome.exit_code:
-            raise
-        verbs.complain(f"no report: {verbs.explained(error)[1]}")
-    if outcome.error is not None:
-        raise outcome.error
-    return outcome.exit_code or (
-        verbs.INTERRUPTED if stopped else verbs.DONE
-    )  # it came at the end: nothing follows
+    return outcome, rig is not None, operator.stopped
 
 
 def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reported: bool) -> int:

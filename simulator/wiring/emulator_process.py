@@ -51,9 +51,9 @@ class EmulatorControl:
         """Put the plant into a trial's scene."""
         self._ask({"trial": trial, "seed": seed, "factors": dict(factors), "plant": dict(plant)})
 
-    def inject(self, device: str, kind: str, after_s: float = 0.0) -> None:
-        """Let a fault begin, now or after so many seconds of the bench."""
-        self._ask({"fault": {"device": device, "kind": kind, "at_s": after_s}})
+    def inject(self, device: str, kind: str, after_s: float = 0.0, for_s: float | None = None) -> None:
+        """Let a fault begin, now or after so many seconds of the bench, and last so long or to the end of the trial."""
+        self._ask({"fault": {"device": device, "kind": kind, "at_s": after_s, "for_s": for_s}})
 
     def mark(self, device: str, what: str) -> None:
         """What a device's faults count from has come now: see `FaultSchedule.mark`."""
