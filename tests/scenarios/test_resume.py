@@ -1,5 +1,6 @@
 """A run that broke off goes on to the rows that it would have had."""
 
+import gc
 import json
 import os
 import random
@@ -8,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import pytest
@@ -197,6 +199,22 @@ def test_a_trial_whose_device_failed_is_repeated_with_devices_opened_anew(verb, 
     assert "reconnected, 2 of 2" in err
     assert (run_of(found) / "trials.csv").read_bytes() == (run_of(expected) / "trials.csv").read_bytes()
     assert len(open_run(run_of(found)).manifest["resumed_utc"]) == 2
+
+
+def test_nothing_is_kept_of_a_bench_that_was_reconnected(verb, tmp_path, monkeypatch):
+    failing(monkeypatch, 2)
+    benches, alive, go = [], [], Campaign.run
+
+    def counted(self):
+        benches.append(weakref.ref(self._rig))
+        gc.collect()
+        alive.append(sum(one() is not None for one in benches))
+        return go(self)
+
+    monkeypatch.setattr(Campaign, "run", counted)
+    twice = ("--set", "trials.reconnects=2")
+    assert verb("run", "mock/transient", *SHORT, *RECONNECTING, *twice, "--out", tmp_path)[0] == 0
+    assert alive == [1, 1, 1]
 
 
 def test_it_is_repeated_no_oftener_than_the_profile_says(verb, tmp_path, monkeypatch):
