@@ -43,6 +43,21 @@ SYMPTOMS = {
     "Several processes, a cluster": ["JobsError"],
 }
 """Heading of the page -> what is raised, or called, with such a message."""
+ADVICE = {
+    "A device's messages make no sense": "What came is not of the device's protocol, or was altered on the way: a noisy"
+    " cable, another baud rate, another device at this port, other firmware. `run.py check PROFILE --connect --ports`"
+    " asks who is there.",
+    "A device, its driver or the guard refuses": "Where the second column is empty, the message has the value and the"
+    " limit that refuses it: change one of the two.",
+    "A motion is stopped, a trial ends": "Where the second column is empty, look at the mover first, then at the last"
+    " seconds of the trial's signals (`run.py open latest`). `run.py home PROFILE` leads it back under the guard.",
+    "A command line is refused": "`run.py VERB --help` has the verb's options.",
+    "A profile, a class or a setting is refused": "File, section and key stand before the message. Where the second"
+    " column is empty, the message says what must hold.",
+    "A recording or a file of your own is refused": "What is read, and how a column is named:"
+    " [the input of a replay](reference/command_line.md#the-input-of-a-replay).",
+}
+"""What stands under a heading of the page, for messages without a remedy of their own."""
 UNSEEN = {
     "_UntriedError",  # told as a finding
     "AssertionError",  # of the contract that `check` tries
@@ -228,7 +243,8 @@ def tables() -> str:
     """The page's tables, in Markdown."""
     lines = []
     for symptom, entries in messages().items():
-        lines += [f"\n### {symptom}\n", "| message | what to do |", "| --- | --- |"]
+        advice = [ADVICE[symptom] + "\n"] if symptom in ADVICE else []
+        lines += [f"\n### {symptom}\n", *advice, "| message | what to do |", "| --- | --- |"]
         lines += [f"| {reason} | {remedy} |".replace("<", "&lt;") for reason, remedy in sorted(entries)]
     return "\n".join(lines) + "\n"
 
