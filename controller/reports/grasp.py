@@ -36,9 +36,6 @@ from controller.scales import NOTHING
 
 NIST = "NIST SP 1227, Performance Metrics and Test Methods for Robotic Hands"
 
-SAID = {"HOLDING": "holding, load added"}
-"""States by other words than their names."""
-
 UP = tuple(dict.fromkeys(state for row in LIFTING for state in row.sources if state != "LOWERING"))
 """States in which the object is held, in order."""
 
@@ -121,6 +118,7 @@ def _shown(runs: Sequence[Run], run: Run, row: Row) -> Markup:
     """What the timeline shows, of which trial."""
     return Markup(
         '<b><a href="?trial={key}" data-open="{key}">Trial {trial}</a></b>, the first in which a slip was told: {said}.'
+        " While it is held it is loaded, relieved and tapped."
         " Above: the commanded grip, what the pad feels of it, and the least force that would hold it: the finger's"
         " load over true friction. Below: that load; triangles are slips that were acted on."
     ).format(key=key_of(runs, run, int(row["trial"])), trial=row["trial"], said=said_of(run, row))
@@ -239,7 +237,7 @@ def _shade(axes: Sequence[Any], entered_s: Mapping[str, float], last_s: float) -
                 each.axvspan(edges_s[number], edges_s[number + 1], color=PAPER, alpha=0.08, lw=0)
         place = 0.5 * (edges_s[number] + edges_s[number + 1]), 1.0
         look: Any = {"ha": "center", "va": "bottom", "fontsize": 7.5}
-        axes[0].annotate(SAID.get(state, state.lower()), place, xycoords=("data", "axes fraction"), **look)
+        axes[0].annotate(state.lower(), place, xycoords=("data", "axes fraction"), **look)
 
 
 def _commanded(
