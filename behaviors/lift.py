@@ -29,10 +29,6 @@ SUDDEN = 1.12
 """A load that has grown or fallen by this factor lately has jumped: what is held swings, and knocks (assumption: a
 start of the arm at 0.5 m/s^2 and its swing give 1.1)."""
 
-STALLS_S = 0.1
-"""A load that has not grown for so long while the arm rises may be of something that slips. Assumption: twice what a
-step of the detector takes."""
-
 ACTED_S = 0.25
 """For so long after the jaws have acted on a slip, or press less hard, what is told is of that. Assumption: a slip is
 told to be over 0.15 s after it is."""
@@ -92,9 +88,9 @@ class LiftSettings(GripSettings):
 
     plateau_s: float = Field(default=0.3, ge=0.0, le=10.0)
     """A load that has not grown for so long while the arm rises slowly is of what slips, all of it, or hangs; while the
-    friction is unknown, and at the limit, it counts as a slip, and no other does then. 0 for never: a slip that is told
-    counts. Where all but the last part of a pad has slipped, a load still grows by a step of the detector's within
-    that. Chosen in benchmarks/grasp."""
+    friction is unknown, and at the limit, it counts as a slip. No slip that is told while the weight is taken up counts
+    before: a part of a pad slips then. 0 for never: a slip that is told counts. Where all but the last part of a pad
+    has slipped, a load still grows by a step of the detector's within that. Chosen in benchmarks/grasp."""
 
     margin: float = Field(default=1.15, ge=1.0, le=10.0)
     """What the grip is set to, over what load and friction ask for. Chosen in benchmarks/grasp."""
@@ -271,7 +267,7 @@ class Lifting(Gripping):
         """Whether a finger carries so much that it may slip."""
         if not self.settings.load:
             return True
-        grows = math.isinf(self._friction) or self.event.t_s < self._grew_s + STALLS_S
+        grows = math.isinf(self._friction) or self.event.t_s < self._grew_s + self.settings.plateau_s
         if self.state == "LOADING" and self.settings.plateau_s > 0.0 and grows:
             return False  # one patch may slip before all does
         lately_n = max((n for t_s, n, _ in self._loads if t_s >= self.event.t_s - LATELY_S), default=0.0)

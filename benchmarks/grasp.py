@@ -1,8 +1,8 @@
 """A grasp with little more than the least force (D1): ours, fixed grips, steps, the paper's slip rule, an oracle.
 
 `python -m benchmarks grasp`. The program itself, as `run.py run mock/grasp`, on random objects: found by their aura,
-centred on, gripped, lifted, shaken, loaded, tapped, set down. Objects of one seed choose the margin and the
-friction's interval, objects of another judge. Finished parts are kept, so that an interrupted study goes on.
+centred on, gripped, lifted, shaken, loaded, tapped, set down. Objects of one seed choose the rule's settings and
+the friction's interval, objects of another judge. Finished parts are kept, so that an interrupted study goes on.
 """
 
 from __future__ import annotations
@@ -145,10 +145,7 @@ RULES: Mapping[str, Mapping[str, str]] = {
 }
 """Every rule in the same scene. The gripper presses with 60 N at the most: 80 N is out of its reach."""
 
-MARGINS = (1.1, 1.15, 1.2)
-"""What is chosen from."""
-
-CHOSEN = 40, 100, 20, 10
+CHOSEN = 60, 400, 20, 10
 """Objects that choose, that judge ours, that judge each rival, and for each setting of the plant that is varied."""
 
 VARIED = ("pad_roughness", "added", "pad_noise_scale")
@@ -227,18 +224,16 @@ def interval_of(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
 def main(*, quick: bool = False) -> None:
     """Judge, choose, vary."""
     choose, judge, rivals, vary = (max(1, count // 20) for count in CHOSEN) if quick else CHOSEN
-    result: dict[str, Any] = {"rules": {}, "varied": {}, "choosing": {}, "interval": {}}
+    result: dict[str, Any] = {"rules": {}, "varied": {}}
     objects = drawn(SEED_JUDGE, judge)
     for name, rule in RULES.items():
         part = objects if name == "ours" else objects[:rivals]
         result["rules"][name] = summary(judged(name, SEED_JUDGE, part, rule))
         save("grasp", result, quick=quick)
     things = drawn(SEED_CHOOSE, choose)
-    for margin in MARGINS:
-        rows = judged(f"margin {margin}", SEED_CHOOSE, things, {"behavior.margin": str(margin)})
-        result["choosing"][f"margin {margin}"] = summary(rows)
-        result["interval"][f"margin {margin}"] = interval_of(rows)
-        save("grasp", result, quick=quick)
+    rows = judged("choosing", SEED_CHOOSE, things, {})
+    result["choosing"], result["interval"] = summary(rows), interval_of(rows)
+    save("grasp", result, quick=quick)
     things = drawn(SEED_VARY, vary)
     for name in VARIED:
         for factor in FACTORS:
