@@ -108,6 +108,13 @@ def test_a_load_that_no_longer_grows_while_the_arm_rises_tells_the_friction_too(
     assert behavior.handle(Tick(13.07)) == [harder(12.0)], "4 N of 10 N, at a margin of 1.2"
     tell(behavior, over(13.08), load(13.1, 4.3))
     assert not behavior.handle(Tick(13.3)), "it hangs: less than friction bears"
+    tell(behavior, load(13.4, 4.6))
+    assert not behavior.handle(slip(13.5)) + list(behavior.handle(Tick(13.5))), (
+        "soon after it grew: a part of a pad"
+    )
+    tell(behavior, over(13.51))
+    commands = [*behavior.handle(slip(13.53)), *behavior.handle(Tick(13.53))]
+    assert commands[-1].force_n > 1.2 * 4.6 / 0.4, "it hangs, and slides"
 
 
 def test_a_load_beyond_what_friction_bears_makes_the_jaws_press_harder_at_once():
