@@ -253,7 +253,13 @@ def grasp_front(figures: Figures) -> str:
             axes.plot(dropped, crushed, **{**rival, **own.get(name, {}), "ls": ""})
             if name in fixed or "steps" in name or "ramp" in name:
                 said = name.removeprefix("fixed, ").replace(" slip detector", "").partition(", 25")[0]
-                axes.annotate(said, (dropped, crushed), (5, 3), textcoords="offset points", fontsize=7.5)
+                axes.annotate(
+                    said,
+                    (dropped, crushed),
+                    (5, -11 if "ramp" in name else 3),
+                    textcoords="offset points",
+                    fontsize=7.5,
+                )
         axes.set(
             xlabel="dropped or not lifted, of 100", ylabel="crushed, of 100", xlim=(-4, 110), ylim=(-4, 80)
         )
