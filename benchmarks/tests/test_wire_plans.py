@@ -63,7 +63,7 @@ def test_a_sound_run_has_no_failure(tmp_path: Path) -> None:
         ({"after": [0.004, 0.0042]}, "SAFETY: it moves on"),
         ({"output": "Traceback (most recent call last)"}, "CRASH"),
         ({"code": -11}, "CRASH: exit code -11"),
-        ({"code": None}, "LIVENESS: it goes on"),
+        ({"code": None}, "LIVENESS: it does not end"),
         ({"status": "running"}, "DATA: the manifest says that it still runs"),
         ({"rows": "trial,outcome\n1,\n"}, "DATA: a row without an outcome"),
         ({"rows": "trial,outcome\n"}, "DATA: 0 rows of 1 trials"),
