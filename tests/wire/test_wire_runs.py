@@ -113,7 +113,7 @@ def test_the_doctor_reads_every_sensor_and_moves_nothing(emulated, named, there)
     failed = [
         finding.line
         for finding in findings
-        if finding.verdict == "fail" and "samples lost" not in finding.line
+        if finding.verdict == "fail" and not ("samples lost" in finding.line and "arm." in finding.line)
     ]
     assert not failed, lines
     assert [name for name in named if name not in lines] == []
