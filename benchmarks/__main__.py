@@ -7,8 +7,8 @@ STUDIES = (
     "physics tip chain grasp slip slip_thresholds pretouch pretouch_rooms level_stops centering centering_rooms plates "
     "contact contact_steps onset curves table_1 campaigns costs"
 )
-MODULES = {"stop": "stop_latency", "page": "live_page"}
-BENCHMARKS = ("loop", "stop", "page", "left_alone", "grasp_wire", *STUDIES.split())
+MODULES = {"stop": "stop_latency"}
+BENCHMARKS = ("loop", "stop", "left_alone", "grasp_wire", *STUDIES.split())
 
 
 def main(names: list[str]) -> int:
