@@ -97,19 +97,6 @@ def test_data_that_fit_no_recipe_are_dropped_with_an_entry_in_the_log(
     assert controller.log
 
 
-def test_vectors_of_every_type_take_their_size_on_the_wire() -> None:
-    fields = {
-        "VECTOR3D": (1.0, 2.0, 3.0),
-        "VECTOR6INT32": (1, 2, 3, 4, 5, 6),
-        "UINT64": 1 << 40,
-        "BOOL": True,
-        "UINT8": 255,
-    }
-    body = b"".join(rtde.packer(kind)(value) for kind, value in fields.items())
-    assert len(body) == rtde.size(list(fields)) == 24 + 24 + 8 + 1 + 1
-    assert rtde.Recipe(3, list(fields), list(fields)).decode(b"\x03" + body) == fields
-
-
 def program(offset: str = "0", name: str = "rtde_control") -> bytes:
     return (
         f"def {name}():\n    global reg_offset_float = # float register offset\n{offset}"
@@ -156,12 +143,6 @@ def test_a_rate_is_brought_to_what_there_is(
     assert sent == ([False] * (every - 1) + [True]) * (1000 // every)
 
 
-@pytest.mark.parametrize("rate_hz", [float("nan"), float("inf")])
-def test_a_rate_that_is_no_number_is_no_package(session: RtdeSession, rate_hz: float) -> None:
-    with pytest.raises(PackageError, match="Hz"):
-        session.feed(outputs("timestamp", rate_hz))
-
-
 @pytest.mark.parametrize(
     "name", ["output_int_register_48", "output_double_register_99", "output_bit_register_63", "no_such_thing"]
 )
@@ -169,25 +150,6 @@ def test_a_recipe_with_an_unknown_name_has_no_id(session: RtdeSession, name: str
     answer = session.feed(outputs(f"timestamp,{name}"))
     assert answer[3:] == b"\x00DOUBLE,NOT_FOUND"
     assert session.feed(START) == bytes.fromhex("0004 53 00")
-
-
-def test_a_recipe_that_fits_no_package_has_no_id_and_the_one_before_stays(session: RtdeSession) -> None:
-    assert session.feed(outputs("timestamp"))[3] == 1
-    assert session.feed(outputs(",".join(["target_q"] * 1400)))[3] == 0
-    session.feed(START)
-    assert len(session.step()) == 3 + 1 + 8
-
-
-def test_names_whose_answer_fits_no_package_are_no_request(session: RtdeSession) -> None:
-    with pytest.raises(PackageError, match="fit"):
-        session.feed(outputs("a," * 30_000))
-
-
-def test_a_client_has_as_many_recipes_as_have_an_id(controller: UrController, session: RtdeSession) -> None:
-    request = rtde.encode(PackageKind.INPUTS, b"input_int_register_0,")
-    assert [session.feed(request)[3] for _ in range(257)] == [*range(1, 256), 0, 0]
-    session.feed(rtde.encode(PackageKind.DATA, struct.pack(">Bi", 255, 7)))
-    assert controller.inputs["input_int_register_0"] == 7
 
 
 OFFICIAL = (

@@ -14,22 +14,17 @@ from simulator.devices.ur_controller import rtde
 from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
 from simulator.devices.ur_controller.rtde import PackageKind
 from simulator.devices.ur_controller.server import (
-    CLIENTS,
     DASHBOARD_PORT,
     RTDE_PORT,
-    SCRIPT_PORT,
-    UNREAD_BYTES,
     UrServer,
 )
 from simulator.devices.ur_controller.session import RtdeSession
 from simulator.wiring.far_ends import HOSTS
 from tests.simulator.devices.ur_desk import Desk, desk
-from tests.wire.ur_controller_process import answered
 
 PATIENCE_S = 10.0
 """Loopback takes microseconds; a busy machine only takes its time."""
 
-RESET_AT_CLOSE = struct.pack("ii", 1, 0)
 GREETING = b"Connected: Universal Robots Dashboard Server\n"
 
 
@@ -105,38 +100,6 @@ def test_a_client_that_breaks_the_protocol_is_dropped_with_a_reason(
     assert bench.serves()
 
 
-def test_a_client_that_never_reads_is_dropped_and_holds_little(bench: Bench) -> None:
-    client = bench.client(RTDE_PORT)
-    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    client.sendall(outputs(b",".join([b"target_q"] * 1000)) + rtde.encode(PackageKind.START))
-    bench.turn()
-    held = 0
-    for _ in range(1000):
-        bench.turn(steps=1)
-        held = max([held, *map(len, bench.server._clients.unsent.values())])
-        if "it does not read" in bench.log:
-            break
-    assert "it does not read" in bench.log
-    assert held <= UNREAD_BYTES + 65536
-    assert bench.serves()
-
-
-def test_a_reset_with_answers_pending_leaves_the_others_served(bench: Bench) -> None:
-    client = bench.client(RTDE_PORT)
-    client.sendall(rtde.encode(PackageKind.CONTROLLER) * 5000)
-    client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET_AT_CLOSE)
-    client.close()
-    assert bench.serves()
-
-
-def test_connections_beyond_the_last_place_are_hung_up_on(bench: Bench) -> None:
-    places = [bench.client(SCRIPT_PORT) for _ in range(CLIENTS)]
-    assert is_gone(bench.client(SCRIPT_PORT))
-    places[0].close()
-    bench.turn()
-    assert bench.serves()
-
-
 def test_a_defect_costs_the_client_that_found_it_alone(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -162,14 +125,6 @@ def test_what_a_client_leaves_unread_is_sent_when_it_reads(bench: Bench) -> None
         if select.select([client], [], [], 0.0)[0]:
             answers += client.recv(65536)
     assert answers == rtde.version_reply([5, 11, 1, 108318]) * 10_000
-
-
-@pytest.mark.parametrize(
-    "line", [b"stop!", b"[]", b"[" * 9999, b'{"coffee": true}', b'{"drop": "all"}', b'{"silence_s": NaN}']
-)
-def test_an_order_that_is_none_is_refused_with_a_reason(bench: Bench, line: bytes) -> None:
-    assert answered(bench.server, line)["refused"]
-    assert answered(bench.server, b'{"stop_program": true}')["runtime"] == "STOPPED"
 
 
 HOSTILE = (0.0, 1e-310, 1e308, -1e308, math.nan, math.inf, -math.inf, -1.0, 100.0)
