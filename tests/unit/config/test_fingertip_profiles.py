@@ -3,7 +3,7 @@
 import pytest
 
 from config.profile import load_profile
-from config.source import ProfileError, read_source
+from config.source import ProfileError
 from controller.reports.papers import table
 
 
@@ -18,11 +18,6 @@ def test_the_weights_go_to_the_papers_largest_load_through_the_middle(bench):
         weights_n = behavior.weights_n(paper["bridge"])
         assert weights_n[-1] == paper["top_n"]
         assert paper["top_n"] / 2.0 in weights_n
-
-
-def test_the_calibration_needs_neither_arm_nor_hand():
-    assert set(loaded("mock/weights").devices) == {"board", "operator"}
-    assert loaded("hardware/weights").devices["operator"].port == "console"
 
 
 @pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
@@ -46,27 +41,6 @@ def test_the_pointer_touches_with_several_forces_below_the_sensors_limit():
     forces = [trial.factors["detectors.touch.threshold"] for trial in loaded("mock/pointer").trials(0)]
     assert len(set(forces)) >= 3
     assert max(forces) < 10.0
-
-
-@pytest.mark.parametrize("bench", ["emulated", "hardware"])
-def test_other_benches_guard_forces_speeds_and_ways_as_the_mock_one_does(bench):
-    mock, other = (
-        read_source("mock/centering").data["limits"],
-        read_source(f"{bench}/centering").data["limits"],
-    )
-    assert {key: other[key] for key in mock} == mock
-
-
-def test_the_wire_has_sound_and_the_brackets_of_its_plant():
-    profile = loaded("emulated/centering")
-    assert profile.plant.settings.level == "carrier"
-    assert profile.devices["gripper"].settings.closed_width_m == profile.plant.settings.closed_width_m
-
-
-@pytest.mark.parametrize("bench", ["emulated", "hardware"])
-@pytest.mark.parametrize("experiment", ["centering", "pretouch"])
-def test_where_time_is_real_the_loop_turns_as_fast_as_it_does_by_itself(bench, experiment):
-    assert loaded(f"{bench}/{experiment}").loop.rate_hz == 200.0
 
 
 @pytest.mark.parametrize("listener", ["signals.left", "detectors.right_ours"])

@@ -121,13 +121,6 @@ def test_the_study_crosses_noise_and_sample_rate_on_every_row():
     assert own.detectors["contact"].settings.sample_hz == trial.factors["detectors.contact.sample_hz"]
 
 
-def test_the_emulated_transient_is_three_trials_with_shortened_settling():
-    profile = loaded("emulated/transient")
-    assert len(profile.trials(0)) == 3
-    assert profile.behavior.settle_s < 90.0
-    assert "settling shortened" in profile.title
-
-
 @pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
 def test_with_the_arm_only_the_bench_changes(bench):
     stage, arm = read_source(f"{bench}/transient").data, read_source(f"{bench}/transient_arm").data
@@ -138,11 +131,6 @@ def test_with_the_arm_only_the_bench_changes(bench):
     carried = {"mover": "arm", "position_stream": "arm.position"}
     assert arm["behavior"] == {**stage["behavior"], **carried}
     assert arm["limits"] == {**stage["limits"], "position_stream": "arm.position", "travel_min_m": -0.02}
-
-
-def test_static_has_the_three_conditions_of_figure_4():
-    conditions = [trial.factors["condition"] for trial in loaded("mock/static").trials(0)]
-    assert conditions == ["none", "light", "full"]
 
 
 BY_ITSELF = {"contact"}

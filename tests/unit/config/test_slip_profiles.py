@@ -41,11 +41,6 @@ def test_the_papers_detector_has_the_papers_blocks_and_thresholds():
     assert {entry.kind for name, entry in detectors.items() if name.endswith("_paper")} == {"slip.paper"}
 
 
-def test_a_run_on_the_real_bench_is_of_one_sensor_as_no_run_asks_to_change_it():
-    sensors = {trial.factors["sensor"] for trial in loaded("hardware/slip").trials(0)}
-    assert sensors == {"fingertip"}
-
-
 def test_the_line_that_the_real_benchs_profile_gives_runs_another_sensor():
     text = (PROFILES / "hardware" / "slip.toml").read_text()
     ((key, value),) = re.findall(r'--set "(trials\.list)=(.*)"', text)
@@ -66,17 +61,6 @@ def test_a_trial_may_not_lower_the_limit_below_the_speed_of_home_either():
     rows = '[{ sensor = "wrist" }, { sensor = "wrist", limits.speed_m_s = 0.01 }]'
     with pytest.raises(ProfileError, match=r"home_speed_m_s = 0.02: faster than .* = 0.01"):
         loaded(overrides={"trials.list": rows})
-
-
-def test_a_range_that_no_signal_has_is_reported_with_its_place():
-    with pytest.raises(ProfileError, match=r"\[limits\] range_streams .*no signal 'tap'; did you mean 'tip'"):
-        loaded(overrides={"limits.range_streams": '["signals.tap"]'})
-
-
-def test_over_the_wire_the_arm_stops_on_slip_and_every_device_talks():
-    behavior = loaded("emulated/slip").behavior
-    assert behavior.stop_on_slip
-    assert {stream.partition(".")[0] for stream in behavior.measures} == {"hand", "matrix"}
 
 
 def test_with_bumps_nothing_else_changes():
