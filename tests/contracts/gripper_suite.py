@@ -1,4 +1,4 @@
-"""What every gripper promises: run for the mock driver in virtual time, for the real one on a pty."""
+"""What every gripper promises: run for mock drivers and for the real ones on emulated grippers, in virtual time."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What tactile matrices promise: run for the mock driver in virtual time, for the real one on a pty."""
+"""What tactile matrices promise: run for the mock driver and, on an emulated controller, for the real one."""
 
 from itertools import pairwise
 

@@ -124,9 +124,9 @@ class Wired:
 
     driver: Any
 
-    def __init__(self, serve: Serve, device: Any, hurry: bool = False) -> None:
+    def __init__(self, serve: Serve, device: Any) -> None:
         self.clock = serve.clock
-        self.port = serve(Hurried(device) if hurry else device)
+        self.port = serve(device)
         self.lock = serve.lock(self.port)
 
 

@@ -2,10 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import Any
-
-import pytest
+from collections.abc import Callable
 
 from drivers.can_gripper.driver import CanGripper, CanGripperSettings
 from drivers.core.can_frame import CanFrame
@@ -15,76 +12,33 @@ from drivers.core.messages import Grip, Gripped, Stalled
 from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.jaws_drive import JawsDrive
-from tests.contracts.gripper_suite import (
-    GRIP,
-    SCENE,
-    FreshGripperContract,
-    GripperBench,
-    GripperContract,
-    calibrated_jaws,
-)
+from tests.contracts.gripper_suite import GRIP, SCENE, GripperBench, calibrated_jaws
 from tests.wire.conftest import Serve, Wired
 
 PATIENT = {"reply_timeout_s": 0.2, "silence_timeout_s": 3.0, "watchdog_s": 5.0}
 """The machine may be busy with other tests."""
 
 
-class Wire(Wired):
-    """A gripper behind an adapter on a pty, and its driver."""
+def test_a_host_that_hangs_loses_the_grip(serve: Serve) -> None:
+    drive = calibrated_jaws()
+    wired = Wired(serve, EmulatedSlcan(EmulatedCanGripper(EmulatedCanGripperSettings(), drive)))
+    settings = CanGripperSettings(port=wired.port, closed_width_m=SCENE.closed_width_m, **PATIENT)
+    driver = CanGripper("gripper", settings.model_copy(update={"watchdog_s": 0.7}), wired.clock)
 
-    def __init__(self, serve: Serve, drive: JawsDrive, hurry: bool = False, **settings: Any) -> None:
-        self.drive = drive
-        super().__init__(serve, EmulatedSlcan(EmulatedCanGripper(EmulatedCanGripperSettings(), drive)), hurry)
-        values = {"port": self.port, "closed_width_m": SCENE.closed_width_m, **PATIENT, **settings}
-        self.driver = CanGripper("gripper", CanGripperSettings(**values), self.clock)
+    def change(scene: Callable[[JawsDrive], object]) -> None:
+        with wired.lock:
+            scene(drive)
 
-    def change(self, scene: Callable[[JawsDrive], object]) -> None:
-        with self.lock:
-            scene(self.drive)
-
-    def open(self) -> GripperBench:
-        return GripperBench(self.driver, self.clock, self.change)
-
-
-@pytest.fixture
-def wire(serve: Any) -> Iterator[Wire]:
-    made = Wire(serve, calibrated_jaws())
-    yield made
-    made.driver.close()
-
-
-@pytest.fixture
-def bench(wire: Wire) -> GripperBench:
-    return wire.open()
-
-
-@pytest.fixture
-def fresh(serve: Any) -> Iterator[GripperBench]:
-    made = Wire(serve, JawsDrive(SCENE), hurry=True)
-    yield made.open()
-    made.driver.close()
-
-
-class TestWireGripper(GripperContract):
-    pass
-
-
-class TestFreshWireGripper(FreshGripperContract):
-    pass
-
-
-def test_a_host_that_hangs_loses_the_grip(serve: Any) -> None:
-    wire = Wire(serve, calibrated_jaws(), watchdog_s=0.7)
-    bench = wire.open()
+    bench = GripperBench(driver, wired.clock, change)
     try:
         bench.place("mug")
         bench.device.apply(GRIP)
-        bench.until(Gripped)
+        assert bench.until(Gripped).object
         serve.clock.rest(1.2)
         assert bench.force_n() < 1.0
         assert "watchdog" in bench.until(Stalled).reason
     finally:
-        wire.driver.close()
+        driver.close()
 
 
 def test_the_virtual_bus_carries_a_grip_in_one_process() -> None:

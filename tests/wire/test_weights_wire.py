@@ -1,4 +1,4 @@
-"""Short experiments over the wire: weights, a bench at rest, the pointer, the finger's."""
+"""Short experiments over the wire: weights, a bench at rest, the pointer, flexion."""
 
 import tomllib
 
@@ -9,6 +9,7 @@ from config.quiet import quieted
 from config.script import run_trials
 from controller.campaign import EXIT_DONE
 from controller.recording.reader import open_run
+from controller.reports.pointer import read_sweeps
 from tests.wire.terminal import Terminal
 
 SHORT = {
@@ -21,8 +22,6 @@ SHORT = {
 
 
 def test_a_bridge_is_calibrated_over_a_pty_with_an_emulated_person(tmp_path):
-    from config.script import run_trials
-
     outcome, run = run_trials(
         "emulated/weights", [{"bridge": "t"}], settings=SHORT, out=tmp_path, say=lambda line: None
     )
@@ -93,9 +92,6 @@ POINTED = {
 
 
 def test_the_angle_of_the_contact_is_measured_over_the_wire(tmp_path):
-    from config.script import run_trials
-    from controller.reports.pointer import read_sweeps
-
     outcome, run = run_trials(
         "emulated/pointer",
         [{"detectors.touch.threshold": 1.0}],
@@ -113,20 +109,11 @@ def test_the_angle_of_the_contact_is_measured_over_the_wire(tmp_path):
     assert 1.0 < sweep.pressed_n < 2.5
 
 
-QUICK = {"behavior.settle_s": "0.5", "detectors.ours.baseline_s": "1.5", "plant.noise_scale": "0.2"}
-
-
-def row_of(name, folder, trial, settings):
-    outcome, run = run_trials(
-        f"emulated/{name}", [trial], settings=settings, out=folder, say=lambda line: None
-    )
-    assert outcome.exit_code == EXIT_DONE, outcome.line
-    (row,) = run.trials
-    return row, run.trial(row["trial"])
-
-
 def test_the_tendon_is_moved_and_recorded_over_the_wire(tmp_path):
     sweep = {
+        "behavior.settle_s": "0.5",
+        "detectors.ours.baseline_s": "1.5",
+        "plant.noise_scale": "0.2",
         # rest and sweep end with the baseline: of a sweep that was not learned every flexing is a contact
         "behavior.rest_s": "1.0",
         "behavior.sweep_m_s": "0.01",
@@ -134,23 +121,11 @@ def test_the_tendon_is_moved_and_recorded_over_the_wire(tmp_path):
         "detectors.following.baseline_s": "3.0",
     }
     trial = {"location": "f", "speed_m_s": 0.006435, "tendon_m_s": 0.002}
-    row, recording = row_of("flexion", tmp_path, trial, QUICK | sweep)
+    outcome, run = run_trials(
+        "emulated/flexion", [trial], settings=sweep, out=tmp_path, say=lambda line: None
+    )
+    assert outcome.exit_code == EXIT_DONE, outcome.line
+    (row,) = run.trials
     assert row["free_rise_hz"] > 2.0, "V.C: flexing raises the resonance"
-    tendon_m = recording.stream("board.tendon").values
+    tendon_m = run.trial(row["trial"]).stream("board.tendon").values
     assert np.ptp(tendon_m) > 0.002, "the sweep, and 1 s of flexing at 2 mm/s"
-
-
-def test_the_link_that_was_touched_is_identified_over_the_wire(tmp_path):
-    calm = QUICK | {"detectors.contact.baseline_s": "1.5", "detectors.contact.threshold_sigma": "8.0"}
-    row, recording = row_of("proximal", tmp_path, {"location": "f", "speed_m_s": 0.006435}, calm)
-    assert (row["outcome"], row["identified"]) == ("contact", "distal")
-    assert not recording.stream("board.distal").gaps
-
-
-def test_each_threshold_is_judged_on_what_arrived_over_the_wire(tmp_path):
-    # noise as it is: over a calmer baseline 100 sigma would stop the probe on its way
-    short = QUICK | {"detectors.contact.baseline_s": "1.5", "plant.noise_scale": "1.0"}
-    row, recording = row_of("tradeoff", tmp_path, {"location": "f", "speed_m_s": 0.011997}, short)
-    for sense in ("frequency", "amplitude", "phase", "all"):
-        assert row[f"{sense}_before"] < row[f"{sense}_later"], sense
-    assert not recording.stream("board.accelerometer").gaps
