@@ -57,9 +57,12 @@ def compared(first: Run, second: Run) -> Iterator[str]:
                 yield line
 
 
-def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
+def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> tuple[Path, str]:
     """Write the report of both, each in a part of its own, with tables and figures of both beside each other, into the
     second run's folder.
+
+    Returns:
+        The page, and its sentence of verdict.
 
     Raises:
         RecordingError: it cannot be written.
@@ -69,11 +72,12 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> Path:
     path = second.folder.path / "compare.html"
     means, pairs = _tables(first, second) if first.trials and second.trials else ([], [])
     others = [line for line in lines if ", n = " not in line]  # those with n are in the table
+    page, verdict = comparison_page(first, second, Comparing(others, means, pairs))
     try:
-        path.write_text(comparison_page(first, second, Comparing(others, means, pairs)), "utf-8")
+        path.write_text(page, "utf-8")
     except OSError as error:
         raise RecordingError(path, "writing", error, option="") from error
-    return path
+    return path, verdict
 
 
 def _pairs(first: Run, second: Run) -> pd.DataFrame:

@@ -33,6 +33,9 @@ LONGEST_S = 1e9
 
 PLOT_HELP = "Draw signal, statistic, threshold and events: a PNG, SVG or PDF file."
 
+COLOURS = {"Went well": "green", "Went partly": "yellow", "Broken off": "yellow", "Went badly": "red"}
+"""Of a verdict, by how it begins."""
+
 MISTAKES = 24
 """How many mistakes of a profile are listed at once."""
 
@@ -399,7 +402,19 @@ def report_on(folders: Sequence[RunFolder], also: Sequence[str] = ()) -> None:
     if sys.stdout.isatty():
         lines = [fill(line, get_terminal_size().columns, subsequent_indent="  ") for line in lines]
     opens = [f"to see it: {PROGRAM} open {where}"] if len(folders) == 1 else []
-    say("\n".join([*lines, f"report: {page}", *opens]))
+    say("\n".join(lines[:-1]))
+    say_verdict(lines[-1])
+    say("\n".join([f"report: {page}", *opens]))
+
+
+def say_verdict(line: str) -> None:
+    """Print how a run went; on a terminal apart from what stands above it, and in colour."""
+    if not sys.stdout.isatty():
+        say(line)
+        return
+    colour = next((colour for word, colour in COLOURS.items() if line.startswith(word)), None)
+    word, colon, rest = line.partition(":")
+    say(f"\n{click.style(word, fg=colour, bold=True)}{click.style(colon + rest, bold=True)}")
 
 
 def browse(address: str) -> None:

@@ -173,7 +173,9 @@ def compare(first: str, second: str, out: Path) -> None:
     for run in runs:
         if not (run.folder.path / "report.html").is_file():
             build_report([run])
-    click.echo(side_by_side(*runs, lines))
+    page, verdict = side_by_side(*runs, lines)
+    verbs.say_verdict(verdict)
+    click.echo(page)
 
 
 VERBS = (report, watch, open_, export, record_set, compare)

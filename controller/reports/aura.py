@@ -271,7 +271,7 @@ def _of_sides(there: Rows, kind: Kind) -> Iterator[Result]:
         text += f"{len(SIDES)}{'; nothing from ' * bool(blind)}{', '.join(blind)}"
         # a side that sees nothing alarms as seldom as one before nothing does
         met = all_of(decided(hits, n, 1.0 - PRE_TOUCH[1]) for hits, n in seen.values())
-        yield judged(kind, text, met, min(n for _, n in seen.values()), goal=method == "ours")
+        yield judged(kind, text, met, min(n for _, n in seen.values()), method == "ours", better=False)
 
 
 def _of_passages(there: Rows) -> Iterator[Result]:
@@ -319,7 +319,7 @@ def _judged(kind: Kind, text: str, met: bool | None, n: int, column: str, papers
     """What the paper's detector does here is as printed or not, which is no goal. The plant's touch was assumed in
     favour of its contact: that it comes out shows nothing, that it does not is told."""
     kind = Kind.PREDICTED if kind == Kind.ASSUMED and papers and column != "seen" and met is False else kind
-    return judged(kind, text, met, n, goal=not papers)
+    return judged(kind, text, met, n, goal=not papers, better=False)
 
 
 # --- figure ------------------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ from behaviors.search import SearchFactors
 from controller.recording.reader import Run
 from controller.reports.counts import (
     METHODS,
-    Comparison,
     Row,
     every,
     grouped,
@@ -65,8 +64,7 @@ def _headline(rows: Sequence[Row]) -> Headline | None:
     if not found or not found.paper or rival_m is None:
         return found
     rival = f"the paper's method on this bench {quantity('error_m', rival_m)}"
-    verdict = f"{found.what} {found.ours}, {rival}, in the paper {found.paper}"
-    return found._replace(verdict=verdict, source=f"{found.source}; {rival}")
+    return found._replace(verdict=f"{found.verdict}; {rival}", source=f"{found.source}; {rival}")
 
 
 def _pooled(groups: Groups) -> Groups:
@@ -96,17 +94,19 @@ def _summary(groups: Groups, kind: Kind) -> list[Result]:
         trials = (
             f"worst error {quantity('error_m', worst_m)} in {found} {'trial' if found == 1 else 'trials'}"
         )
-        papers = WORST_CENTERING_M, "that the paper has"
-        bound_m, whose = (WANTED_M, "aimed at") if method == "ours" else papers
-        beside = f"{Comparison(worst_m, bound_m).times} the {quantity('error_m', bound_m, 1)} {whose}"
+        bound_m, whose = (
+            (WANTED_M, "{} aimed at") if method == "ours" else (WORST_CENTERING_M, "the paper's {}")
+        )
+        beside = whose.format(quantity("error_m", bound_m, 1))
         # the paper's method below the paper's own worst is no result of ours, and little of one of the bench
         beyond = sum(abs(error_m) > bound_m for error_m in values(own, "error_m")) + len(own) - found
         good = every(beyond, len(own))
-        text = f"{what}: {beside}: {trials}{lost}"
+        text = f"{what}: {trials}, {beside}{lost}"
         if method == "paper" and not beyond:
             results.append(Result(kind, f"{text}."))
         else:
-            results.append(judged(kind, text, good, len(own), goal=method == "ours"))
+            worse = False if worst_m > bound_m else None
+            results.append(judged(kind, text, good, len(own), goal=method == "ours", better=worse))
         rival_m = _worst_m(groups.get((thing, "paper", speed_m_s), ())) if method == "ours" else None
         if rival_m and worst_m:
             ratio = max(rival_m, worst_m) / min(rival_m, worst_m)

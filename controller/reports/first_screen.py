@@ -12,21 +12,34 @@ import numpy as np
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.reports.counts import (
-    Comparison,
     Row,
     half_width,
     is_number,
+    larger,
     mean_of,
     median_within,
+    sized,
     three,
     title,
     within_all,
 )
-from controller.reports.papers import came_to, headlines
+from controller.reports.papers import RECORDED, came_to, headlines
 from controller.reports.run_account import acting_of, setting_of
 from controller.reports.section import Headline, Result, rated
 from controller.reports.trial_signals import is_instant
-from controller.scales import scale_of
+from controller.scales import Scale, scale_of
+
+WENT = {
+    "well": "Went well",
+    "partly": "Went partly well",
+    "badly": "Went badly",
+    "broken": "Broken off",
+    "": "Recorded",
+}
+"""The verdict in words, by its state; where nothing says how well it went, that it was recorded."""
+
+MOSTLY = 0.95
+"""Share of trials that end as meant in a run that went well (assumption)."""
 
 
 def headline_of(
@@ -36,33 +49,45 @@ def headline_of(
     of no paper, the first column that was measured."""
     trials = [(run, row) for run in runs for row in run.trials]
     rows = [row for _, row in trials if row.get("outcome") not in UNMEASURED]
-    good, n = sum(run.succeeded(row) for run, row in trials), len(trials)
-    bad = Counter(str(row["outcome"]) for run, row in trials if not run.succeeded(row))
+    good = sum(run.succeeded(row) for run, row in trials)
+    n = max(len(trials), sum(int(run.manifest.get("trials") or 0) for run in runs))
+    bad = Counter(title(str(row["outcome"])) for run, row in trials if not run.succeeded(row))
+    bad += Counter({"not run": n - len(trials)})
     lines = headlines(experiment)
     count = f"{good} of {n} {'trial' if n == 1 else 'trials'} {came_to(experiment)}"
     named = {title(str(row["outcome"])) for run, row in trials if run.succeeded(row)}
     count += (
         f" ({named.pop()})" if len(named) == 1 and not lines else ""
     )  # of an experiment that nobody knows
-    missed = f" ({', '.join(f'{n} {title(name)}' for name, n in bad.most_common())})" if bad else ""
+    count += f" ({', '.join(f'{n} {name}' for name, n in bad.most_common())})" if bad else ""
     found = given or listed(lines, rows, set(map(_kind, runs))) or _measured(runs, rows)
     if found is None and rows:
-        found = rated("trials that succeeded", good, len(rows))._replace(verdict="")
-    found = found or Headline("trials that succeeded", "none", "0 of 0")
-    said = [found.verdict] if found.verdict else []
+        found = rated("trials that ended as meant", good, len(rows))._replace(verdict="")
+    found = found or Headline("trials that ended as meant", "none", "0 of 0")
+    # where the trials only record, how many did says nothing
+    said = [] if came_to(experiment) == RECORDED and found.verdict and not bad else [count]
+    said += [found.verdict] if found.verdict else []
     if not found.paper:
         said.append("no paper prints this number" if lines else "there is no paper to compare with")
-    # where the trials only record, how many did is said last
-    said.insert(len(said) if found.state else 0, f"{count}{missed}")
     if found.column == "delay_s" and any(setting_of(run, "behavior", "detector") for run in runs):
         found = found._replace(what=f"{found.what}, {_deciding(runs)}")
-    state = "none" if not good else "all" if good == n else "some"
-    sentence = f"{'; '.join(said)}{goals_of(results)}."
-    return found._replace(
-        verdict=f"{sentence[:1].upper()}{sentence[1:]}",
-        agreement=agreement_of(results),
-        state=found.state if found.state and good == n else state,
+    marks = {result.mark for result in results}
+    judged = bool(found.side or found.state or marks & {"met", "missed"})
+    state = (
+        "broken"
+        if n > len(trials)
+        else _state(good, n, found, "missed" in marks, judged or came_to(experiment) != RECORDED)
     )
+    return found._replace(verdict=f"{WENT[state]}: {'; '.join(said)}{goals_of(results)}.", state=state)
+
+
+def _state(good: int, n: int, found: Headline, missed: bool, judged: bool) -> str:
+    """How it went, of `WENT`: by trials, goals, and the number beside the paper's together."""
+    if 2 * good < n or not good or found.state == "badly":
+        return "badly"
+    if good < MOSTLY * n or missed or found.side == "worse" or found.state == "partly":
+        return "partly"
+    return "well" if judged else ""
 
 
 def _deciding(runs: Sequence[Run]) -> str:
@@ -75,22 +100,20 @@ def _deciding(runs: Sequence[Run]) -> str:
 
 
 def goals_of(results: Iterable[Result]) -> str:
-    """`; 1 of 2 goals met (missed: force at detection)`, of those that are judged."""
+    """`; 1 of 2 goals missed: force at detection`; "" where none is missed."""
     judged = [result for result in results if result.mark in ("met", "missed")]
-    missed = [f"{each.text[:1].lower()}{each.text[1:]}" for each in judged if each.mark == "missed"]
-    if len(judged) == 1:
-        return f"; its goal is {'missed' if missed else 'met'}"
-    named = (
-        f" (missed: {', '.join(text.partition(':')[0] for text in missed)})" if 0 < len(missed) <= 2 else ""
-    )
-    return f"; {len(judged) - len(missed)} of {len(judged)} goals met{named}" if judged else ""
+    missed = [result.text.partition(":")[0] for result in judged if result.mark == "missed"]
+    if not missed:
+        return ""
+    named = f": {', '.join(f'{text[:1].lower()}{text[1:]}' for text in missed)}" if len(missed) <= 2 else ""
+    return f"; {len(missed)} of {len(judged)} {'goal' if len(judged) == 1 else 'goals'} missed{named}"
 
 
 def agreement_of(results: Iterable[Result]) -> str:
-    """How many of the paper's results come out here, which is no praise and no blame; "" where none is judged."""
+    """`2 as the paper, 1 better, 1 worse`: the paper's results that are judged here; "" where none is."""
     marks = Counter(result.mark for result in results)
-    of = marks["same"] + marks["apart"]
-    return f"{marks['same']} of {of} reproduced" if of else ""
+    words = {"same": "as the paper", "better": "better", "worse": "worse", "apart": "otherwise"}
+    return ", ".join(f"{marks[mark]} {word}" for mark, word in words.items() if marks[mark])
 
 
 def _kind(run: Run) -> str:
@@ -154,30 +177,66 @@ def _number(own: Sequence[Row], line: Row) -> Headline | None:
     if over in ("ratio", "share"):
         of = sum(int(row.get(line["of"]) or 0) for row in own) if over == "ratio" else len(known)
         return rated(line["what"], int(sum(known)), of, paper, source, rows, name) if of else None
-    scale = scale_of(name)
+    made, value_of, span_of = OVER[over]
+    value, n = value_of(known), len(known)
+    low, high = span_of(known) if n > 1 else (math.nan, math.nan)
+    scale = fitting(name, value, paper or 0.0)
 
     def said(*values: float) -> str:
         ends = dict.fromkeys(three(value * scale.factor) for value in values)  # they may read alike
         return f"{' to '.join(ends)} {scale.unit}".rstrip()
 
-    made, value_of, span_of = OVER[over]
-    value, n = value_of(known), len(known)
-    low, high = span_of(known) if n > 1 else (math.nan, math.nan)
     interval = said(low, high) if math.isfinite(high - low) else within_all(n) if over == "worst" else ""
-    beside = f"{line['what']} {said(value)}"
+    less = bool(line.get("less"))
+    of_all = f"{made} of {n}{'; less is better' if less and paper is None else ''}" if n > 1 else "one trial"
+    beside, side, theirs = f"{line['what']} {said(value)}", "", ""
     if paper is not None:
-        if low <= paper <= high and abs(value / paper - 1.0) >= 0.005:
-            beside += f"; the paper's {said(paper)} is inside its 95 % interval"
-        else:
-            beside += f", {_against(value, paper)} the paper's {said(paper)}"
-    of_all = f"{made} of {n}{'; less is better' if line.get('less') else ''}" if n > 1 else "one trial"
-    theirs = said(paper) if paper is not None else ""
-    return Headline(line["what"], said(value), of_all, theirs, source, interval, beside, rows, name)
+        theirs = said(paper)
+        side = "as" if low <= paper <= high or abs(value / paper - 1.0) < 0.005 else "apart"
+        if side == "apart" and less:
+            side = "better" if value < paper else "worse"
+        beside += f", {_against(side)} the paper's {theirs}"
+        if side != "as" and (how := sized(value, paper, scale.unit)):
+            beside += f" ({how})"
+    spread = said(min(known), max(known)) if n > 1 and over != "worst" else ""
+    return Headline(
+        line["what"], said(value), of_all, theirs, source, interval, beside, rows, name, "", side, spread
+    )
 
 
-def _against(ours: float, paper: float) -> str:
-    beside, off = Comparison(ours, paper), abs(ours / paper - 1.0)
-    return beside.times if off >= 0.5 else f"{100.0 * off:.2g} % {beside.side}" if off >= 0.005 else "as"
+def _against(side: str) -> str:
+    """`better than`: how a number stands to the paper's."""
+    return {"as": "about", "apart": "beside"}.get(side, f"{side} than")
+
+
+def beside_each_other(before: Sequence[Run], after: Sequence[Run]) -> str:
+    """Which of two is better, by the mean that both open with, or that no difference is told; "" where that is no mean
+    of which less is better."""
+    lines = headlines(str(before[-1].manifest.get("experiment", "")))
+    line = next((each for each in lines if each["column"] and each["over"] == "mean" and each["less"]), None)
+    if line is None:
+        return ""
+    name, what, own = str(line["column"]), line["what"], []
+    for each in (before, after):
+        rows = [row for run in each for row in run.trials if holds(line, row)]
+        own.append(mean_of(float(row[name]) for row in rows if is_number(row.get(name))))
+    (one, other), unit = own, scale_of(name).unit
+    if not one.n or not other.n:
+        return ""
+    scale = fitting(name, one.mean, other.mean)
+    first, second = (f"{three(each.mean * scale.factor)} {scale.unit}".rstrip() for each in own)
+    better = larger(one, other)
+    if better is None:
+        return f"No difference told: {what} {second}, the first run's {first}; the intervals overlap."
+    how = sized(other.mean, one.mean, unit)
+    return f"The {'second' if better else 'first'} is better: {what} {second}, {how} than the first run's {first}."
+
+
+def fitting(name: str, *values: float) -> Scale:
+    """The scale of a column; of times that are all shorter than a second, milliseconds."""
+    scale = scale_of(name)
+    short = scale.unit == "s" and max(map(abs, values)) < 1.0
+    return scale._replace(unit="ms", factor=1e3) if short else scale
 
 
 def _measured(runs: Sequence[Run], rows: Sequence[Row]) -> Headline | None:

@@ -73,7 +73,7 @@ def _headline(rows: Sequence[Row]) -> Headline | None:
         return None
     what = "touches to which a threshold that follows the tendon was blind"
     beside, n = sum(fixed) / len(fixed), len(following)
-    return rated(what, int(sum(following)), n, beside, "the paper's fixed one (same approaches)")
+    return rated(what, int(sum(following)), n, beside, "the paper's fixed one (same approaches)", more=False)
 
 
 def _percent(rows: Sequence[Row], column: str) -> str:

@@ -18,7 +18,14 @@ from controller.registry import ExperimentKind, experiment_of
 from controller.reports import generic
 from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
-from controller.reports.first_screen import again, agreement_of, goals_of, headline_of
+from controller.reports.first_screen import (
+    WENT,
+    again,
+    agreement_of,
+    beside_each_other,
+    goals_of,
+    headline_of,
+)
 from controller.reports.hero import Drawn, hero_of
 from controller.reports.papers import CITATION, came_to, settings_in
 from controller.reports.run_account import early_end, facts_of, setting_of
@@ -106,14 +113,15 @@ def build_report_with_summary(
     except OSError as error:
         raise RecordingError(path, "writing", error, option="") from error
     lines = [line for part in parts for line in in_lines(part)]
-    return path, [*lines, *guard_lines(runs), _verdict(parts)]
+    return path, [*lines, *guard_lines(runs), _verdict(parts)[0]]
 
 
-def comparison_page(first: Run, second: Run, comparing: Comparing) -> str:
-    """A page on two runs, which are never pooled on it."""
+def comparison_page(first: Run, second: Run, comparing: Comparing) -> tuple[str, str]:
+    """A page on two runs, which are never pooled on it, and its sentence of verdict."""
     runs = [first, second] if first.folder.path != second.folder.path else [first]
     title = " beside ".join(_told_apart(runs))
-    return _page(runs, None, title, (), (), comparing)[0]
+    page, parts = _page(runs, None, title, (), (), comparing)
+    return page, _verdict(parts, comparing=True)[0]
 
 
 def _beside(runs: Sequence[Run]) -> Path:
@@ -181,9 +189,7 @@ def _page(
         "comparing": comparing,
         "ends": [end for run in runs if (end := early_end(run)) is not None],
         "runs": [(run.folder.path.name, run.notes, facts_of(run)) for run in runs],
-        "verdict": _verdict(parts),
-        "agreement": agreement_of(results),
-        "state": "all" if {part.headline.state for part in parts} == {"all"} else "some",
+        "verdict": _verdict(parts, comparing is not None),
         "again": list(dict.fromkeys(again(run) for run in runs)),
         "summary": _experiment(runs[-1]).summary if len(kinds) == 1 else "",
         "started": str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
@@ -196,20 +202,28 @@ def _page(
     return f"{before}{payload(runs, room, {each.key for part in parts for each in part.drawn})}{after}", parts
 
 
-def _verdict(parts: Sequence[SectionPart]) -> str:
-    """Of all parts in one sentence; with their numbers where a few parts measure the same."""
+def _verdict(parts: Sequence[SectionPart], comparing: bool = False) -> tuple[str, str]:
+    """Of all parts in one sentence, and how they went, of `WENT`; with their numbers where a few measure the same."""
+    heads = [part.headline for part in parts]
     if len(parts) == 1:
-        return parts[0].headline.verdict
+        return heads[0].verdict, heads[0].state
     rows = [(run, row) for part in parts for run in part.runs for row in run.trials]
     good = sum(run.succeeded(row) for run, row in rows)
-    heads = [part.headline for part in parts]
+    states = {head.state for head in heads}
+    state = states.pop() if len(states) == 1 else "well" if states == {"well", ""} else "partly"
     alike = len({head.what for head in heads}) == 1 and len(heads) <= MOST_ALIKE
+    pair = [part.runs for part in parts] if comparing and heads[0].column == heads[1].column else []
+    if pair and (said := beside_each_other(*pair)):
+        return said, ""
     ours = [head.ours for head in heads]
     beside = f"; {heads[0].what}: {(' beside ' if len(ours) == 2 else ', ').join(ours)}" if alike else ""
     words = {came_to(str(run.manifest.get("experiment", ""))) for run, _ in rows}
-    done = words.pop() if len(words) == 1 else "succeeded"
-    goals = goals_of(result for part in parts for result in part.results)
-    return f"{good} of {len(rows)} trials {done}, in {len(parts)} parts{beside}{goals}."
+    done = words.pop() if len(words) == 1 else "ended as meant"
+    results = [result for part in parts for result in part.results]
+    agreement = agreement_of(results)
+    papers = f"; of the paper's own results {agreement}" if agreement and not comparing else ""
+    count = f"{good} of {len(rows)} trials {done}, in {len(parts)} parts"
+    return f"{WENT[state]}: {count}{beside}{goals_of(results)}{papers}.", state
 
 
 def _named(bench: str, groups: Sequence[Sequence[Run]]) -> dict[str, Sequence[Run]]:
@@ -299,10 +313,12 @@ def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
 
 FIGURE = re.compile(r"<figure>.*?</figure>\s*", re.DOTALL)
 
-MARKS = {"met": "✓", "missed": "✗", "same": "=", "apart": "≠", "neither": "·"}
+MARKS = {"met": "✓", "missed": "✗", "same": "=", "better": "▲", "worse": "▼", "apart": "≠", "neither": "·"}
 
 MEANINGS = {
     "same": "as the paper",
+    "better": "better than the paper",
+    "worse": "worse than the paper",
     "apart": "not as the paper",
     "met": "goal met",
     "missed": "goal missed",
@@ -339,6 +355,11 @@ class SectionPart:
     drawn: Sequence[Drawn]
     pictures: Sequence[Markup]
     differs: Sequence[str]
+
+    @property
+    def agreement(self) -> str:
+        """How many of the paper's results come out here, and how many better or worse."""
+        return agreement_of(self.results)
 
 
 def in_lines(part: SectionPart) -> Iterator[str]:

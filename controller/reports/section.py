@@ -45,25 +45,32 @@ class Result(NamedTuple):
         text: The sentence, with the size of the effect first.
         met: Whether it comes out as the paper's, or meets a goal; None where that is not judged.
         goal: Whether it is good where it is met, and bad where not: to differ from the paper is neither.
+        better: Of what is not as the paper's, whether it is better or worse; None where it is neither.
     """
 
     kind: Kind | None
     text: str
     met: bool | None = None
     goal: bool = False
+    better: bool | None = None
 
     @property
     def mark(self) -> str:
-        """`met` or `missed` of a goal, else `same` or `apart`; `neither` where nothing is judged: what was put in, or
-        chosen, has no mark whatever it comes to."""
+        """`met` or `missed` of a goal, else `same`, `better`, `worse` or `apart`; `neither` where nothing is judged:
+        what was put in, or chosen, has no mark whatever it comes to."""
         if self.met is None or self.kind not in (Kind.PREDICTED, Kind.MEASURED):
             return "neither"
-        return ("met" if self.met else "missed") if self.goal else ("same" if self.met else "apart")
+        if self.goal:
+            return "met" if self.met else "missed"
+        return "same" if self.met else {True: "better", False: "worse", None: "apart"}[self.better]
 
 
-def judged(kind: Kind, text: str, met: bool | None, n: int, goal: bool = False) -> Result:
+def judged(
+    kind: Kind, text: str, met: bool | None, n: int, goal: bool = False, better: bool | None = None
+) -> Result:
     """A sentence, without its full stop, with the verdict that `n` trials carry, or that they carry none."""
-    return Result(kind, text + ("." if met is not None else f": not decided with n = {n}."), met, goal)
+    text += "." if met is not None else f": not decided with n = {n}."
+    return Result(kind, text, met, goal, better if met is False and not goal else None)
 
 
 class Printed(NamedTuple):
@@ -88,10 +95,11 @@ class Headline(NamedTuple):
         source: Whose that is, and where it stands.
         interval: The 95 % interval of ours; "" for none.
         verdict: How the two compare, in half a sentence; later the whole sentence.
-        agreement: How many predictions come out as the paper's: neither good nor bad; "" for none.
         rows: Filter of the table of trials that leaves those it is made of; "" for all.
         column: Of trials.csv that it is made of.
-        state: Whether `all` trials succeeded, `some`, or `none`.
+        state: How it went, of `first_screen.WENT`; before the verdict is made "" where the trials say it.
+        side: Ours is `better` than the paper's, `worse`, `as` it, or `apart`; "" where none is told.
+        spread: The least and the largest of single trials; "" for none.
     """
 
     what: str
@@ -104,7 +112,8 @@ class Headline(NamedTuple):
     rows: str = ""
     column: str = ""
     state: str = ""
-    agreement: str = ""
+    side: str = ""
+    spread: str = ""
 
 
 def rated(
@@ -115,15 +124,23 @@ def rated(
     source: str = "",
     rows: str = "",
     column: str = "",
+    more: bool = True,
 ) -> Headline:
-    """A share of some trials with its 95 % interval (Wilson), beside the paper's or a rival's; `of` is not 0."""
+    """A share of some trials with its 95 % interval (Wilson), beside the paper's or a rival's; `of` is not 0.
+
+    Args:
+        more: Whether more is better.
+    """
     low, high = wilson(hits, of)
     ours, interval = percent(hits / of), f"{three(100.0 * low)} to {three(100.0 * high)} %"
-    theirs = "" if paper is None else percent(paper)
-    beside = f"{what}: {ours}"
-    if paper is not None:
-        beside += f", beside {source.partition(' (')[0]} {theirs}{untold(hits, of, paper)}"
-    return Headline(what, ours, f"{hits} of {of}", theirs, source, interval, beside, rows, column)
+    if paper is None:
+        return Headline(what, ours, f"{hits} of {of}", "", source, interval, f"{what}: {ours}", rows, column)
+    theirs, whose = percent(paper), source.partition(" (")[0]
+    whose = f"{whose} {theirs}" if whose.endswith("'s") else f"{whose} with {theirs}"
+    side = "as" if low <= paper <= high else "better" if (hits / of > paper) == more else "worse"
+    beside = f"beside {whose}{untold(hits, of, paper)}" if side == "as" else f"{side} than {whose}"
+    beside = f"{what}: {ours}, {beside}"
+    return Headline(what, ours, f"{hits} of {of}", theirs, source, interval, beside, rows, column, "", side)
 
 
 def untold(hits: int, of: int, paper: float) -> str:

@@ -41,6 +41,7 @@ from controller.reports.counts import (
     rate,
     share,
     signed,
+    sized,
     spread,
     title,
     under,
@@ -160,7 +161,7 @@ def _bound(each: Bounded) -> Row:
         "bound": f"{bound['over']} {bound['title']}",
         "paper": _printed(bound, beside.paper),
         "here": _printed(bound, beside.ours) if worst else NOTHING,
-        "beside it": beside.times if worst else NOTHING,
+        "beside it": sized(beside.ours, beside.paper, scale_of(bound["column"]).unit) if worst else NOTHING,
         "verdict": beside.met,
         "why": why,
     }
@@ -298,14 +299,21 @@ def _beside_table_1(each: Bounded, kind: Kind) -> Result:
     if not math.isnan(rows.low):
         low, high = (1.0 + end / rows.paper for end in (rows.low, rows.high))
         text += f" ({low:.2f} to {high:.2f})"
-    return judged(kind, text + ", beyond chance" * (each.same is False), each.same, rows.n)
+    return judged(
+        kind,
+        text + ", beyond chance" * (each.same is False),
+        each.same,
+        rows.n,
+        better=rows.ours < rows.paper,
+    )
 
 
 def _beside_bound(each: Bounded, kind: Kind) -> Result:
     """A column beside the bound that the paper states."""
     bound, beside = each.bound, each.beside
     text = f"{bound['title'].capitalize()} at detection: {bound['over']} {_printed(bound, beside.ours)}, "
-    text += f"{beside.times} the paper's {_printed(bound, beside.paper)} ({bound['source']})"
+    text += f"the paper's {_printed(bound, beside.paper)} ({bound['source']}): "
+    text += sized(beside.ours, beside.paper, scale_of(bound["column"]).unit)
     if each.kept is None:
         return judged(kind, text, None, beside.n, goal=True)
     return Result(kind, f"{text}.", beside.met, goal=True)

@@ -154,7 +154,7 @@ def test_the_page_is_small_enough_to_be_mailed(report):
 def test_every_column_of_a_comparison_is_within_reach(browser, tmp_path):
     first, second = (write_transient(tmp_path, [Given("d", 0.004487, delay_s)]) for delay_s in DELAYS_S[:2])
     page = browser.new_page(viewport={"width": 1280, "height": 900})
-    page.goto(side_by_side(first, second, []).as_uri())
+    page.goto(side_by_side(first, second, [])[0].as_uri())
     page.get_by_text("Every trial", exact=True).click()
     for table in page.locator(".scroll:visible").all():
         assert table.evaluate("table => table.getBoundingClientRect().x") >= 0.0, (

@@ -137,7 +137,7 @@ def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, r
 
 def test_two_runs_tables_and_figures_stand_side_by_side_on_one_page(run, run_profile):
     other = run_profile(trials=TRIALS, seed=2).run
-    page = side_by_side(run, other, ["a < b"]).read_text()
+    page = side_by_side(run, other, ["a < b"])[0].read_text()
     assert "<li>a &lt; b</li>" in page
     beside = page[page.index('id="compared"') : page.index('id="part1"')]
     assert beside.count("<figure>") == 6, "of each run its places on both sides and its speeds"

@@ -82,11 +82,11 @@ def headlines(experiment: str) -> list[dict[str, Any]]:
     """What a report of an experiment opens with: lines of headlines.csv, the first that has a number first.
 
     Columns: `where` and `column` of trials.csv it is of, `over` which it is made of these, the `detector` that the
-    paper's figure is of, and what its `trials` did that came out as they should ("": succeeded).
+    paper's figure is of, and what its `trials` did that came out as they should ("": ended as meant).
     """
     return [line for line in table("headlines") if line["experiment"] == experiment]
 
 
 def came_to(experiment: str) -> str:
     """What a trial that came out as it should did, in a word."""
-    return next((str(line["trials"]) for line in headlines(experiment) if line["trials"]), "succeeded")
+    return next((str(line["trials"]) for line in headlines(experiment) if line["trials"]), "ended as meant")

@@ -21,6 +21,7 @@ from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.registry import ExperimentKind
 from controller.reports import first_screen, report, static
 from controller.reports.approaches import TABLE_1
+from controller.reports.counts import sized
 from controller.reports.figures import Figures
 from controller.reports.first_screen import headline_of
 from controller.reports.hero import hero_of
@@ -107,8 +108,8 @@ SAID = {
         "pad f 12.70 4.843 1 1 0.17 (–) 0.17 (0.12) 0.00",
     ),
     "a bound that is missed, with its worst approach": (
-        "largest 0.200 N, 1.3 times the paper's 0.150 N (IV.B).",
-        "largest force 0.150 N 0.200 N 1.3 times not judged Largest: 0.200 N in trial 5, location f",
+        "largest 0.200 N, the paper's 0.150 N (IV.B): 33 % larger.",
+        "largest force 0.150 N 0.200 N 33 % larger not judged Largest: 0.200 N in trial 5, location f",
     ),
     "the stop certificates": (
         "detection to stop command, ms 5.00 5.00 5.00",
@@ -486,7 +487,8 @@ def test_the_first_figure_has_the_success_of_median_delay_and_a_failed_trial(cam
 def test_of_two_runs_beside_each_other_each_has_its_own_typical_trial(campaign, tmp_path):
     other = tmp_path / "other"
     shutil.copytree(campaign[0].folder.path, other)
-    page = comparison_page(campaign[0], open_run(other), Comparing([], [], []))
+    page, said = comparison_page(campaign[0], open_run(other), Comparing([], [], []))
+    assert said.startswith("No difference told: time from touch to detection "), "it is the same run"
     first = page[page.index('<section id="summary">') : page.index('<section id="compared">')]
     drawn = re.findall(r'data-open="r(\d)t(\d+)">trial (\d+)</a></b> of (.*?),', first)
     typical = str(hero_of("transient", [campaign[0]])[0].trial)
@@ -498,26 +500,63 @@ def test_an_experiment_opens_with_its_number_its_interval_and_the_papers(campaig
     run = campaign[0]
     known = [row["delay_s"] for row in run.trials if row.get("delay_s") is not None]
     found = headline_of("transient", [run], [], None)
-    assert float(found.ours.split()[0]) == pytest.approx(np.mean(known), rel=5e-3)
-    assert found.paper == "0.3 s"
+    assert float(found.ours.split()[0]) == pytest.approx(1000 * np.mean(known), rel=5e-3)
+    assert (found.ours.split()[1], found.paper) == ("ms", "300 ms"), "one unit for both"
     low, high = map(float, re.findall(r"[\d.]+", found.interval))
     half = stats.t.ppf(0.975, len(known) - 1) * np.std(known, ddof=1) / np.sqrt(len(known))
-    assert [low, high] == pytest.approx([np.mean(known) - half, np.mean(known) + half], rel=1e-2)
-    assert f"{sum(map(run.succeeded, run.trials))} of {len(run.trials)} trials succeeded" in found.verdict
+    ends_ms = [1000 * (np.mean(known) - half), 1000 * (np.mean(known) + half)]
+    assert [low, high] == pytest.approx(ends_ms, rel=1e-2)
+    least, most = map(float, re.findall(r"[\d.]+", found.spread))
+    assert [least, most] == pytest.approx([1000 * min(known), 1000 * max(known)], rel=1e-2)
+    good = sum(map(run.succeeded, run.trials))
+    assert f"{good} of {len(run.trials)} trials stopped at the contact" in found.verdict
 
 
 def test_predictions_and_goals_are_counted_apart(campaign):
-    results = [Result(kind, "", met) for kind, met in ((Kind.PREDICTED, True), (Kind.PREDICTED, False))]
-    results += [Result(Kind.MEASURED, "", False, goal=True), Result(None, "")]
+    results = [
+        Result(Kind.PREDICTED, "", met, better=better)
+        for met, better in ((True, None), (False, None), (False, True), (False, False))
+    ]
+    results += [Result(Kind.MEASURED, "Time: 2 s.", False, goal=True), Result(None, "")]
     found = headline_of("transient", [campaign[0]], results, None)
-    assert found.verdict.endswith("; its goal is missed.")
+    assert found.verdict.endswith("; 1 of 1 goal missed: time.")
+    assert found.state == "partly", "a goal that is missed is in the one verdict"
     more = [
         *results,
         Result(Kind.MEASURED, "Force: 2 N.", False, goal=True),
         Result(Kind.MEASURED, "", True, goal=True),
     ]
-    assert first_screen.goals_of(more[3:]) == "; 1 of 2 goals met (missed: force)"
-    assert found.agreement == "1 of 2 reproduced"
+    assert first_screen.goals_of(more) == "; 2 of 3 goals missed: time, force"
+    assert first_screen.agreement_of(more) == "1 as the paper, 1 better, 1 worse, 1 otherwise"
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "mean_s", "said"),
+    [
+        ("contact " * 20, 0.1, "Went well: 20 of 20 trials stopped at the contact; "),
+        ("contact " * 19 + "false_contact", 0.1, "Went well: 19 of 20 "),
+        ("contact " * 18 + "false_contact " * 2, 0.1, "Went partly well: 18 of 20 "),
+        ("contact " * 20, 0.6, "Went partly well: 20 of 20 "),
+        ("contact " * 9 + "false_contact " * 11, 0.1, "Went badly: 9 of 20 trials "),
+        ("false_contact " * 3, 0.1, "Went badly: 0 of 3 trials "),
+    ],
+)
+def test_one_verdict_says_how_it_went_by_trials_goals_and_the_papers_number(tmp_path, outcomes, mean_s, said):
+    given = [
+        Given("d", 0.004487, mean_s + 0.001 * n, outcome=each) for n, each in enumerate(outcomes.split())
+    ]
+    found = headline_of("transient", [write_transient(tmp_path, given)], [], None)
+    assert found.verdict.startswith(said)
+    if "Went badly: 0" not in said:
+        how = "better than the paper's 300 ms" if mean_s < 0.3 else "worse than the paper's 300 ms"
+        assert how in found.verdict
+
+
+def test_by_how_much_two_numbers_differ_is_said_in_words():
+    assert sized(0.016, 0.3, "s") == "19 times faster"
+    assert sized(0.9, 0.3, "s") == "3 times slower"
+    assert sized(1.1, 1.0, "N") == "10 % larger"
+    assert sized(0.0, 0.3, "s") == ""
 
 
 def test_the_papers_number_stands_only_beside_what_it_is_of():
@@ -528,8 +567,8 @@ def test_the_papers_number_stands_only_beside_what_it_is_of():
     touched = [{"delay_s": 0.1, "outcome": "contact"}] * 4
     kinds = ({"resonance.paper", "resonance"}, {"force.threshold"})
     delays = [listed(headlines("transient"), touched, each).paper for each in kinds]
-    assert delays == ["0.3 s", ""], "a load cell's delay is not that of a resonance"
-    assert listed(headlines("transient"), touched).interval == "0.1 s", "not from 0.1 to 0.1"
+    assert delays == ["300 ms", ""], "a load cell's delay is not that of a resonance"
+    assert listed(headlines("transient"), touched).interval == "100 ms", "not from 100 to 100"
 
 
 def test_static_conditions_are_met_within_their_tolerance_and_missed_beyond(tmp_path, undrawn):
@@ -641,7 +680,9 @@ def test_an_onset_that_was_noise_is_said_to_lengthen_the_time(tmp_path, undrawn)
 
 def test_a_trial_that_is_only_to_be_recorded_is_not_said_to_succeed(tmp_path):
     run = write_static(tmp_path, {"none": 28.0, "light": 30.0, "full": 50.0})
-    assert headline_of("static", [run], [], None).verdict.startswith("3 of 3 trials recorded; ")
+    assert headline_of("static", [run], [], None).verdict == (
+        "Went well: frequency in full contact 50 Hz, about the paper's 50 Hz."
+    ), "how many were recorded says nothing of how well"
     assert {row.state for row in trial_table([run])[1]} == {""}, "its outcome is no success of a detector"
 
 
