@@ -21,6 +21,7 @@ from controller.reports.counts import (
     sized,
     three,
     title,
+    values,
     within_all,
 )
 from controller.reports.papers import RECORDED, came_to, headlines
@@ -219,7 +220,7 @@ def beside_each_other(before: Sequence[Run], after: Sequence[Run]) -> str:
     name, what, own = str(line["column"]), line["what"], []
     for each in (before, after):
         rows = [row for run in each for row in run.trials if holds(line, row)]
-        own.append(mean_of(float(row[name]) for row in rows if is_number(row.get(name))))
+        own.append(mean_of(values(rows, name)))
     (one, other), unit = own, scale_of(name).unit
     if not one.n or not other.n:
         return ""
