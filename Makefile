@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
-.PHONY: run test lines others browser mutants check claims docs format bench recordings soak-test fuzz swarm lerobot franka lock diagrams clean
+.PHONY: run test lines wire others browser mutants check claims docs format bench recordings soak-test fuzz swarm lerobot franka lock diagrams clean
 
 run: .venv/run.stamp            ## the main job on the mock bench: 126 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
@@ -15,10 +15,15 @@ SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard
 test: export PYTHONDONTWRITEBYTECODE :=
 test: .venv/dev.stamp browser   ## the tests; what they need is compiled before; guard, limits, loop and stop paths: every line
 	$(BIN)/python -m config.precompile
-	$(MAKE) -s -j2 lines others
+	$(MAKE) -s -j3 lines wire others
 
-others: .venv/dev.stamp         # four workers on two cores: tests on the wire wait half of their time
-	$(BIN)/python -m pytest -n 4 --dist loadscope --no-loadscope-reorder --durations=15 $(SAFETY:%=--ignore=%)
+PARALLEL := -n 2 --dist loadscope --no-loadscope-reorder --durations=15
+
+wire: .venv/dev.stamp           # beside the others: tests on the wire wait half of their time
+	$(BIN)/python -m pytest $(PARALLEL) tests/wire
+
+others: .venv/dev.stamp         # each worker imports all tests that it may get: none needs what the wire's import
+	$(BIN)/python -m pytest $(PARALLEL) --ignore=tests/wire $(SAFETY:%=--ignore=%)
 
 lines: .venv/dev.stamp          ## the unit tests of guard, limits, loop and stop paths, which leave no line of these out
 	@mkdir -p build

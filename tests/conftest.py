@@ -13,7 +13,7 @@ settings.load_profile("touchbench")
 collect_ignore = ["hardware"]
 """The real bench is tested where its tests are asked for by name alone."""
 
-LONG = ("wire", "scenarios", "stability")
+LONG = ("scenarios", "stability")
 """Folders whose modules take long, the longest first."""
 
 

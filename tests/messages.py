@@ -7,6 +7,7 @@ import ast
 import math
 import re
 from collections.abc import Iterator
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -163,35 +164,45 @@ def _worlds(
         yield world
 
 
+@cache
+def _trees() -> list[tuple[Path, ast.Module]]:
+    """The program's sources."""
+    paths = [
+        path
+        for room in ROOMS
+        for path in ([ROOT / room] if room.endswith(".py") else (ROOT / room).rglob("*.py"))
+    ]
+    return [(path, ast.parse(path.read_text())) for path in paths]
+
+
+@cache
 def messages() -> dict[str, set[tuple[str, str]]]:
     """Symptom -> reason and remedy of each message; what varies is …; without a fixed word there is no entry."""
     kinds = {name: symptom for symptom, names in SYMPTOMS.items() for name in names}
     found: dict[str, set[tuple[str, str]]] = {symptom: set() for symptom in SYMPTOMS}
-    for room in ROOMS:
-        for path in [ROOT / room] if room.endswith(".py") else (ROOT / room).rglob("*.py"):
-            for function in ast.walk(ast.parse(path.read_text())):
-                if not isinstance(function, ast.FunctionDef):
-                    continue
-                assigned = _assigned(function)
-                reports = path.parts[-3] == "drivers" and path.name not in SILENT
-                for statement, place in _placed(function.body):
-                    for names in _worlds(assigned, place):
-                        for kind, said in _said(statement, names, reports, path.parts[-2:] in STOPS):
-                            text = re.sub(r"…(?:…)+", "…", re.sub(r"\s+", " ", said).strip())
-                            if kind in kinds and re.search(r"[a-z]{3}", text) and " " in text.strip("… "):
-                                reason, _, remedy = text.replace("|", "\\|").partition("; ")
-                                found[kinds[kind]].add((reason, remedy))
+    for path, tree in _trees():
+        for function in ast.walk(tree):
+            if not isinstance(function, ast.FunctionDef):
+                continue
+            assigned = _assigned(function)
+            reports = path.parts[-3] == "drivers" and path.name not in SILENT
+            for statement, place in _placed(function.body):
+                for names in _worlds(assigned, place):
+                    for kind, said in _said(statement, names, reports, path.parts[-2:] in STOPS):
+                        text = re.sub(r"…(?:…)+", "…", re.sub(r"\s+", " ", said).strip())
+                        if kind in kinds and re.search(r"[a-z]{3}", text) and " " in text.strip("… "):
+                            reason, _, remedy = text.replace("|", "\\|").partition("; ")
+                            found[kinds[kind]].add((reason, remedy))
     return found
 
 
 def raised() -> set[str]:
     """The classes of which the program raises errors with a text."""
     found = set()
-    for room in ROOMS:
-        for path in [ROOT / room] if room.endswith(".py") else (ROOT / room).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
-                    found.add(ast.unparse(node.exc.func).rpartition(".")[2])
+    for _, tree in _trees():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+                found.add(ast.unparse(node.exc.func).rpartition(".")[2])
     return {name for name in found if name.endswith(("Error", "Refusal", "Parameter"))}
 
 

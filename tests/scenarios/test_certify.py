@@ -4,13 +4,14 @@ import json
 import math
 import re
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from config.assemble import limits_of
 from config.certificate import certified, certifier_of
 from config.profile import load_profile
+from config.source import profile_names, read_source
 from controller.certify import NOT_AT_REST, Certifier
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.limits import Bounds, MoverLimits
@@ -20,11 +21,14 @@ from drivers.core.messages import Failed
 from simulator.mocks.ur_arm import MockUrArm
 from simulator.mocks.zaber_stage import MockZaberStage
 
-MOCK = sorted(
-    f"mock/{path.stem}"
-    for path in Path("config/profiles/mock").glob("*.toml")
-    if not path.stem.startswith("bench_")
+BENCHES = (
+    *("mock/first_contact", "mock/flexion", "mock/locating", "mock/transient_arm", "mock/weights"),
+    *("mock/slip_calm", "mock/pointer"),
+    *("mock/chirp", "mock/pretouch", "mock/centering_turned", "mock/grasp"),
 )
+"""Profiles that have every device and every limit of the mock benches between them."""
+
+BOUNDS = ("travel_m", "travel_min_m", "blind_travel_m", "speed_m_s", "reach_m", "reach_rad")
 
 INPUTS = {"position_stream", "pose_stream", "force_stream", "force_channels", "force_median_s", "movers"} | {
     *("retreat_m", "stiffness_n_m", "braking_m_s2", "detector_delay_s")
@@ -46,17 +50,37 @@ def of(proofs, limit):
     return [proof for proof in proofs if proof.limit == limit]
 
 
-def distinct():
-    """Of the profiles with the same devices, limits and plant one: the others' certificates are the same."""
-    found = {}
-    for name in MOCK:
-        resolved = load_profile(name).resolved
-        bench = [resolved[key] for key in ("devices", "limits", "loop")] + [resolved["plant"]["kind"]]
-        found.setdefault(json.dumps(bench, sort_keys=True), name)
-    return sorted(found.values())
+def profiles(bench):
+    names = [name for name in profile_names() if name.startswith(f"{bench}/")]
+    return [name for name in names if "experiment" in read_source(name).data]
 
 
-@pytest.mark.parametrize("name", distinct())
+def devices_of(name):
+    """Each device of a profile that moves or has a watchdog, with its settings and the bounds that it may move in."""
+    profile = load_profile(name)
+    limits = limits_of(profile)
+    for device, entry in profile.devices.items():
+        settings = entry.settings.model_dump(mode="json")
+        bounds = limits.movers.get(device, limits).model_dump(include=set(BOUNDS))
+        if settings.keys() & {"max_speed_m_s", "watchdog_s"}:
+            moves = "max_speed_m_s" in settings
+            yield json.dumps([entry.kind, settings, bounds if moves else {}], sort_keys=True)
+
+
+def limits_set(name):
+    """The limits that a profile has, and the kind of what is touched."""
+    profile = load_profile(name)
+    return {key for key, value in profile.limits.model_dump().items() if value} | {profile.plant.kind}
+
+
+def test_each_device_and_limit_of_each_mock_bench_is_one_of_these():
+    shown = {part for name in BENCHES for part in (*devices_of(name), *limits_set(name))}
+    assert len(profiles("mock")) > 20
+    for name in profiles("mock"):
+        assert {*devices_of(name), *limits_set(name)} <= shown, name
+
+
+@pytest.mark.parametrize("name", BENCHES)
 def test_every_limit_of_a_shipped_mock_bench_acts(name):
     proofs = proved(name)
     bad = [proof for proof in proofs if proof.verdict not in ("acted", "nothing to bound")]

@@ -111,6 +111,7 @@ def test_check_loads_no_compiler_and_nothing_that_records(tmp_path):
         for name in profile_names()
         if name.startswith("mock/") and "experiment" in read_source(name).data
     ]
+    profiles = list({read_source(name).data["experiment"]: name for name in profiles}.values())
     code = (
         "import sys\nfrom run import cli\n"
         f"for name in {profiles}:\n"

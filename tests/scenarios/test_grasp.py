@@ -8,6 +8,7 @@ from config.script import run_trials
 from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_FAILED
 from simulator.physics.gripper_part import GripperPart
 from simulator.physics.pad_part import PadPart
+from tests.scenarios.conftest import SHORTER
 
 WAY = [
     *("CENTERING", "RESTING", "CLOSING", "LOADING", "LIFTING", "SHAKING", "HOLDING"),
@@ -19,7 +20,9 @@ AT_ONCE = {"behavior.center": "false"}
 
 def grasped(out, row, **settings):
     """A grasp without a search; its outcome, its only row and its events."""
-    settings = AT_ONCE | {name.replace("__", "."): value for name, value in settings.items()}
+    settings = (
+        SHORTER["mock/grasp"] | AT_ONCE | {name.replace("__", "."): value for name, value in settings.items()}
+    )
     outcome, run = run_trials(
         "mock/grasp", [{"object_x_m": 0.0} | row], settings=settings, out=out, say=lambda line: None
     )
@@ -79,10 +82,9 @@ def test_what_the_least_grip_holds_through_shake_and_tap_is_not_gripped_harder(t
     assert row["grip_n"] == pytest.approx(7.0, abs=0.1), "behavior.grip_force_n"
 
 
-@pytest.mark.parametrize("slip", ["[]", '["slip_ours"]'])
-def test_what_never_leaves_the_table_is_no_success_whoever_listens(tmp_path, slip):
+def test_what_never_leaves_the_table_is_no_success(tmp_path):
     row = {"plant.object_kg": 2.0, "plant.pad_friction": 0.08}
-    about = {"behavior__slip": slip, "behavior__tightest_n": "9.0", "behavior__lift_m": "0.015"}
+    about = {"behavior__tightest_n": "9.0", "behavior__lift_m": "0.015"}
     outcome, row, _ = grasped(tmp_path, row, **about)
     assert (outcome.exit_code, outcome.line) == (
         EXIT_FAILED,

@@ -198,9 +198,7 @@ def test_an_arm_touches_first_as_the_page_says(verb, tmp_path):
     (tmp_path / "my_touch.toml").write_text(text.replace('"console"', '"mock"'), encoding="utf-8")
     (tmp_path / "my_bench.toml").write_text('extends = "mock/bench_slip"\n', encoding="utf-8")
     profile = ("my_touch.toml", "--out", tmp_path)
-    code, out, err = verb("certify", tmp_path / profile[0], *profile[1:])
-    assert (code, "25 of 25 limits acted" in out) == (0, True), err
-    code, out, err = verb("run", tmp_path / profile[0], *profile[1:], "--no-report")
+    code, _, err = verb("run", tmp_path / profile[0], *profile[1:], "--no-report")
     assert code == 0, err
     (trials,) = tmp_path.glob("*/trials.csv")
     rows = trials.read_text().splitlines()

@@ -74,7 +74,7 @@ def test_a_dry_run_shows_and_writes_nothing(verb, lab):
 
 
 def test_what_rest_alone_cannot_set_is_named_with_what_can(verb):
-    code, out, _ = verb("quiet", "mock/touch", "--seconds", "12", "--dry-run")
+    code, out, _ = verb("quiet", "mock/touch", "--seconds", "10", "--dry-run")
     assert code == 0
     for name in ("pretouch_paper", "pretouch_ours"):
         (line,) = [line for line in out.splitlines() if line.startswith(name)]

@@ -18,7 +18,7 @@ from controller.console import ConsoleOperator
 from controller.reports.run_account import facts_of
 from controller.watching.feed import SOCKET, Watched, at
 from controller.watching.page import after, trial_signals
-from tests.scenarios.conftest import QUICK
+from tests.scenarios.conftest import QUICK, SHORTER
 from tests.stub_run import Unattended
 
 
@@ -110,7 +110,7 @@ def test_between_two_trials_a_mover_goes_home_and_a_force_is_tared_and_the_rows_
 
 def test_a_bench_whose_guard_watches_a_computed_signal_is_tared_and_goes_home_between_trials(tmp_path):
     acts = [{"do": "tare", "target": "arm.force"}, {"do": "home", "target": "arm"}]
-    outcome, refused, manifest = held(tmp_path, acts, "mock/pointer", {})
+    outcome, refused, manifest = held(tmp_path, acts, "mock/pointer", SHORTER["mock/pointer"])
     assert [(note["did"], note["outcome"]) for note in manifest["by_hand"]] == [
         ("tare arm.force", "done"),
         ("home arm", "done"),

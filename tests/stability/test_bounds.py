@@ -140,7 +140,11 @@ TRIALS: Mapping[str, Callable[[Any, Any], Iterator[Any]]] = {
     "aura": aura,
     "grasp": aura,
 }
-CASES = [(kind, *case) for kind in KINDS["plant"] for case in ends(find("plant", kind).settings, {}, ())]
+ENDS = {kind: list(ends(find("plant", kind).settings, {}, ())) for kind in KINDS["plant"]}
+ENDS["grasp"] = [case for case in ENDS["grasp"] if case not in ENDS["aura"]]
+"""A grasp's bench is aura's with a pad."""
+
+CASES = [(kind, *case) for kind, cases in ENDS.items() for case in cases]
 
 
 def plant_of(kind: str, path: Path, value: Any) -> Any:

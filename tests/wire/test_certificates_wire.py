@@ -1,9 +1,9 @@
 """Stops, limits and watchdogs of the shipped benches act on the wire too: real drivers, devices of their own.
 
 What loop and guard do by a limit is shown on every mock bench (tests/scenarios/test_certify.py), and on one of these
-again: an emulated or a hardware profile has its mock twin's limits, but for those that the lab gives. What remains are
-the devices, each of which is some bench's with the same settings and the same bounds: what these and their processes do
-by themselves is shown here.
+again: an emulated or a hardware profile has its mock twin's limits, but for those that the lab gives. What remains is
+what movers and watchdogs, and their processes, do by themselves: that depends on neither the place nor the speed at
+which a profile has them move, which loop and driver refuse.
 """
 
 import json
@@ -11,16 +11,13 @@ import time
 
 import pytest
 
-from config.assemble import limits_of
 from config.certificate import certifier_of
 from config.profile import load_profile
-from config.source import profile_names, read_source
 from controller.certify import Certifier
+from tests.scenarios.test_certify import profiles
 
 BETWEEN = ("_streams", "_forces", "_travel", "_asked", "_of_device")
 """Cases of what goes wrong, or is refused, above the devices."""
-
-ARM = {"limits.blind_travel_m", "devices.arm.loop_timeout_s", "devices.arm.watchdog_hz"}
 
 BENCHES = {
     "emulated/transient": (
@@ -36,45 +33,40 @@ BENCHES = {
         (*(name for name in BETWEEN if name != "_forces"), "_alone", "_watchdogs", "_ended"),
         {"stop of stage", "limits.force_n"},
     ),
-    "emulated/locating": ((*BETWEEN, "_watchdogs"), {"stop of stage", "limits.blind_travel_m"}),
-    "emulated/grasp": (
-        BETWEEN,
-        {"stop of gripper", "devices.gripper.watchdog_s", "devices.board.watchdog_s", *ARM},
+    "emulated/transient_arm": (
+        (*BETWEEN, "_watchdogs"),
+        {"limits.blind_travel_m", "devices.arm.loop_timeout_s", "devices.arm.watchdog_hz"},
     ),
-    "emulated/slip": ((*BETWEEN, "_watchdogs"), ARM),
-    "emulated/pointer": ((*BETWEEN, "_watchdogs"), ARM),
-    "emulated/transient_arm": ((*BETWEEN, "_watchdogs"), ARM),
+    "emulated/grasp": (
+        (*BETWEEN, "_alone", "_ended"),
+        {"stop of gripper", "devices.gripper.watchdog_s", "devices.board.watchdog_s"},
+    ),
     "emulated/weights": ((), {"limits.stuck_s", "devices.board.watchdog_s"}),
 }
-"""Benches that have every device of every emulated bench between them: the cases that are left out, and some of what
-each must have shown."""
+"""Benches that have every device of every emulated bench that acts by itself: the cases that are left out, and some of
+what each must have shown."""
 
-BOUNDS = ("travel_m", "travel_min_m", "blind_travel_m", "speed_m_s", "reach_m", "reach_rad")
+PLACES = {"start_pose", "approach_axis", "leash_m", "travel_min_m", "travel_max_m"}
+SPEEDS = {"max_speed_m_s", "home_speed_m_s"}
 
 
-def devices_of(name):
-    """Each device of a profile with its settings and the bounds that it may move in."""
+def acting(name):
+    """Each device of a profile that moves or has a watchdog, with its settings but for places and speeds."""
     profile = load_profile(name)
-    limits = limits_of(profile)
-    for device, entry in profile.devices.items():
-        bounds = limits.movers.get(device, limits).model_dump(include=set(BOUNDS))
-        moves = hasattr(entry.settings, "max_speed_m_s")
+    for entry in profile.devices.values():
         settings = entry.settings.model_dump(mode="json")
-        yield json.dumps(
-            [entry.kind, settings, bounds if moves else {}, profile.loop.model_dump()], sort_keys=True
-        )
+        if settings.keys() & {*SPEEDS, "watchdog_s"}:
+            own = {key: value for key, value in settings.items() if key not in PLACES | SPEEDS}
+            blind_m = profile.limits.blind_travel_m
+            yield json.dumps([entry.kind, own, blind_m if settings.keys() & SPEEDS else None], sort_keys=True)
 
 
-def profiles(bench):
-    names = [name for name in profile_names() if name.startswith(f"{bench}/")]
-    return [name for name in names if "experiment" in read_source(name).data]
-
-
-def test_each_device_of_each_emulated_bench_is_one_of_these():
-    shown = {device for name in BENCHES for device in devices_of(name)}
+def test_each_device_that_acts_by_itself_on_an_emulated_bench_is_one_of_these():
+    shown = {device for name in BENCHES for device in acting(name)}
+    assert len(shown) > 3
     assert len(profiles("emulated")) > 15
     for name in profiles("emulated"):
-        assert set(devices_of(name)) <= shown, name
+        assert set(acting(name)) <= shown, name
 
 
 @pytest.mark.parametrize("bench", ["emulated", "hardware"])
@@ -97,7 +89,7 @@ def test_every_limit_of_an_emulated_bench_acts(name, monkeypatch):
     assert [proof for proof in proofs if proof.verdict not in ("acted", "nothing to bound")] == []
     assert {proof.limit for proof in proofs} >= shown
     killed = [proof for proof in proofs if "its program is killed" in proof.done]
-    assert len(killed) == (name not in ("emulated/first_contact", "emulated/weights"))
+    assert len(killed) == (name in ("emulated/transient", "emulated/transient_arm"))
     assert all(proof.way_m is not None and proof.way_m < 2.2e-3 for proof in killed)
 
 
@@ -106,18 +98,17 @@ class LeftError(Exception):
 
 
 def test_a_person_may_take_longer_than_a_watchdog_waits():
-    profile, answers_s, proofs = load_profile("emulated/pretouch"), [], []
+    profile, answers_s, proofs = load_profile("emulated/transient"), [], []
 
     def consent(text):
-        if len(answers_s) == 4:
+        if len(answers_s) == 3:
             raise LeftError
-        answers_s.append(time.monotonic() + 1.5)  # real time: gripper and board wait for a second
+        answers_s.append(time.monotonic() + 1.5)  # real time: the board waits for a second
         return lambda: time.monotonic() > answers_s[-1]
 
     with pytest.raises(LeftError):
         for proof in certifier_of(profile, consent).proofs():
             proofs.append(proof)
     assert [(proof.limit, proof.verdict) for proof in proofs] == [
-        (f"{what} of {mover}", "acted")
-        for what, mover in (("home", "arm"), ("stop", "arm"), ("pause", "arm"), ("home", "gripper"))
+        (f"{what} of stage", "acted") for what in ("home", "stop", "pause")
     ]

@@ -56,12 +56,10 @@ def test_silence_stalls_the_arm_and_the_arm_has_stopped_by_itself(hand: Callable
     one.do(MoveTo("arm", 0.0, 0.05), Reached)
 
 
-@pytest.mark.parametrize("moving", [False, True])
-def test_a_controller_that_is_gone_is_a_failure(moving: bool) -> None:
+def test_a_controller_that_is_gone_is_a_failure() -> None:
     with EmulatedUr() as emulated:
         one = Hand(emulated, reconnect_s=1.0)
-        if moving:
-            one.set_out(MoveTo("arm", 0.04, 0.02))
+        one.set_out(MoveTo("arm", 0.04, 0.02))
         emulated.order(gone=True)
         one.await_(Stalled, "connecting again")
         one.arm.apply(MoveTo("arm", 0.0, 0.01))
@@ -73,15 +71,13 @@ def test_a_controller_that_is_gone_is_a_failure(moving: bool) -> None:
         one.arm.close()
 
 
-@pytest.mark.parametrize("blow", [signal.SIGSEGV, signal.SIGKILL])
 def test_a_client_that_crashes_is_replaced_and_the_watchdog_has_stopped_the_arm(
-    hand: Callable[..., Hand], blow: signal.Signals
+    hand: Callable[..., Hand],
 ) -> None:
     one = hand()
     one.set_out(MoveAt("arm", 0.02, 0.04))
-    os.kill(child(one), blow)
-    stalled = one.await_(Stalled)
-    assert blow.name in stalled.reason
+    os.kill(child(one), signal.SIGSEGV)
+    assert "SIGSEGV" in one.await_(Stalled).reason
     one.do(Stop("arm"), Standstill)
     assert resting(one.emulated.order())
     one.do(Home("arm"), Reached)

@@ -1,15 +1,13 @@
-"""Short experiments over the wire: weights, a bench at rest, the pointer, flexion."""
+"""Short experiments over the wire: weights, a bench at rest, flexion."""
 
 import tomllib
 
 import numpy as np
-import pytest
 
 from config.quiet import quieted
 from config.script import run_trials
 from controller.campaign import EXIT_DONE
 from controller.recording.reader import open_run
-from controller.reports.pointer import read_sweeps
 from tests.wire.terminal import Terminal
 
 SHORT = {
@@ -72,41 +70,13 @@ ours.threshold = "? run.py quiet"
 def test_an_emulated_bench_at_rest_sets_the_threshold_of_its_finger(tmp_path, capsys):
     lab = tmp_path / "lab.toml"
     lab.write_text(LAB)
-    code = quieted(str(lab), {}, None, (), None, seconds=12.0, interval_s=3600.0, named=(), dry_run=False)
+    code = quieted(str(lab), {}, None, (), None, seconds=6.0, interval_s=3600.0, named=(), dry_run=False)
     out, _ = capsys.readouterr()
     assert code == 0
     assert "contact: no threshold from rest" in out
     # of a free finger the least of a normal deviate is 3.5, and 500 simulated approaches asked for 4.6
     assert 3.5 < tomllib.loads(lab.read_text())["detectors"]["ours"]["threshold"] < 15.0
     assert lab.read_text().startswith(LAB.partition("[")[0])
-
-
-POINTED = {
-    "behavior.angles_rad": "[0.0, 0.06]",  # the last touch is at zero: turning home is slow
-    "plant.surface_m": "0.0006",
-    "behavior.turn_rad_s": "0.12",
-    "behavior.rest_s": "0.1",
-    "behavior.record_s": "0.2",
-    "detectors.touch.baseline_s": "0.2",
-}
-
-
-def test_the_angle_of_the_contact_is_measured_over_the_wire(tmp_path):
-    outcome, run = run_trials(
-        "emulated/pointer",
-        [{"detectors.touch.threshold": 1.0}],
-        settings=POINTED,
-        out=tmp_path,
-        say=lambda line: None,
-    )
-    assert outcome.exit_code == 0, outcome.line
-    (sweep,) = read_sweeps([run])
-    assert [touch.going for touch in sweep.touches] == ["up", "up", "down", "down"]
-    # the emulated arm turns to what it was asked for within the drift of a twist's end, 1 % of a radian
-    assert [touch.true_rad for touch in sweep.touches] == pytest.approx([0.0, 0.06, 0.06, 0.0], abs=0.01)
-    # at 1 N the play opens no loop: what is left is the bridges' unequal hysteresis, below 0.7 degrees, and noise
-    assert sweep.errors.largest < 0.02
-    assert 1.0 < sweep.pressed_n < 2.5
 
 
 def test_the_tendon_is_moved_and_recorded_over_the_wire(tmp_path):
