@@ -134,7 +134,11 @@ def test_a_fault_of_the_program_is_called_one_and_debug_shows_where(tmp_path, mo
         cli([*asked, "--debug"])
 
 
-PROFILES = [f"mock/{name}" for name in EXPERIMENTS if name != "aura"]
+PROFILES = [
+    f"mock/{name}"
+    for name in {kind.made: name for name, kind in EXPERIMENTS.items()}.values()
+    if name != "aura"
+]
 PROFILES += ["mock/pretouch", "mock/touch", "mock/transient_arm"]
 
 

@@ -19,7 +19,7 @@ from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
 from controller.recording.schemas import encode_block, reading_schema, schema_of
-from controller.recording.series import BIN_S, PLOT_S, Gap, Span
+from controller.recording.series import BIN_S, PLOT_S
 from controller.recording.stream_writer import StreamWriter
 from drivers.core.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
 
@@ -125,12 +125,6 @@ def test_what_is_read_again_is_what_the_trial_had_in_memory(folder, kept):
             assert before.times_s.tobytes() == after.times_s.tobytes()
             assert before.values.tobytes() == after.values.tobytes()
             assert (before.unit, before.gaps, before.skipped) == (after.unit, after.gaps, after.skipped)
-
-
-def test_loss_is_seen_and_a_skipped_span_is_none(folder, kept):
-    series = open_run(folder.path).trial(2).stream("board.load_cell")
-    assert series.gaps == (Gap(1.011, 1.022, 10),)
-    assert series.skipped == (Span(0.0, 1.0),)
 
 
 def test_an_empty_skipped_span_is_none(folder):
