@@ -53,11 +53,11 @@ SPEEDS = {"max_speed_m_s", "home_speed_m_s"}
 def acting(name):
     """Each device of a profile that moves or has a watchdog, with its settings but for places and speeds."""
     profile = load_profile(name)
+    blind_m = profile.limits.model_dump()["blind_travel_m"]
     for entry in profile.devices.values():
         settings = entry.settings.model_dump(mode="json")
         if settings.keys() & {*SPEEDS, "watchdog_s"}:
             own = {key: value for key, value in settings.items() if key not in PLACES | SPEEDS}
-            blind_m = profile.limits.blind_travel_m
             yield json.dumps([entry.kind, own, blind_m if settings.keys() & SPEEDS else None], sort_keys=True)
 
 
