@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -432,10 +431,8 @@ def limits_of(profile: Profile) -> GuardSettings:
     """The guard's settings; on a bench without noise a stuck sensor cannot be detected, and a simulated bench may know
     how stiff a contact is. A limit that the lab has to give and has not given is none: nothing moves before, and what
     only listens holds nothing against the parent's value."""
-    limits: GuardSettings = profile.limits  # type: ignore[assignment]
-    none = {"force_n": None, "travel_m": math.inf}
-    unset = {key: limit for key, limit in none.items() if ("limits", key) in profile.source.unset}
-    limits = limits.model_copy(update=unset)
+    given: GuardSettings = profile.limits  # type: ignore[assignment]
+    limits = given.without([path[1] for path in profile.source.unset if path[0] == "limits"])
     if profile.plant is None:
         return limits
     quiet = getattr(profile.plant.settings, "quiet", False)

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -137,7 +137,11 @@ class Profile:
         if key not in self._varied:
             alone = replace(self.source, data={**self.source.data, "trials": {}})
             own = _read(alone.joined(nest(trial.overrides.items()), self._where(trial)))
-            self._varied[key] = replace(own, trial_settings=self.trial_settings, source=self.source)
+            own = replace(own, trial_settings=self.trial_settings, source=self.source)
+            same = {
+                each.name: _same(getattr(self, each.name), getattr(own, each.name)) for each in fields(self)
+            }
+            self._varied[key] = replace(own, **same)
         return self._varied[key]
 
     @cached_property
@@ -166,6 +170,15 @@ class Profile:
             return f"{self.source.origin(('trials', 'grid'))}: [trials.grid] {factor}"
         place = f"{self.source.origin(('trials', 'list'))}: [trials] list row {row + 1}"
         return f"{place}: {factor}" if factor else place
+
+
+def _same(ours: Any, other: Any) -> Any:
+    """The other, made of ours where they are equal: what ten thousand trials have in common is there once."""
+    if ours == other:
+        return ours
+    if isinstance(ours, dict) and isinstance(other, dict):
+        return {name: _same(ours.get(name), each) for name, each in other.items()}
+    return other
 
 
 def _chosen(entry: Entry) -> Table:

@@ -109,9 +109,8 @@ class Sections:
         entries = dict(self._entries("driver"))
         taken: dict[str, str] = {}
         for name, entry in entries.items():
-            fields = type(entry.settings).model_fields
-            serial = "baud" in fields or getattr(entry.settings, "interface", "") == "slcan"
-            if not serial or entry.port in ("mock", "emulated", "console") or entry.port.startswith(UNSET):
+            alone = entry.settings.serial_port and entry.port not in ("mock", "emulated", "console")
+            if not alone or entry.port.startswith(UNSET):
                 continue
             other = taken.setdefault(os.path.realpath(entry.port), name)
             if other != name:

@@ -1,14 +1,14 @@
 """What each mover of a bench may do, and which of its commands that lets through. Pure."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator
 
 from drivers.core.messages import BLIND_TRAVEL_M, Command, MoveAt, MovePose, MoveTo, SampleBlock, Twist
-from drivers.core.settings import DeviceName, Mismatch, Settings, StreamName
+from drivers.core.settings import LIMIT, DeviceName, Mismatch, Settings, StreamName
 
 Channel = Annotated[int, Field(ge=0, le=63)]
 """Number of a stream's channel, from 0."""
@@ -24,7 +24,7 @@ class GuardRefusal(Exception):  # noqa: N818 - it is a refusal, not a fault of t
 class MoverLimits(Settings):
     """Limits of one mover."""
 
-    travel_m: float = Field(gt=0.0, le=2.0)
+    travel_m: Annotated[float, LIMIT] = Field(gt=0.0, le=2.0)
     """Farthest position on the approach axis, from its zero."""
 
     travel_min_m: float = Field(default=-0.0005, ge=-2.0, le=0.0)
@@ -105,7 +105,7 @@ class GuardSettings(MoverLimits):
     movers: Mapping[DeviceName, MoverLimits] = Field(default_factory=dict)
     """Limits of further movers, by device: `[limits.movers.NAME]`."""
 
-    force_n: float | None = Field(default=None, gt=0.0, le=1000.0)
+    force_n: Annotated[float | None, LIMIT] = Field(default=None, gt=0.0, le=1000.0)
     """Largest force, of either sign, after the median filter; None on a bench without a force stream."""
 
     force_stream: StreamName | None = "board.load_cell"
@@ -117,7 +117,7 @@ class GuardSettings(MoverLimits):
     force_median_s: float = Field(default=0.010, gt=0.0, le=1.0)
     """Length of the running median that the force is seen through: a single spike stops nothing."""
 
-    retreat_n: float | None = Field(default=None, gt=0.0, le=1000.0)
+    retreat_n: Annotated[float | None, LIMIT] = Field(default=None, gt=0.0, le=1000.0)
     """Force beyond which a stop is not enough: what moved last also goes back by `retreat_m` once it stands still, jaws
     open. None only stops."""
 
@@ -135,7 +135,7 @@ class GuardSettings(MoverLimits):
     """How long after the touch the detector that ends an approach decides: where it is known, an approach is refused in
     which force_n would be passed all the same."""
 
-    peak_n: float | None = Field(default=None, gt=0.0, le=1e4)
+    peak_n: Annotated[float | None, LIMIT] = Field(default=None, gt=0.0, le=1e4)
     """Largest peak force that may be forecast for an approach which the guard alone ends; faster ones are refused."""
 
     agree: Mapping[str, Agreement] = Field(default_factory=dict)
@@ -168,6 +168,15 @@ class GuardSettings(MoverLimits):
                     f'{key} = {value:g} is not above force_n = {self.force_n:g}; raise it, or write "none"'
                 )
         return self
+
+    def without(self, keys: Collection[str]) -> Self:
+        """The same without such limits as are among some keys: none where a setting may be that, else infinite."""
+        absent = {
+            key: math.inf if type(self).model_fields[key].is_required() else None
+            for key in self.keys_of("limit")
+            if key in keys
+        }
+        return self.model_copy(update=absent)
 
     def mismatches(
         self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]

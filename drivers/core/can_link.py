@@ -44,6 +44,11 @@ class CanPort(Settings):
     tty_baud: int = Field(default=115_200, ge=9_600, le=4_000_000)
     """Line speed to a slcan adapter in bits per second; USB adapters ignore it."""
 
+    @property
+    def serial_port(self) -> bool:
+        """See `Settings.serial_port`: a slcan adapter is at one."""
+        return self.interface == "slcan"
+
 
 def _bus(port: CanPort) -> can.BusABC:
     """The interface of python-can's that the port names."""

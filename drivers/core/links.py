@@ -69,6 +69,11 @@ class SerialPort(Settings):
     dtr: bool = True
     """Whether the lines DTR and RTS are on once the port is open; many boards reset when they change."""
 
+    @property
+    def serial_port(self) -> bool:
+        """See `Settings.serial_port`."""
+        return True
+
 
 def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
     """Open a serial port, or a pty, for this program alone.

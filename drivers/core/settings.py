@@ -20,7 +20,7 @@ class Mark:
     """What a setting is, whatever its key: the name of something else in the profile, which must be there, or what
     others know it by."""
 
-    what: Literal["device", "stream", "detector", "address", "baseline", "drive", "home_speed"]
+    what: Literal["device", "stream", "detector", "address", "baseline", "drive", "home_speed", "limit"]
 
 
 DeviceName = Annotated[str, Mark("device")]
@@ -43,6 +43,9 @@ DriveHz = Annotated[float, Mark("drive")]
 
 HomeSpeed = Annotated[float, Mark("home_speed")]
 """Speed of a device's `Home`, m/s: no command carries it, so no guard can see it."""
+
+LIMIT = Mark("limit")
+"""A largest value that the lab has to know: where it is asked for and not given, nothing is held against another's."""
 
 
 class Mismatch(NamedTuple):
@@ -74,6 +77,11 @@ class Settings(BaseModel):
             profile: All settings that are sound by themselves, by their path.
         """
         return ()
+
+    @property
+    def serial_port(self) -> bool:
+        """Whether the `port` of this device is a serial one, which one device alone can have."""
+        return False
 
     @classmethod
     @cache

@@ -47,7 +47,11 @@ class SerialLines(LineSensor):
         numbers = self._format.decode(line)
         if len(numbers) != (self._width or max(len(numbers), s.fields)):
             raise CodecError(f"{line[:SHOWN]!r} has {len(numbers)} numbers")
-        counter, shown_s = None, math.nan
+        return LineSample(numbers, *self._clocked(numbers))
+
+    def _clocked(self, numbers: Sequence[float]) -> tuple[float, int | None]:
+        """What the board says of when a line was sampled: its time, s, and its count; raises `CodecError`."""
+        s, counter, shown_s = self._settings, None, math.nan
         if s.counter_column is not None and s.counter_modulus is not None:
             counter = _whole(numbers, s.counter_column, s.counter_modulus)
             shown_s = counter / s.rate_hz if s.rate_hz else math.nan
@@ -55,7 +59,7 @@ class SerialLines(LineSensor):
             counter = self._seen  # a line that made no sense was a sample
         if s.time_column is not None:
             shown_s = _whole(numbers, s.time_column, s.time_modulus or ENDLESS) * s.time_unit_s
-        return LineSample(numbers, shown_s, counter)
+        return shown_s, counter
 
     def account(self) -> Mapping[str, object]:
         """Lines that made no sense, and what is printed at zero."""
@@ -169,10 +173,14 @@ class SerialLines(LineSensor):
     def _no_clock(self) -> str:
         """What is wrong with the column of its time or counter, in a line that has all its numbers; "" of another."""
         try:
-            if len(self._format.decode(self._latest)) >= self._settings.fields:
-                self.parse(self._latest)
+            numbers = self._format.decode(self._latest)
+        except CodecError:
+            return ""
+        try:
+            if len(numbers) >= self._settings.fields:
+                self._clocked(numbers)
         except CodecError as error:
-            return str(error) * str(error).startswith("column ")
+            return str(error)
         return ""
 
     def _check_rate(self, sound: list[tuple[float, LineSample]]) -> float | None:

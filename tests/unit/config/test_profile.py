@@ -207,7 +207,8 @@ def test_a_trials_dotted_factors_lie_over_the_profile_for_that_trial_alone(write
     quiet, loud = (profile.for_trial(trial) for trial in profile.trials(0))
     assert (quiet.plant.settings.noise_scale, loud.plant.settings.noise_scale) == (0.5, 2.0)
     assert profile.plant.settings.noise_scale == 1.0
-    assert quiet.limits == profile.limits
+    assert quiet.limits is profile.limits  # what ten thousand trials do not change is there once
+    assert quiet.detectors is profile.detectors
     assert profile.factors_of(profile.trials(0)[0]).speed_m_s == 0.004
     changed = profile.for_trial(Trial(1, {"speed_m_s": 0.004, "signals.near.gamma": 5.0}))
     assert changed.signals["near"].settings.gamma == 5.0
