@@ -16,10 +16,10 @@ from typing import Any
 
 from config.assemble import build_rig, plan_campaign
 from config.costs import COSTS
-from config.jobs import Silent
 from config.profile import load_profile
 from config.source import ProfileError, profile_names, read_source
 from controller.campaign import Campaign
+from controller.console import Console
 from controller.recording.run_folder import RunFolder
 
 TRIALS = 3
@@ -63,7 +63,7 @@ def _cost(name: str, devices: Iterable[str]) -> tuple[float, float, float]:
         for part in (some[:1], some[1:] or some):  # the first warms up
             with closing(build_rig(profile)) as rig:
                 begun_s = time.process_time()
-                outcome = Campaign(plan_campaign(profile, part, 0), rig, Silent(), Path(folder)).run()
+                outcome = Campaign(plan_campaign(profile, part, 0), rig, Console(), Path(folder)).run()
                 computing_s = time.process_time() - begun_s
         size = sum(path.stat().st_size for path in outcome.folder.iterdir())
         bench_s = float(RunFolder(outcome.folder).read_manifest()["loop"]["bench_s"])

@@ -15,10 +15,10 @@ from typing import Any
 
 from benchmarks.results import FOLDER, save
 from config import assemble
-from config.jobs import Silent
 from config.profile import load_profile
 from controller.arrivals import Arrivals
 from controller.campaign import Campaign
+from controller.console import Console
 from controller.guard import Guard
 from controller.loop import Loop
 from controller.recording.reader import open_run
@@ -122,7 +122,7 @@ def campaign(name: str, trials: int, *, report: bool = False) -> tuple[float, fl
     with tempfile.TemporaryDirectory() as folder:
         plan = assemble.plan_campaign(profile, profile.trials(1)[:trials], 1)
         begun_s = time.process_time()
-        outcome = Campaign(plan, assemble.build_rig(profile), Silent(), Path(folder)).run()
+        outcome = Campaign(plan, assemble.build_rig(profile), Console(), Path(folder)).run()
         ran_s = time.process_time()
         if report:
             build_report([open_run(outcome.folder)])

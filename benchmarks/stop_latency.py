@@ -16,8 +16,8 @@ from behaviors.events import Contact, Detected, Event
 from behaviors.machine import Behavior, StatePlan, on
 from benchmarks.results import save
 from config import assemble
-from config.jobs import Silent
 from config.profile import load_profile
+from controller.console import Console
 from controller.guard import Guard
 from controller.loop import Loop
 from controller.recording.recorder import Recorder
@@ -127,7 +127,7 @@ def measure(mover: str, stops: int, realtime: bool = True) -> tuple[dict[str, li
             rig.clock.restart()
             plant: Any = profile.plant
             rig.begin_trial(TrialScene(1, 1, {}, plant.settings.model_dump(mode="json")))
-            loop = Loop(rig, infos, Guard(profile.limits), recorder, Silent(), profile.loop)  # type: ignore[arg-type]
+            loop = Loop(rig, infos, Guard(profile.limits), recorder, Console(), profile.loop)  # type: ignore[arg-type]
             account = loop.run(behavior, {"at_random": detector})
             recorder.close()
             link = dict(rig.devices[mover].account())

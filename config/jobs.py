@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from types import FrameType, SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from config.costs import cost
 from drivers.core.errors import PROGRAM, lacking
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from config.profile import Profile
     from config.trials import Trial
     from controller.batches import Batch
-    from controller.campaign import Campaign, CampaignPlan, Console
+    from controller.campaign import Campaign, CampaignPlan
+    from controller.console import Console
     from controller.recording.joining import ResumedRun
 
 BATCH_S = 1.0
@@ -93,19 +94,6 @@ def order_of(profile: Profile, plan: CampaignPlan) -> Order:
     return Order(profile.name, resolved, folders, tuple(plan.factors), plan.seed, devices, own)
 
 
-class Silent:
-    """A console without output, and an operator who never interrupts."""
-
-    def poll(self) -> str | None:
-        """No request."""
-        return None
-
-    def _nothing(self, *_: Any, **__: Any) -> None:
-        pass
-
-    suspend = state = campaign_started = trial_started = trial_ended = campaign_ended = _nothing
-
-
 def run_batch(order: Order, trials: Sequence[Trial]) -> Batch:
     """Run some trials of a campaign here; the same rows, events and samples wherever that is.
 
@@ -115,6 +103,7 @@ def run_batch(order: Order, trials: Sequence[Trial]) -> Batch:
     from config.assemble import build_rig, plan_campaign
     from controller.batches import Batch
     from controller.campaign import Campaign
+    from controller.console import Console
     from drivers.core.clock import monotonic_s
 
     begun_s = monotonic_s()
@@ -126,7 +115,7 @@ def run_batch(order: Order, trials: Sequence[Trial]) -> Batch:
             tempfile.TemporaryDirectory(prefix="touchbench-batch-") as folder,
             closing(build_rig(profile, devices=order.devices)) as rig,
         ):
-            outcome = Campaign(plan, rig, Silent(), Path(folder)).run()
+            outcome = Campaign(plan, rig, Console(), Path(folder)).run()
             files = {path.name: path.read_bytes() for path in outcome.folder.iterdir() if path.is_file()}
             failure = f"{type(outcome.error).__name__}: {outcome.error}" if outcome.error else ""
             return Batch(files, failure, monotonic_s() - begun_s)

@@ -18,13 +18,14 @@ from functools import cache
 from importlib import metadata
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 from behaviors.machine import Behavior
+from controller.console import Console
 from controller.detectors.protocol import Compiled, Detector, Quantity, quantities_of
 from controller.guard import Guard, GuardRefusal
 from controller.live_view import LiveView
-from controller.loop import Aborted, HandOperator, Loop, LoopOperator, LoopSettings, UnfitStreamError
+from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.outcomes import counted, exit_of, successes_in
 from controller.recording.run_folder import RecordingError, RunFolder
@@ -36,10 +37,10 @@ from drivers.core.errors import DeviceError, RefusedError
 from drivers.core.messages import DeviceInfo, StreamInfo
 
 if TYPE_CHECKING:
-    from controller.by_hand import HandResult, HandSession
     from controller.recording.joining import ResumedRun
     from controller.recording.mcap_file import Mirror
     from controller.recording.recorder import Recorder
+    from controller.watching.between import Between
 
 EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_DEVICE, EXIT_GUARD, EXIT_INTERRUPTED = 0, 1, 2, 3, 4, 130
 """Exit codes of a run."""
@@ -118,52 +119,9 @@ class CampaignPlan:
         return len(self.left)
 
 
-class Console(LoopOperator, Protocol):
-    """What a person sees of a campaign, and how they interrupt it."""
-
-    def campaign_started(self, title: str, trials: int, folder: Path) -> None:
-        """Before the first trial."""
-
-    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
-        """Before each trial."""
-
-    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
-        """After each trial."""
-
-    def campaign_ended(self, line: str) -> None:
-        """After the last."""
-
-
 def foremost(row: Mapping[str, Any], leading: Sequence[str]) -> dict[str, Any]:
     """A row with its leading columns first; columns that it does not have are left out."""
     return {name: row[name] for name in leading if name in row} | dict(row)
-
-
-@runtime_checkable
-class Watching(Protocol):
-    """A console that shows the signals of a trial while it runs."""
-
-    def watch(self, view: LiveView) -> None:
-        """After each trial's recording has begun."""
-
-
-class HeldRun(HandOperator, Protocol):
-    """What holds a campaign between two trials: see `controller.watching.between`."""
-
-    possible: bool
-    hold: bool
-
-    def wait(self, session: HandSession) -> Iterator[tuple[str, HandResult]]:
-        """What was done by hand, until the person goes on."""
-
-
-@runtime_checkable
-class Holds(Protocol):
-    """A console at which a campaign can be held between two trials."""
-
-    @property
-    def between(self) -> HeldRun:
-        """What holds it."""
 
 
 @dataclass(frozen=True)
@@ -350,7 +308,7 @@ class Campaign:
         offset_s = 0.0
         code, status, line = EXIT_DONE, "done", ""
         for trial in trials:
-            held = self._console.between if isinstance(self._console, Holds) else None
+            held = self._console.between
             if held is not None and (stopped := self._held(held, trial, infos)):
                 code, status, line = stopped
                 break
@@ -371,7 +329,7 @@ class Campaign:
         return code, status, line
 
     def _held(
-        self, held: HeldRun, trial: TrialPlan, infos: Mapping[str, DeviceInfo]
+        self, held: Between, trial: TrialPlan, infos: Mapping[str, DeviceInfo]
     ) -> tuple[int, str, str] | None:
         """Before a trial, where it is to be held: what a person does by hand, through the trial's guard; noted in the
         manifest. What ended badly ends the campaign: its exit code, status and line."""
@@ -411,10 +369,10 @@ class Campaign:
         limits, quantities = trial.guard.settings, self._quantities(trial, infos)
         recording = recorder.begin_trial(trial.trial, trial.factors, offset_s, limits, quantities)
         loop = Loop(self._rig, infos, trial.guard, recorder, self._console, self._plan.loop)
-        if isinstance(self._console, Watching):
-            lost, now = loop.account.lost, self._rig.clock.now
-            view = LiveView(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now)
-            self._console.watch(view)
+        lost, now = loop.account.lost, self._rig.clock.now
+        self._console.watch(
+            LiveView(recording, trial.detectors, limits, trial.behavior, loop.events, lost, now)
+        )
         evidence = self._evidence(trial, recording, infos)
         verdict = ""
         try:

@@ -21,6 +21,7 @@ from drivers.core.protocols import Asking, Question
 
 if TYPE_CHECKING:
     from controller.live_view import LiveView
+    from controller.watching.between import Between
 
 PAUSED = "PAUSED"
 """What the loop calls the state in which it waits for the operator."""
@@ -313,11 +314,46 @@ class _Printer:
                 self._show(line)
 
 
+class Console:
+    """What a person sees of a campaign, and how they interrupt it; this one shows nothing, and nobody interrupts.
+
+    Attributes:
+        between: What holds the campaign between two trials; None where nothing does.
+    """
+
+    between: "Between | None" = None
+
+    def poll(self) -> str | None:
+        """See `controller.loop.HandOperator`."""
+        return None
+
+    def suspend(self) -> None:
+        """See `controller.loop.HandOperator`."""
+
+    def state(self, name: str, t_s: float) -> None:
+        """See `controller.loop.LoopOperator`."""
+
+    def campaign_started(self, title: str, trials: int, folder: Path) -> None:
+        """Before the first trial."""
+
+    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
+        """Before each trial."""
+
+    def watch(self, view: "LiveView") -> None:
+        """After each trial's recording has begun."""
+
+    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
+        """After each trial."""
+
+    def campaign_ended(self, line: str) -> None:
+        """After the last."""
+
+
 LINES = 24
 """About so many trials of a campaign have a line off a terminal: as many as one screen has."""
 
 
-class PlainConsole:
+class PlainConsole(Console):
     """A line for each trial and for each of its approaches, of a long campaign for every so many, for files and pipes.
 
     Args:

@@ -13,7 +13,7 @@ from rich.console import Console as Terminal
 from rich.live import Live
 from rich.text import Text
 
-from controller.console import LAST_S, PAUSED, ConsoleOperator, key_results
+from controller.console import LAST_S, PAUSED, Console, ConsoleOperator, key_results
 from controller.live_view import Elapsed, LiveView
 from controller.outcomes import UNMEASURED, counted, is_success
 from controller.scales import Scale, scale_of
@@ -81,7 +81,7 @@ class Drawer:
                     live.update(Text("\n").join(shown), refresh=True)
 
 
-class LiveConsole:
+class LiveConsole(Console):
     """Trial, state, time and the last results, drawn anew a few times a second.
 
     The picture is made when the loop polls, never between a decision and its command, and drawn by a thread: the

@@ -9,8 +9,7 @@ import numpy as np
 
 from behaviors.events import Contact
 from behaviors.transient import Transient, TransientFactors, TransientSettings
-from config.jobs import Silent
-from controller.console import ConsoleOperator
+from controller.console import Console, ConsoleOperator
 from controller.limits import GuardSettings
 from controller.live_view import LiveView
 from controller.recording.series import TrialRecording
@@ -19,7 +18,7 @@ from drivers.core.messages import SampleBlock
 from drivers.core.protocols import Question
 
 
-class Unattended(Silent):
+class Unattended(Console):
     """A console without a person; the operator is polled."""
 
     def __init__(self, operator):

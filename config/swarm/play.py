@@ -21,6 +21,7 @@ from config.assemble import build_rig, plan_campaign
 from config.profile import Profile, load_profile
 from config.swarm.plan import Plan
 from controller.campaign import Campaign, CampaignPlan, TrialPlan
+from controller.console import Console
 from controller.rig import Rig, TrialScene
 
 MEMORY = Path("/dev/shm")
@@ -104,7 +105,7 @@ class Story:
             yield json.loads(line)
 
 
-class Onlooker:
+class Onlooker(Console):
     """A console without a person, that keeps what the bench knows.
 
     Args:
@@ -158,13 +159,6 @@ class Onlooker:
             jaws = self._bench.jaws.jaws
             places |= {"width_m": jaws.width_m, "grip_n": jaws.contact_n}
         return places
-
-    def poll(self) -> str | None:
-        """Nobody presses a key."""
-        return None
-
-    def suspend(self) -> None:
-        """Never asked for."""
 
     def state(self, name: str, t_s: float) -> None:
         """See `LoopOperator.state`."""

@@ -398,7 +398,7 @@ def stop(profile: str, overrides: Mapping[str, str], endpoints: Path | None) -> 
 
     Exit codes: 0 every mover stands still, 3 one does not, or it is not known.
     """
-    from config.jobs import Silent
+    from controller.console import Console
     from controller.holding import address
     from controller.stopping import Stopping
 
@@ -410,7 +410,7 @@ def stop(profile: str, overrides: Mapping[str, str], endpoints: Path | None) -> 
 
     def open_one(name: str) -> HandSession:
         excused = [f"devices.{name}.{key}" for key in STOP_EXCUSES]
-        return session_on(loaded, [name], Silent(), endpoints, excused=excused)
+        return session_on(loaded, [name], Console(), endpoints, excused=excused)
 
     joined = verbs.joined(endpoints)
     where = {name: dict(each) for name, each in (joined or {}).get("devices", {}).items()}

@@ -18,8 +18,8 @@ from drivers.core.errors import PROGRAM, lacking
 if TYPE_CHECKING:
     from config.jobs import Crew
     from config.profile import Profile
-    from controller.campaign import CampaignPlan, Console, Outcome
-    from controller.console import ConsoleOperator
+    from controller.campaign import CampaignPlan, Outcome
+    from controller.console import Console, ConsoleOperator
     from controller.recording.joining import ResumedRun
     from controller.recording.run_folder import RunFolder
     from controller.watching.foxglove import FoxgloveStream

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.campaign import Console, Watching
-from controller.console import PAUSED, ConsoleOperator
+from controller.console import PAUSED, Console, ConsoleOperator
 from controller.live_view import Elapsed, LiveView, label
 from controller.outcomes import is_success
 from controller.recording.series import DETECTOR, extremes
@@ -78,8 +77,8 @@ class _Client:
     blocks: dict[str, int] = field(default_factory=dict)
 
 
-class Watched:
-    """A console beside which others watch; implements `controller.campaign.Console`.
+class Watched(Console):
+    """A console beside which others watch.
 
     Nothing here waits. The loop's thread notes what is new; the publishing thread makes messages of it and of what was
     recorded. A client that does not read gets nothing more: no message is made before the last one is out.
@@ -88,6 +87,8 @@ class Watched:
         began: Called with the run's folder once it can be watched.
         successes: Outcomes that are success; None where the experiment declares none.
     """
+
+    between: Between
 
     def __init__(
         self,
@@ -115,8 +116,7 @@ class Watched:
     def watch(self, view: LiveView) -> None:
         """Publishes this trial from now on."""
         self._view = view
-        if isinstance(self._console, Watching):
-            self._console.watch(view)
+        self._console.watch(view)
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """From now on the run can be watched."""

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from config import assemble
-from config.jobs import Silent
 from config.profile import Profile, load_profile
 from controller.campaign import Campaign, Outcome
+from controller.console import Console
 from controller.recording.reader import Run, open_run
 from run import cli
 from simulator.devices.faults import Fault
@@ -55,7 +55,7 @@ SHORTER = {
 
 
 @dataclass
-class Script(Silent):
+class Script(Console):
     """An operator who requests what the test wants, when the trial is where the test wants it."""
 
     requests: dict[str, list[str]] = field(default_factory=dict)

@@ -7,9 +7,9 @@ import pytest
 from behaviors.events import Tick
 from behaviors.machine import Behavior, StatePlan, on
 from config import assemble
-from config.jobs import Silent
 from config.profile import load_profile
 from controller.campaign import Campaign
+from controller.console import Console
 from controller.loop import Loop
 from tests.scenarios.conftest import SHORTER, Script
 
@@ -135,7 +135,7 @@ def ran(name, folder, *, together):
     if not together:
         rig = replace(rig, ahead=None)
     plan = assemble.plan_campaign(profile, profile.trials(1)[:1], 1)
-    found = Campaign(plan, rig, Silent(), folder).run().folder
+    found = Campaign(plan, rig, Console(), folder).run().folder
     return [(found / file).read_bytes() for file in ("trials.csv", "events.jsonl")]
 
 

@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 
 from config.assemble import build_rig, plan_campaign
-from config.jobs import Silent
 from config.profile import load_profile
 from config.script import run_trials
 from controller.by_hand import HandResult
 from controller.campaign import EXIT_DONE, Campaign
-from controller.console import ConsoleOperator
+from controller.console import Console, ConsoleOperator
 from controller.reports.run_account import facts_of
 from controller.watching.feed import SOCKET, Watched, at
 from controller.watching.page import after, trial_signals
@@ -34,7 +33,7 @@ def rows(out, watchers):
                 each.connect(name)
 
     with Path(os.devnull).open() as keyboard, closing(build_rig(profile)) as rig:
-        console = Watched(Silent(), ConsoleOperator(keyboard), began)
+        console = Watched(Console(), ConsoleOperator(keyboard), began)
         outcome = Campaign(plan, rig, console, out).run()
     for each in deaf:
         each.close()

@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import Any
 
 from config.assemble import build_rig, plan_campaign
-from config.jobs import Silent
 from controller.campaign import Campaign, Outcome
+from controller.console import Console
 
 QUICK = {"behavior.settle_s": "1.0"}
 
 
-class Hand(Silent):
+class Hand(Console):
     """Does something to the bench when a trial enters a state; shows nothing."""
 
     def __init__(self, deeds: dict[str, Any]) -> None:
