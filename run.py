@@ -16,7 +16,7 @@ try:
 except ModuleNotFoundError:
     sys.exit(f"{sys.executable} lacks click: call .venv/bin/python run.py, which `make run` sets up")
 
-from config.verbs import Program, by_hand, profiles, recordings, results, running, swarm
+from config.verbs import Program, by_hand, certify, profiles, quiet, recordings, results, running, swarm
 from drivers.core.errors import PROGRAM
 
 
@@ -56,7 +56,7 @@ def cli() -> None:
     """
 
 
-for _module in (profiles, running, by_hand, recordings, results, swarm):
+for _module in (profiles, certify, running, by_hand, recordings, quiet, results, swarm):
     for _verb in _module.VERBS:
         cli.add_command(_verb)
 

@@ -1,12 +1,11 @@
-"""Verbs on a profile: `list`, `check`, `plan`, `certify`, `emulate`."""
+"""Verbs on a profile: `list`, `check`, `plan`, `emulate`."""
 
 from __future__ import annotations
 
 import json
-import select
 import signal
 import sys
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -155,9 +154,9 @@ def _tried(
     entries = {name: loaded.devices[name] for name in rig.devices}
     ports = {name: entry.port for name, entry in entries.items()}
     watchdogs = {
-        name: entry.settings.watchdog_s  # type: ignore[attr-defined]
+        name: getattr(entry.settings, key)
         for name, entry in entries.items()
-        if {"watchdog_s", "baud"} <= type(entry.settings).model_fields.keys()
+        for key in entry.settings.keys_of("silences")
     }
     looked = compare(rig, trials, named)
     if connect:
@@ -204,85 +203,6 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: 
     return verbs.DONE
 
 
-@click.command(cls=verbs.Verb, short_help="Drive each limit of a bench past once: does it act?")
-@click.argument("profile")
-@verbs.set_option
-@verbs.out_option
-def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
-    """Drive each limit of a PROFILE past once, slowly, stop first, and write a certificate of what acted.
-
-    On hardware each motion waits for Enter, and none is faster than 1 mm/s but the way home, which has the device's own
-    speed. Stand clear, with the emergency stop in reach and 5 mm free before each mover.
-
-    \b
-    Example:
-      run.py certify mock/transient
-      run.py certify hardware/first_contact
-
-    Exit codes: 0 every limit acted, 1 one did not or was not shown, 2 usage or profile, 3 device, 130 interrupted.
-    """
-    import termios
-
-    from config.certificate import certified, certifier_of, rows, summary, write
-    from config.parts import parts_of
-    from controller.campaign import described, program
-    from controller.recording.run_folder import RunFolder
-    from drivers.core.clock import utc_now
-    from drivers.core.errors import DeviceError
-
-    if parts := parts_of(profile):
-        return verbs.for_each_part(certify, parts, [*verbs.sets(overrides), "--out", str(out)])
-    loaded, started = verbs.loaded_profile(profile, overrides), utc_now()
-    hardware = loaded.bench == "hardware"
-
-    def agreed() -> bool:
-        if not select.select([sys.stdin], [], [], 0.0)[0]:
-            return False
-        if not sys.stdin.readline():
-            raise click.UsageError(
-                "each motion waits for Enter, and the input has ended; run it in a terminal, or pipe a line for each"
-            )
-        return True
-
-    def consent(text: str) -> Callable[[], bool] | None:
-        if hardware:
-            if sys.stdin.isatty():
-                termios.tcflush(sys.stdin, termios.TCIFLUSH)  # what was typed before is no answer
-            click.echo(f"{text}: press Enter, or Ctrl+C to end")
-        return agreed if hardware else None
-
-    certifier = certifier_of(loaded, consent)
-    folder = RunFolder.create(out, f"certify-{loaded.name}", started)
-    proofs, ended, failure = [], "", None
-    before = signal.signal(
-        signal.SIGTERM, signal.default_int_handler
-    )  # `stop`, or `kill`, ends it as Ctrl+C does
-    try:
-        for proof in certifier.proofs():
-            proofs.append(proof)
-            _, row = rows([proof])
-            verbs.say(
-                "  ".join(cell for cell in (f"{row[3]:>9}", f"{row[0]:32}", *row[1:3], *row[4:]) if cell)
-            )
-    except (DeviceError, click.UsageError, KeyboardInterrupt) as error:
-        ended, failure = str(error) or "interrupted", error
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    about = {
-        "profile": loaded.name,
-        "profile_hash": loaded.hash,
-        "bench": loaded.bench,
-        "started_utc": started.isoformat(),
-        "devices": {name: described(info) for name, info in certifier.session.infos.items()},
-        **program(),
-    }
-    write(folder.path, about, proofs, ended)
-    verbs.say(f"{summary(proofs, ended)}\ncertificate: {folder.path / 'certificate.md'}")
-    if failure is not None:
-        raise failure
-    return verbs.DONE if certified(proofs) else verbs.FAILED
-
-
 @click.command(cls=verbs.Verb, short_help="Serve a profile's emulated devices.")
 @click.argument("profile")
 @verbs.set_option
@@ -312,4 +232,4 @@ def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
             rest(0.1)
 
 
-VERBS = (list_, check, plan, certify, emulate)
+VERBS = (list_, check, plan, emulate)

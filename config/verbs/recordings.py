@@ -151,41 +151,6 @@ def characterize(recordings: tuple[Path, ...], overrides: dict[str, str], out: P
         click.echo(path)
 
 
-@click.command(cls=verbs.Verb, short_help="Set thresholds by a minute at rest on the bench.")
-@verbs.trials_options
-@verbs.endpoints_option
-@click.option(
-    "--seconds",
-    type=verbs.Finite(min=5.0, max=86_400.0),
-    default=60.0,
-    show_default=True,
-    help="How long the bench is listened to.",
-)
-@verbs.interval_option(default=3600.0, show_default=True)
-@verbs.many(
-    "--detector", "named", metavar="NAME", help="Write this one's as well, where it is set elsewhere."
-)
-@click.option("--dry-run", is_flag=True, help="Show the thresholds and write nothing.")
-def quiet(profile: str, **given: Any) -> int:
-    """Listen to the bench of a PROFILE at rest and write thresholds of its detectors into that file.
-
-    Nothing moves; an excitation or a drive is on, as in the trials. Only ports need to be set, and what signals are
-    made with. Written are thresholds that are not set yet, or that stand in this file, its comments stay; others are
-    shown beside what they are. What moves is louder than what rests: run.py calibrate takes a run without events.
-
-    \b
-    Example:
-      run.py quiet my_slip.toml --dry-run
-      run.py quiet my_slip.toml --seconds 600
-
-    Exit codes: 0 done, 1 the bench is not at rest or no detector can be set by that, 2 usage or profile, 3 device, 130
-    interrupted.
-    """
-    from config.quiet import quieted
-
-    return quieted(profile, **given)
-
-
 @click.command(cls=verbs.Verb, short_help="Find the resonance in a transducer's frequency sweep.")
 @click.argument("table", type=verbs.FILE, metavar="FILE")
 @click.option(
@@ -223,4 +188,4 @@ def sweep(
         draw_sweep(plot, measured, found)
 
 
-VERBS = (replay, calibrate, characterize, quiet, sweep)
+VERBS = (replay, calibrate, characterize, sweep)

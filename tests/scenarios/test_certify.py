@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from config.assemble import limits_of
-from config.certificate import certified, certifier_of
 from config.profile import load_profile
 from config.source import profile_names, read_source
+from config.verbs.certify import certified, certifier_of
 from controller.certify import NOT_AT_REST, Certifier
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.limits import Bounds, MoverLimits

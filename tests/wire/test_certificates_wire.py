@@ -11,8 +11,8 @@ import time
 
 import pytest
 
-from config.certificate import certifier_of
 from config.profile import load_profile
+from config.verbs.certify import certifier_of
 from controller.certify import Certifier
 from tests.scenarios.test_certify import profiles
 

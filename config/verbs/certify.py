@@ -1,12 +1,19 @@
-"""A certificate of a profile's limits: the bench that is proved, and what is written of it."""
+"""The verb `certify`: the bench whose limits are proved, and the certificate that is written of it."""
 
 from __future__ import annotations
 
 import json
+import select
+import signal
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import click
+
+from config import verbs
 
 if TYPE_CHECKING:
     from config.profile import Profile
@@ -16,6 +23,84 @@ if TYPE_CHECKING:
 
 PAGE = "certificate.md"
 DATA = "certificate.json"
+
+
+@click.command(cls=verbs.Verb, short_help="Drive each limit of a bench past once: does it act?")
+@click.argument("profile")
+@verbs.set_option
+@verbs.out_option
+def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
+    """Drive each limit of a PROFILE past once, slowly, stop first, and write a certificate of what acted.
+
+    On hardware each motion waits for Enter, and none is faster than 1 mm/s but the way home, which has the device's own
+    speed. Stand clear, with the emergency stop in reach and 5 mm free before each mover.
+
+    \b
+    Example:
+      run.py certify mock/transient
+      run.py certify hardware/first_contact
+
+    Exit codes: 0 every limit acted, 1 one did not or was not shown, 2 usage or profile, 3 device, 130 interrupted.
+    """
+    import termios
+
+    from config.parts import parts_of
+    from controller.campaign import described, program
+    from controller.recording.run_folder import RunFolder
+    from drivers.core.clock import utc_now
+    from drivers.core.errors import DeviceError
+
+    if parts := parts_of(profile):
+        return verbs.for_each_part(certify, parts, [*verbs.sets(overrides), "--out", str(out)])
+    loaded, started = verbs.loaded_profile(profile, overrides), utc_now()
+    hardware = loaded.bench == "hardware"
+
+    def agreed() -> bool:
+        if not select.select([sys.stdin], [], [], 0.0)[0]:
+            return False
+        if not sys.stdin.readline():
+            raise click.UsageError(
+                "each motion waits for Enter, and the input has ended; run it in a terminal, or pipe a line for each"
+            )
+        return True
+
+    def consent(text: str) -> Callable[[], bool] | None:
+        if hardware:
+            if sys.stdin.isatty():
+                termios.tcflush(sys.stdin, termios.TCIFLUSH)  # what was typed before is no answer
+            click.echo(f"{text}: press Enter, or Ctrl+C to end")
+        return agreed if hardware else None
+
+    certifier = certifier_of(loaded, consent)
+    folder = RunFolder.create(out, f"certify-{loaded.name}", started)
+    proofs, ended, failure = [], "", None
+    before = signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # `stop`, or `kill`, ends it as Ctrl+C does
+    try:
+        for proof in certifier.proofs():
+            proofs.append(proof)
+            _, row = rows([proof])
+            verbs.say(
+                "  ".join(cell for cell in (f"{row[3]:>9}", f"{row[0]:32}", *row[1:3], *row[4:]) if cell)
+            )
+    except (DeviceError, click.UsageError, KeyboardInterrupt) as error:
+        ended, failure = str(error) or "interrupted", error
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    about = {
+        "profile": loaded.name,
+        "profile_hash": loaded.hash,
+        "bench": loaded.bench,
+        "started_utc": started.isoformat(),
+        "devices": {name: described(info) for name, info in certifier.session.infos.items()},
+        **program(),
+    }
+    write(folder.path, about, proofs, ended)
+    verbs.say(f"{summary(proofs, ended)}\ncertificate: {folder.path / 'certificate.md'}")
+    if failure is not None:
+        raise failure
+    return verbs.DONE if certified(proofs) else verbs.FAILED
 
 
 def certifier_of(
@@ -122,3 +207,6 @@ def write(folder: Path, about: Mapping[str, Any], proofs: Sequence[Proof], ended
         (folder / PAGE).write_text("\n".join(page) + "\n", encoding="utf-8")
     except OSError as error:
         raise RecordingError(folder / DATA, "writing", error) from error
+
+
+VERBS = (certify,)

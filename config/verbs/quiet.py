@@ -1,4 +1,4 @@
-"""`run.py quiet`: which bench is listened to, and where its thresholds are written."""
+"""The verb `quiet`: which bench is listened to, and where its thresholds are written."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from config import verbs
-from config.source import PROFILES, ProfileError, with_setting
 from drivers.core.errors import PROGRAM
 
 if TYPE_CHECKING:
@@ -25,8 +24,23 @@ KEY = "threshold"
 """The setting that is written."""
 
 
-def quieted(
-    name: str,
+@click.command(cls=verbs.Verb, short_help="Set thresholds by a minute at rest on the bench.")
+@verbs.trials_options
+@verbs.endpoints_option
+@click.option(
+    "--seconds",
+    type=verbs.Finite(min=5.0, max=86_400.0),
+    default=60.0,
+    show_default=True,
+    help="How long the bench is listened to.",
+)
+@verbs.interval_option(default=3600.0, show_default=True)
+@verbs.many(
+    "--detector", "named", metavar="NAME", help="Write this one's as well, where it is set elsewhere."
+)
+@click.option("--dry-run", is_flag=True, help="Show the thresholds and write nothing.")
+def quiet(
+    profile: str,
     overrides: Mapping[str, str],
     csv: Path | None,
     numbers: Sequence[int],
@@ -36,7 +50,20 @@ def quieted(
     named: Sequence[str],
     dry_run: bool,
 ) -> int:
-    """See `config.verbs.recordings.quiet`."""
+    """Listen to the bench of a PROFILE at rest and write thresholds of its detectors into that file.
+
+    Nothing moves; an excitation or a drive is on, as in the trials. Only ports need to be set, and what signals are
+    made with. Written are thresholds that are not set yet, or that stand in this file, its comments stay; others are
+    shown beside what they are. What moves is louder than what rests: run.py calibrate takes a run without events.
+
+    \b
+    Example:
+      run.py quiet my_slip.toml --dry-run
+      run.py quiet my_slip.toml --seconds 600
+
+    Exit codes: 0 done, 1 the bench is not at rest or no detector can be set by that, 2 usage or profile, 3 device, 130
+    interrupted.
+    """
     from config.assemble import limits_of, make_detectors, used_by
     from config.needs import Needs, refuse_missing
     from config.trials import chosen
@@ -45,8 +72,8 @@ def quieted(
     from controller.quiet import Whole, listened, proposals, unrest
     from controller.rig import TrialScene
 
-    loaded = verbs.loaded_profile(name, overrides, csv)
-    target = None if dry_run else own_file(name)
+    loaded = verbs.loaded_profile(profile, overrides, csv)
+    target = None if dry_run else own_file(profile)
     used = used_by(loaded, chosen(loaded.trials(0), numbers))
     own, trial, _ = used[0]
     parts = frozenset[tuple[str, str]]().union(*(needs.parts for _, _, needs in used))
@@ -98,6 +125,8 @@ def own_file(name: str) -> Path:
     Raises:
         ProfileError: it is one that comes with the program.
     """
+    from config.source import PROFILES, ProfileError
+
     path = next((each for each in (Path(name), Path(f"{name}.toml")) if each.is_file()), None)
     if path is None or (PROFILES / f"{name}.toml").is_file() or path.resolve().is_relative_to(PROFILES):
         raise ProfileError(
@@ -122,6 +151,8 @@ def drive_of(profile: Profile) -> Command | None:
 
 def _write(target: Path, profile: Profile, found: Sequence[Proposal], named: Sequence[str]) -> None:
     """Write the thresholds that are not set, stand in the file itself, or were asked for by name."""
+    from config.source import with_setting
+
     text, source = target.read_text(encoding="utf-8"), profile.source
     for proposal in found:
         path = ("detectors", proposal.detector, KEY)
@@ -140,3 +171,6 @@ def _write(target: Path, profile: Profile, found: Sequence[Proposal], named: Seq
         text = with_setting(text, path, value, f"quiet, {date.today()}: {proposal.evidence}")
         verbs.say(f"{target}: [detectors.{proposal.detector}] {KEY} = {value:g}")
     target.write_text(text, encoding="utf-8")
+
+
+VERBS = (quiet,)
