@@ -80,7 +80,7 @@ def listed_profiles(words: Sequence[str] = (), benches: Collection[str] = ()) ->
         raise ProfileError(f"no profile fits {asked!r}; see: {PROGRAM} list")
     width = shutil.get_terminal_size((120, SCREEN)).columns
     if len(found) == len(every):
-        lines = _overview(every)
+        lines = _overview(every, width)
     else:  # what they take, of as many as fill the screen
         room = SCREEN - 1 - len(found)
         lines = [f"{each.name:<28}{each.title}" for each in found]
@@ -89,7 +89,7 @@ def listed_profiles(words: Sequence[str] = (), benches: Collection[str] = ()) ->
             for each in found[: max(0, room)]
             for line in (f"{each.name:<28}{each.title}", f"    {each.line}")
         ]
-    last = f"More: {PROGRAM} list WORD, list --hardware (--mock, --emulated); all of one: {PROGRAM} check PROFILE"
+    last = f"More: {PROGRAM} list WORD, list --hardware (--mock, --emulated); of one: {PROGRAM} check PROFILE"
     whole = "    "  # of what a profile takes nothing is cut off
     return [
         *(
@@ -100,30 +100,38 @@ def listed_profiles(words: Sequence[str] = (), benches: Collection[str] = ()) ->
     ]
 
 
-def _overview(every: Sequence[Listed]) -> list[str]:
-    """One line for a name, whatever benches have it."""
-    lines = [f"{'BENCH/NAME':<28}on m(ock) e(mulated) h(ardware), item of the paper, what it does"]
+def _overview(every: Sequence[Listed], width: int) -> list[str]:
+    """One line for a name, whatever benches have it; its variants, as `transient_arm`, stand in the same."""
+    lines = [f"{'BENCH/NAME':<17}on m(ock) e(mulated) h(ardware), item of the paper, what it does"]
+    together: list[str] = []
     for letter, subject in SUBJECTS.items():
         of_it = [each for each in every if each.item[:1] == letter]
         names = dict.fromkeys(
             each.name.partition("/")[2] if each.bench in BENCHES else each.name for each in of_it
         )
         whole = [each.name for each in of_it if each.item == letter and each.bench not in BENCHES]
-        if len(names) > 1:  # one line needs no heading
+        single = [name for name in names if name not in whole]
+        if len(single) > 1:  # one line needs no heading
             lines.append(f"{letter}: {subject}" if letter else subject)
-        lines += [f"  {', '.join(whole)}: in one report"] if whole else []
+        together += [name.partition("/")[2] for name in whole]
         rows = []
-        for name in names:
+        for name in single:
+            if any(name.startswith(f"{other}_") for other in single):
+                continue
             same = [each for each in of_it if each.name in (name, *(f"{bench}/{name}" for bench in BENCHES))]
             one = next((each for each in same if each.bench == "mock"), same[0])
             where = " ".join(
                 bench[0] if any(each.bench == bench for each in same) else " " for bench in BENCHES
             )
             title = re.sub(r" \([A-D]\d[^)]*\)$", "", one.title)
-            if name not in whole:
-                rows.append((one.item, f"  {name:<26}{where}  {one.item:<4}{title}"))
+            also = ", ".join(each.removeprefix(name) for each in single if each.startswith(f"{name}_"))
+            before, after = f"  {name:<15}{where}  {one.item:<5}", f"; also {also}" if also else ""
+            room = width - len(before) - len(after)
+            rows.append(
+                (one.item, f"{before}{title if len(title) <= room else f'{title[: room - 1]}…'}{after}")
+            )
         lines += [line for _, line in sorted(rows, key=lambda row: row[0])]
-    return lines
+    return [*lines, f"Several in one report: papers/ {', '.join(together)}"]
 
 
 def listed_kinds(family: str, words: Sequence[str] = ()) -> list[str]:

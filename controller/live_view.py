@@ -8,19 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from behaviors.events import Approached, Event, Forecast
+from behaviors.events import Approached, BorderNear, Contact, Event, Forecast, PreTouch, SlipStarted
 from behaviors.machine import Behavior
 from controller.console import PAUSED
 from controller.detectors.protocol import Detector, quantity_of
 from controller.limits import GuardSettings, shown_limits
 from controller.recording.series import DETECTOR, TrialRecording
-from controller.scales import as_text, displayed, shown_in
+from controller.scales import as_text, displayed, shown_in, spaced
 from drivers.core.clock import monotonic_s
 
 BARS = "▁▂▃▄▅▆▇█"
 
 SPARKS = 40
 """Samples side by side: with their name and numbers, they fit into 80 columns."""
+
+FELT = (Contact, PreTouch, SlipStarted, BorderNear)
+"""What a detector reports that a trial waits for."""
 
 PANELS = 6
 """Most signals on the page (assumption: what a screen holds)."""
@@ -170,6 +173,13 @@ class LiveView:
         here = self._behavior.state
         rows = (row for row in self._behavior.table if row.trigger == "resumed" and here in row.sources)
         return next((row.dest or here for row in rows if not row.conditions), here)
+
+    def detected(self) -> str:
+        """What was last detected in this trial, by a detector that the behavior acts on: `contact at 12.31 s`; "" for
+        nothing yet."""
+        acts_on = self._behavior.acts_on if self._behavior is not None else frozenset(self._detectors)
+        told = [each for each in self._events if isinstance(each, FELT) and each.detector in acts_on]
+        return f"{spaced(type(told[-1]).__name__)} at {told[-1].t_s:.2f} s" if told else ""
 
     def panels(self) -> list[str]:
         """Streams that are drawn: of what decides in the present state statistic and inputs; what the guard watches;

@@ -44,7 +44,8 @@ def list_(words: Sequence[str], benches: Sequence[str], shown: str | None) -> No
     """
     from config.listing import listed_kinds, listed_profiles
 
-    click.echo("\n".join(listed_kinds(shown, words) if shown else listed_profiles(words, benches)))
+    lines = listed_kinds(shown, words) if shown else listed_profiles(words, benches)
+    click.echo("\n".join(click.style(line, bold=True) if line[1:2] == ":" else line for line in lines))
 
 
 @click.command(cls=verbs.Verb, short_help="Validate a profile, print its settings, try its bench.")

@@ -215,6 +215,7 @@ def _draw(figures: Figures, run: Run, row: Row, recording: TrialRecording) -> st
         slips_s = list(_acted_s(own, first_s, last_s))
         below.plot(slips_s, np.interp(slips_s, times_s, load_n), "v", color=FALSE, label="slip, acted on")
         _shade(drawing.axes, entered, last_s)
+        _say_where(top, below, run, row, recording, entered, last_s)
         top.set_ylabel("N")
         top.set_ylim(0.0, 1.15 * max(force for _, force in forces))
         below.set_ylabel("load, N")
@@ -238,6 +239,41 @@ def _shade(axes: Sequence[Any], entered_s: Mapping[str, float], last_s: float) -
         place = 0.5 * (edges_s[number] + edges_s[number + 1]), 1.0
         look: Any = {"ha": "center", "va": "bottom", "fontsize": 7.5}
         axes[0].annotate(state.lower(), place, xycoords=("data", "axes fraction"), **look)
+
+
+def _say_where(
+    top: Any,
+    below: Any,
+    run: Run,
+    row: Row,
+    recording: TrialRecording,
+    entered_s: Mapping[str, float],
+    last_s: float,
+) -> None:
+    """Over which span grip over least is taken, and, where the simulated plant did it, when load came and a tap."""
+    small: Any = {"fontsize": 7.5, "ha": "center"}
+    held_s = entered_s.get("HOLDING")
+    if held_s is not None and (over := row.get("grip_over_least")) is not None:
+        ends: Any = {"xycoords": ("data", "axes fraction"), "arrowprops": {"arrowstyle": "<->", "lw": 0.8}}
+        top.annotate("", (held_s, 0.08), (last_s, 0.08), textcoords=("data", "axes fraction"), **ends)
+        said = f"grip over least: {three(float(over))},\nmedian of this span"
+        place = 0.5 * (held_s + last_s), 0.12
+        top.annotate(said, place, xycoords=("data", "axes fraction"), va="bottom", **small)
+    pose = next((name for name in recording.streams if name.endswith(".pose")), "")
+    up_m = setting_of(run, "plant", "up_m")
+    if not run.simulated or not pose or up_m is None or "LOADING" not in entered_s:
+        return
+    series = recording.stream(pose).between(entered_s["LOADING"], last_s)
+    up = np.flatnonzero(series.values[:, 2] >= series.values[:1, 2] + up_m)
+    if not len(up):
+        return
+    high = below.get_ylim()[1]
+    below.set_ylim(top=1.3 * high)
+    for size, when, said in (("added", "added_s", "load hung on"), ("tap_n", "tap_s", "tap")):
+        at_s = float(series.times_s[up[0]]) + float(setting_of(run, "plant", when) or 0.0)
+        if setting_of(run, "plant", size) and at_s < last_s:
+            below.annotate(said, (at_s, 1.05 * high), va="bottom", annotation_clip=False, **small)
+            below.plot([at_s, at_s], [0.0, 1.03 * high], color=PAPER, lw=0.7, ls=":")
 
 
 def _commanded(

@@ -216,6 +216,7 @@ class Watched(Console):
             news["margins"] = list(view.margins())
             news["thresholds"] = list(view.thresholds())
             news["resumes_in"] = view.after_resume() if news["paused"] else ""
+            news["detected"] = view.detected() if news["paused"] else ""
             news["streams"] = view.ages()
             events = view.events(client.events)
             client.events += len(events)

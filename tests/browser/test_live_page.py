@@ -135,6 +135,7 @@ def test_two_who_watch_see_the_same_and_each_can_pause_and_go_on(watching):
         "as the behavior's table says"
     )
     assert other.locator("#diagram .next").text_content() == "HOMING"
+    assert "Detected in this trial: contact at " in other.locator("#banner").inner_text()
     other.get_by_role("button", name="Resume").click()
     one.wait_for_selector('body[data-state="APPROACH"]')
     assert watching.run.received() == ["pause", "resume"]
@@ -164,6 +165,7 @@ def test_after_the_end_it_stays_says_who_ended_it_and_leads_to_the_report_and_on
     page.get_by_text(f"run.py resume {ending.run.folder}").wait_for()
     assert page.locator("#state").inner_text() == "STOPPED"
     assert page.locator("#diagram .here, #diagram .next").count() == 0, "no state is entered any more"
+    assert page.locator("#diagram .last").text_content() == "STOPPING", "where it ended"
     page.wait_for_selector("#stop:disabled")
     page.reload()
     with page.expect_popup() as report:

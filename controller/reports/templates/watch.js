@@ -97,7 +97,7 @@
     if (!past) at("whose").textContent = whose();
     if (now.ended) banner(now.by ? `The run was ${now.by}: ${now.ended}` : `The run has ended: ${now.ended}`, now.by ? "broken" : "done");
     else if (held()) banner("HELD between two trials: nothing moves, but for what is asked for here, under the guard. Resume begins the next trial.", "paused");
-    else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves; the guard watches ${(now.margins ?? []).map(([name]) => name).join(", ") || "on"}.${now.resumes_in ? ` On Resume this trial goes on in ${now.resumes_in}${before === now.resumes_in ? ", where it was" : before ? `; it was in ${before}` : ""}.` : ""}`, "paused");
+    else if (now.paused) banner(`PAUSED${now.pressed_by ? ` by ${now.pressed_by}` : ""}: nothing moves; the guard watches ${(now.margins ?? []).map(([name]) => name).join(", ") || "on"}. Detected in this trial: ${now.detected || "nothing yet"}.${now.resumes_in ? ` On Resume this trial goes on in ${now.resumes_in}${before === now.resumes_in ? ", where it was" : before ? `; it was in ${before}` : ""}.` : ""}`, "paused");
     else banner("", "running");
     byHand();
     pause.textContent = now.paused ? "Resume" : "Pause";
@@ -108,6 +108,7 @@
     at("question").firstElementChild.textContent = question?.text ?? "";
     for (const state of at("diagram").querySelectorAll("[data-state]")) {
       state.classList.toggle("here", !now.ended && state.dataset.state === now.state);
+      state.classList.toggle("last", Boolean(now.ended) && state.dataset.state === now.state);
       state.classList.toggle("next", Boolean(now.paused) && !now.ended && !held() && state.dataset.state === now.resumes_in);
     }
     bars("thresholds", now.thresholds, "alarm at", (name) => (signals[`detector.${name}`]?.y ?? []).reduce((low, value) => value < low ? value : low, Infinity));
