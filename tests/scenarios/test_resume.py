@@ -65,7 +65,7 @@ def broken(whole, tmp_path, rows, rng=None):
     return run
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_run_cut_at_any_byte_goes_on_to_the_same_rows(verb, whole, tmp_path, seed):
     rng = random.Random(seed)
     run = broken(whole, tmp_path, rng.randint(0, 12), rng)

@@ -37,9 +37,9 @@ BENCHES = {
         (*BETWEEN, "_watchdogs"),
         {"limits.blind_travel_m", "devices.arm.loop_timeout_s", "devices.arm.watchdog_hz"},
     ),
-    "emulated/grasp": (
+    "emulated/pretouch": (
         (*BETWEEN, "_alone", "_ended"),
-        {"stop of gripper", "devices.gripper.watchdog_s", "devices.board.watchdog_s"},
+        {"stop of gripper", "devices.gripper.watchdog_s"},
     ),
     "emulated/weights": ((), {"limits.stuck_s", "devices.board.watchdog_s"}),
 }
