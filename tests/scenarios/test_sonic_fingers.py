@@ -3,9 +3,8 @@
 import pytest
 
 from config.script import run_trials
-from controller.campaign import EXIT_DEVICE, EXIT_DONE
+from controller.campaign import EXIT_DONE
 from controller.reports.report import build_report
-from drivers.core.messages import Standstill, Stop
 
 
 def run_aura(out, profile, rows, seed=1, **settings):
@@ -58,23 +57,6 @@ def test_before_nothing_nothing_is_seen(tmp_path):
     assert [(row["seen_ours"], row["alarms_ours"]) for row in run.trials] == [(None, 0)] * 3
 
 
-def test_the_rate_of_turns_changes_no_event_of_a_detector(tmp_path):
-    runs = []
-    for number, rate_hz in enumerate(("50.0", "200.0")):
-        _, run = run_aura(
-            tmp_path / str(number), "mock/pretouch", [{"speed_m_s": 0.03}], **{"loop.rate_hz": rate_hz}
-        )
-        runs.append(
-            [
-                (event["detector"], event["event"], round(event["value"], 6))
-                for event in run.events
-                if event["trial"] == 1 and "detector" in event
-            ]
-        )
-    assert runs[0]
-    assert runs[0] == runs[1]
-
-
 def test_a_touch_stops_the_arm_and_is_reported_to_its_end(tmp_path):
     rows = [{"side": side, "speed_m_s": 0.01} for side in ("normal", "normal", "back", "back", "back")]
     outcome, run = run_aura(tmp_path, "mock/touch", rows, seed=0)
@@ -88,20 +70,6 @@ def test_a_touch_stops_the_arm_and_is_reported_to_its_end(tmp_path):
     delays_s = [row["delay_s_paper"] for row in run.trials if row["felt_paper"]]
     assert delays_s
     assert min(delays_s) >= 0.0, "what comes before the touch is no hit"
-
-
-def test_a_sound_that_ends_stops_the_arm_with_one_line(tmp_path):
-    faults = tmp_path / "faulty.toml"
-    faults.write_text(
-        'extends = "mock/pretouch"\n[[faults]]\ndevice = "audio"\nkind = "unplug"\nat_s = 10.0\ntrial = 1\n'
-    )
-    outcome, run = run_aura(tmp_path / "runs", str(faults), [{"speed_m_s": 0.01}])
-    assert outcome.exit_code == EXIT_DEVICE
-    assert "audio" in outcome.line
-    assert "\n" not in outcome.line
-    last = [event["commands"] for event in run.events if event["next"] == "FAILED"]
-    assert any(f"{Stop.__name__}(arm)" in command for commands in last for command in commands)
-    assert any(event["event"] == Standstill.__name__ and event["device"] == "arm" for event in run.events)
 
 
 def test_each_report_shows_its_experiment(approaches, tmp_path):

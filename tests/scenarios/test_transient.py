@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from behaviors.transient import Transient
 from drivers.core.messages import Listen
 
 
@@ -36,10 +35,9 @@ def test_one_seed_gives_one_file_to_the_last_byte(run_profile):
     assert first.csv != other.csv
 
 
-@pytest.mark.parametrize("samples", ["1", "2", "7"])
-def test_block_sizes_change_no_row(run_profile, samples):
+def test_block_sizes_change_no_row(run_profile):
     usual = run_profile(trials=(2, 33))
-    other = run_profile(trials=(2, 33), devices__board__block_samples=samples)
+    other = run_profile(trials=(2, 33), devices__board__block_samples="7")
     assert usual.csv == other.csv
 
 
@@ -80,13 +78,6 @@ def test_a_stream_without_a_subscriber_is_neither_sent_nor_recorded(run_profile)
     assert len(starting) <= 20, "the mover's first command is watched for a turn or two, settling is not"
 
 
-def test_settling_is_one_jump_and_not_thousands_of_turns(run_profile):
-    short = run_profile(trials=(1,), behavior__settle_s="2.0").run.manifest["loop"]["turns"]
-    long = run_profile(trials=(1,), behavior__settle_s="90.0").run.manifest["loop"]["turns"]
-    # Noise differs with the time at which the approach begins, so the turns do by the length of an approach.
-    assert abs(long - short) < 200
-
-
 def test_a_false_contact_is_counted_against_the_truth(run_profile):
     bench = run_profile(trials=(1,), detectors__contact__threshold_sigma="0.2")
     row = row_of(bench)
@@ -116,9 +107,3 @@ def test_a_recording_holds_what_the_row_was_measured_from(run_profile):
     assert above[0] == pytest.approx(row["onset_s"], abs=2e-3)
     at = np.interp([row["onset_s"], row["detect_s"]], position.times_s, position.values[:, 0])
     assert at[1] - at[0] == pytest.approx(row["extent_m"], abs=1e-7)
-
-
-def test_every_state_of_a_good_trial_is_seen(run_profile):
-    bench = run_profile(trials=(1,))
-    names = [name for name, _ in bench.script.seen]
-    assert names == [state for state in Transient.states if state != "FAILED"]

@@ -1,14 +1,9 @@
 """The real gripper driver with real python-can: slcan on a pty, an emulated gripper at its far end."""
 
-import threading
-import time
 from collections.abc import Callable
 
 from drivers.can_gripper.driver import CanGripper, CanGripperSettings
-from drivers.core.can_frame import CanFrame
-from drivers.core.can_link import CanPort, open_can
-from drivers.core.clock import WallClock
-from drivers.core.messages import Grip, Gripped, Stalled
+from drivers.core.messages import Gripped, Stalled
 from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.jaws_drive import JawsDrive
@@ -39,37 +34,3 @@ def test_a_host_that_hangs_loses_the_grip(serve: Serve) -> None:
         assert "watchdog" in bench.until(Stalled).reason
     finally:
         driver.close()
-
-
-def test_the_virtual_bus_carries_a_grip_in_one_process() -> None:
-    clock = WallClock()
-    drive = calibrated_jaws()
-    node = EmulatedCanGripper(EmulatedCanGripperSettings(), drive)
-    port = CanPort(port="bench of one gripper", interface="virtual")
-    far = open_can("far end", port, clock)
-    running = threading.Event()
-    running.set()
-
-    def serve_node() -> None:
-        while running.is_set():
-            now_s = clock.monotonic_s()
-            frames: list[CanFrame] = [*node.step(now_s)]
-            for received in far.receive():
-                frames += node.receive(received.frame, now_s)
-            for frame in frames:
-                far.send(frame)
-            time.sleep(0.001)
-
-    thread = threading.Thread(target=serve_node, daemon=True)
-    thread.start()
-    settings = CanGripperSettings(port=port.port, interface="virtual", closed_width_m=0.020, **PATIENT)
-    driver = CanGripper("gripper", settings, clock)
-    bench = GripperBench(driver, clock, lambda scene: scene(drive))
-    try:
-        bench.device.apply(Grip("gripper", 0.060, 0.1, 20.0))
-        assert not bench.until(Gripped).object
-    finally:
-        driver.close()
-        running.clear()
-        thread.join(5.0)
-        far.close()

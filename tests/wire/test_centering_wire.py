@@ -16,7 +16,7 @@ SHORT = {
     "behavior.open_speed_m_s": "0.05",
     "trials.list": "[{ object_x_m = 0.001 }]",
     "trials.grid.method": '["ours"]',
-    "trials.grid.speed_m_s": "[0.03]",
+    "trials.grid.speed_m_s": "[0.02]",
 }
 
 

@@ -1,4 +1,4 @@
-"""A force sensor's box, a Robotiq gripper and a person on lines: real drivers, emulated far ends."""
+"""A force sensor's box and a Robotiq gripper on lines: real drivers, emulated far ends."""
 
 import socket
 import threading
@@ -10,20 +10,17 @@ import numpy as np
 import pytest
 
 from drivers.core.clock import WallClock
-from drivers.core.messages import Ask, Failed, Gripped, Listen, Loaded, LoadWeight, Lost, Sent, Tare
-from drivers.operator.driver import Person, PersonSettings
+from drivers.core.messages import Failed, Gripped, Listen, Lost, Tare
 from drivers.robotiq.driver import Robotiq
 from drivers.robotiq.settings import RobotiqSettings
 from drivers.udp_force.driver import UdpForce, UdpForceSettings
 from simulator.devices.faults import Fault, FaultSchedule
-from simulator.devices.operator import EmulatedPerson, HandSettings
 from simulator.devices.robotiq import EmulatedRobotiq
 from simulator.devices.udp_force import EmulatedUdpForce
 from simulator.wiring.far_ends import UdpLine
 from tests.contracts.crank import Crank
 from tests.contracts.gripper_suite import GRIP, SCENE, GripperBench, calibrated_jaws
 from tests.contracts.test_a_new_sensor import Weighed
-from tests.simulator.mocks.test_mock_operator import Fingertip
 from tests.wire.conftest import Serve
 
 
@@ -93,41 +90,3 @@ def test_an_object_is_gripped_over_tcp_and_a_server_that_hangs_up_is_a_failure()
     assert "taken away" in bench.until(Failed).reason
     bench.device.close()
     server.close()
-
-
-@pytest.fixture
-def line(serve):
-    tip = Fingertip()
-    port = serve(EmulatedPerson(HandSettings(answer_s=0.05, weight_error=0.0), tip))
-    person = Crank(Person("operator", PersonSettings(port=port), serve.clock), serve.clock)
-    person.turn_s = 0.002
-    yield person, tip, port
-    person.device.close()
-
-
-def test_a_weight_hangs_before_it_is_called_loaded(line):
-    person, tip, _ = line
-    assert (person.info.model, list(person.info.streams)) == ("emulated person", ["operator.load"])
-    person.listen("operator.load")
-    asked_s = person.clock.now()
-    person.device.apply(LoadWeight("operator", "t", 0.5))
-    loaded = person.until(Loaded)
-    assert isinstance(person.statuses[-1], Sent)
-    assert tip.hangs["t"] == 0.5
-    assert (loaded.bridge, loaded.force_n) == ("t", 0.5)
-    assert asked_s + 0.05 <= loaded.t_s <= person.clock.now()
-    (block,) = person.blocks
-    assert block.values.tolist() == [[0.0, 0.0, 0.5]]
-    assert block.times[0] == loaded.t_s
-    person.device.apply(Ask("operator", "shut the door"))
-    assert person.device.question is None, "the console is not bothered by a person on a line"
-
-
-def test_a_line_that_is_pulled_is_a_failure_reported_once(line, serve):
-    person, _, port = line
-    person.device.apply(LoadWeight("operator", "x", 1.0))
-    serve.unplug(port)
-    assert "taken away" in person.until(Failed).reason
-    person.device.apply(LoadWeight("operator", "x", 1.0))
-    person.turn(0.05)
-    assert person.of(Failed) == []

@@ -103,16 +103,6 @@ def test_neither_calibration_nor_clearing_feeds_the_watchdog(bus: Bus) -> None:
     assert bus.poll().id == 0x79
 
 
-def test_an_emergency_stop_in_a_drive_stays_until_a_drive_without_it(bus: Bus) -> None:
-    bus.send(CanFrame(0x7A, bytes.fromhex("00 40 01 F4 E0")))
-    assert flags(bus.poll()) & 0x02
-    bus.send(CLEAR)
-    assert bus.poll().id == 0x79
-    bus.send(CanFrame(0x7A, bytes.fromhex("00 40 01 F4 00")))
-    bus.send(CLEAR)
-    assert bus.poll().id == 0x78
-
-
 def test_no_order_moves_a_gripper_with_a_fault(bus: Bus) -> None:
     bus.gripper.inject("overheat", bus.t_s)
     bus.send(OPEN)
@@ -128,16 +118,6 @@ def test_a_drive_breaks_a_calibration_off() -> None:
     bus.send(CLOSE)
     bus.wait(4.0)
     assert flags(bus.poll()) & 0x01 == 0
-
-
-def test_a_heartbeat_comes_when_nothing_else_has_been_sent_for_a_second() -> None:
-    gripper = EmulatedCanGripper(EmulatedCanGripperSettings(node=2), JawsDrive(JawsSettings()))
-    assert gripper.step(0.0) == []
-    assert gripper.step(0.9) == []
-    assert gripper.step(1.0) == [CanFrame(0x112)]
-    gripper.receive(CanFrame(0x17A), 1.5)
-    assert gripper.step(2.4) == []
-    assert gripper.step(2.5) == [CanFrame(0x112)]
 
 
 def test_frames_for_other_nodes_and_truncated_ones_are_passed_over(bus: Bus) -> None:

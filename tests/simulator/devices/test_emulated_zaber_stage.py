@@ -139,14 +139,6 @@ def test_a_stall_stops_it_dead_and_is_forgotten_at_the_next_movement() -> None:
     assert " BUSY -- " in ask(device, "move abs 0", 9.0)
 
 
-def test_a_disabled_driver_moves_only_after_it_is_enabled() -> None:
-    device = stage()
-    device.inject("disable", 0.0)
-    assert " RJ IDLE FD DRIVERDISABLED" in ask(device, "move abs 100")
-    ask(device, "driver enable")
-    assert " OK BUSY -- " in ask(device, "move abs 100")
-
-
 def test_a_refusal_befalls_one_movement() -> None:
     device = stage()
     device.inject("refuse", 0.0)

@@ -76,20 +76,6 @@ def test_a_protective_stop_stops_the_arm_in_every_motion(motion: str, by: str) -
     assert one.controller.runtime is Runtime.STOPPED
 
 
-def test_force_mode_pushes_as_hard_as_commanded_and_ends_at_rest() -> None:
-    one = desk(plane_m=PLANE_M)
-    push(one, 20.0)
-    one.run(1500)
-    assert one.controller.force[2] == pytest.approx(20.0, abs=0.01)
-    assert one.pose[:2] == pytest.approx(desk().pose[:2], abs=1e-6), "the other axes hold"
-    push(one, 30.0)
-    one.run(500)
-    assert one.controller.force[2] == pytest.approx(30.0, abs=0.01)
-    one.call(END_FORCE)
-    assert one.controller.arm.resting
-    assert one.controller.runtime is Runtime.PLAYING
-
-
 def test_force_mode_goes_no_faster_than_its_limit_in_free_air() -> None:
     one = desk()
     push(one, 50.0)
@@ -169,16 +155,6 @@ def test_more_force_than_the_limit_is_a_protective_stop_whatever_was_tared() -> 
 
 def slide(one: Desk, fraction: float) -> None:
     one.controller.write_inputs({"speed_slider_mask": 1, "speed_slider_fraction": fraction})
-
-
-def test_the_slider_stretches_a_move_and_leaves_its_way() -> None:
-    usual, slow = desk(), desk()
-    slide(slow, 0.25)
-    start, target = usual.pose.copy(), down(usual, 0.02)
-    usual_s, slow_s = (one.call(MOVE_L, [*target, 0.05, 0.5]) * STEP_S for one in (usual, slow))
-    assert slow_s == pytest.approx(4.0 * usual_s, rel=0.01)
-    assert slow.pose == pytest.approx(target, abs=1e-6)
-    assert slow.pose[:2] == pytest.approx(start[:2], abs=1e-6)
 
 
 def test_the_slider_scales_a_speed_that_goes_on_without_a_jump() -> None:
