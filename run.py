@@ -16,7 +16,18 @@ try:
 except ModuleNotFoundError:
     sys.exit(f"{sys.executable} lacks click: call .venv/bin/python run.py, which `make run` sets up")
 
-from config.verbs import Program, by_hand, certify, profiles, quiet, recordings, results, running, swarm
+from config.verbs import (
+    Program,
+    by_hand,
+    certify,
+    characterize,
+    profiles,
+    quiet,
+    recordings,
+    results,
+    running,
+    swarm,
+)
 from drivers.core.errors import PROGRAM
 
 
@@ -56,7 +67,7 @@ def cli() -> None:
     """
 
 
-for _module in (profiles, certify, running, by_hand, recordings, quiet, results, swarm):
+for _module in (profiles, certify, running, by_hand, recordings, characterize, quiet, results, swarm):
     for _verb in _module.VERBS:
         cli.add_command(_verb)
 

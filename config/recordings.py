@@ -1,9 +1,7 @@
 """What `replay` and `calibrate` share: a detector, and its input from a recording."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,8 +9,6 @@ from config.assemble import make_detector
 from config.hints import near_or_all
 from config.source import ProfileError, given_value
 from config.validation import validated
-from controller.characterize import SensorRecording, Truth, certificate
-from controller.detectors.calibration import Statistic
 from controller.detectors.protocol import Detector, envelope_of
 from controller.own_modules import found, is_own, own_folders
 from controller.recording.reader import open_run
@@ -20,7 +16,7 @@ from controller.recording.run_folder import RunFolder
 from controller.recording.series import TrialRecording
 from controller.recording.tables import ReplayError
 from controller.registry import KINDS
-from controller.replay import between, enveloped, own_detectors, read_blocks, read_inputs, read_trial
+from controller.replay import between, enveloped, own_detectors, read_inputs, read_trial
 from controller.signals.iq import IqSettings
 from drivers.core.messages import SampleBlock
 
@@ -137,58 +133,6 @@ def not_calibratable(kind: str) -> ReplayError:
     """The error of a kind of detector that shows no number which it holds against a threshold."""
     shown = [name for name, entry in KINDS["detector"].items() if hasattr(found(entry.made), "statistic")]
     return ReplayError(f"--detector {kind}: no threshold that a recording could set; try {', '.join(shown)}")
-
-
-def certified(
-    recordings: Sequence[Path],
-    overrides: Mapping[str, str],
-    *,
-    column: str | None,
-    stream: str,
-    trial: int | None,
-    rate_hz: float | None,
-    quiet: Sequence[tuple[float, float]],
-    touches: Sequence[float],
-    slips: Sequence[tuple[float, float]],
-    reference: str | None,
-    per_newton: float | None,
-    unit: str | None,
-    detectors: Sequence[str],
-    name: str | None,
-) -> tuple[dict[str, Any], Sequence[str]]:
-    """A sensor's certificate, and a line for each recording: what was read; see `verbs.recordings.characterize`.
-
-    Raises:
-        ProfileError, ReplayError, RunFolderError: as `load`.
-    """
-    kinds = detectors or ("slip", "force.threshold", "onset")
-    made: dict[str, Callable[[], Statistic]] = {}
-    for kind in kinds:
-        own = overrides if len(kinds) == 1 else {}
-        one = make_detector(kind, own, None, ())
-        if not isinstance(one, Statistic):
-            raise not_calibratable(kind)
-        made[kind] = partial(make_detector, kind, own, None, ())  # type: ignore[assignment]
-    if overrides and len(kinds) != 1:
-        raise ProfileError(f"--set {min(overrides)}: of which detector? name one with --detector")
-    notes: list[str] = []
-    given: list[SensorRecording] = []
-    for path in recordings:
-        where = path if path.exists() or path.suffix else RunFolder.find(path).path
-        how: Mapping[str, Any] = {"rate_hz": rate_hz, "trial": trial, "notes": notes}
-        blocks = read_blocks(where, stream, column=column, **how)
-        second = read_blocks(where, stream, column=reference, **how) if reference else ()
-        if unit is not None:
-            blocks = [replace(block, unit=unit) for block in blocks]
-        given.append(SensorRecording(path.name, blocks, second))
-    title = name or recordings[0].stem
-    if per_newton is None and given[0].blocks[0].unit == "N":
-        per_newton = 1.0
-    try:
-        found = certificate(given, Truth(quiet, touches, slips), made, name=title, per_newton=per_newton)
-    except ValueError as error:
-        raise ReplayError(f"{recordings[0]}: {error}") from None
-    return found, notes
 
 
 def _in_run(

@@ -1,4 +1,4 @@
-"""Verbs on recordings, of this program or another: `replay`, `calibrate`, `characterize`, `sweep`."""
+"""Verbs on recordings, of this program or another: `replay`, `calibrate`, `sweep`."""
 
 import json
 from pathlib import Path
@@ -90,67 +90,6 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
     click.echo(json.dumps(line))
 
 
-@click.command(cls=verbs.Verb, short_help="What a sensor can do, on one page, from its recordings.")
-@verbs.recordings_argument
-@click.option("--column", metavar="C", help="The sensor's column, as in `replay`.")
-@click.option("--stream", default="sensor", help="Of a run folder: the stream, DEVICE.STREAM.")
-@click.option(
-    "--trial", type=click.IntRange(min=1), metavar="N", help="Of a run folder; its first otherwise."
-)
-@verbs.rate_option("Sample rate of a file without times.")
-@verbs.many(
-    "--quiet",
-    callback=verbs.all_spans,
-    metavar="T0:T1",
-    help="Seconds in which nothing happens; all of it otherwise.",
-)
-@verbs.many("--touch", "touches", type=float, metavar="S", help="When something touched.")
-@verbs.many("--slip", "slips", callback=verbs.all_spans, metavar="T0:T1", help="From when to when it slid.")
-@click.option("--reference", metavar="C", help="A column that shows the touches: another sensor, a tap.")
-@click.option("--per-newton", type=float, metavar="X", help="The sensor's reading for 1 N.")
-@click.option("--unit", metavar="TEXT", help="Of the readings, where the column's name does not end in it.")
-@verbs.many(
-    "--detector", "detectors", metavar="NAME", help="Kinds; slip, force.threshold and onset otherwise."
-)
-@verbs.set_option
-@click.option("--name", metavar="TEXT", help="The sensor's name on the page.")
-@click.option("--out", type=verbs.FILE, default=Path("certificate"), show_default=True, metavar="FILE")
-def characterize(recordings: tuple[Path, ...], overrides: dict[str, str], out: Path, **given: Any) -> None:
-    """What a sensor can do, from recordings of it: FILE.html, one page, and FILE.json.
-
-    Noise, quantisation, drift, outliers, mains; latency and jitter against a reference; thresholds at 1, 10 and 100
-    false alarms an hour and the delays at these; and what it cannot say, and what to record next. Times hold for every
-    RECORDING. `compare A.json B.json` sets two beside each other.
-
-    \b
-    Example:
-      run.py characterize microphone.wav --quiet 0:5 --touch 6.2 --touch 7.9
-      run.py characterize load_cell.csv --column Force --reference Hammer --quiet 0:20 --unit N --per-newton 1
-      run.py characterize drag.csv --column ft_v --rate 1000 --quiet 0:3 --slip 3.2:5 --out ft
-    """
-    from config.recordings import certified
-
-    found, notes = certified(recordings, overrides, **given)
-    verbs.complain("\n".join(notes))
-    from controller.characterize import HEADS, cells, page
-
-    rows = [HEADS, *map(cells, found["rows"])]
-    widths = [max(len(line[place]) for line in rows) for place in range(5)]
-    for line in rows:
-        click.echo("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=False)).rstrip())
-    for line in found["cannot_say"]:
-        click.echo(f"cannot say: {line}")
-    for path, text in (
-        (out.with_suffix(".json"), json.dumps(found, indent=1) + "\n"),
-        (out.with_suffix(".html"), page(found)),
-    ):
-        try:
-            path.write_text(text, "utf-8")
-        except OSError as error:
-            raise click.BadParameter(f"{path}: {error.strerror or error}", param_hint="--out") from None
-        click.echo(path)
-
-
 @click.command(cls=verbs.Verb, short_help="Find the resonance in a transducer's frequency sweep.")
 @click.argument("table", type=verbs.FILE, metavar="FILE")
 @click.option(
@@ -188,4 +127,4 @@ def sweep(
         draw_sweep(plot, measured, found)
 
 
-VERBS = (replay, calibrate, characterize, sweep)
+VERBS = (replay, calibrate, sweep)
