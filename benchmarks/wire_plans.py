@@ -406,10 +406,10 @@ def main(seeds: str, minutes: float, soak: float) -> None:
             break
         nights.append(played(seed))
         print(nights[-1], flush=True)
-    failed = [night._asdict() for night in nights if night.failure]
     codes = Counter(str(night.code) for night in nights)
-    save("wire_plans", {"seeds": [first, first + len(nights)], "codes": dict(codes), "failed": failed})
-    sys.exit(bool(failed))
+    played_ones = [night._asdict() for night in nights]
+    save("wire_plans", {"seeds": [first, first + len(nights)], "codes": dict(codes), "nights": played_ones})
+    sys.exit(any(night.failure for night in nights))
 
 
 if __name__ == "__main__":

@@ -580,8 +580,14 @@ def program(packages: Collection[str] | None = None) -> dict[str, Any]:
     if packages is None:
         packages = [package for package, module in PACKAGES.items() if module in sys.modules]
     versions = {"python": platform.python_version(), "platform": platform.platform()}
-    versions |= {package: metadata.version(package) for package in PACKAGES if package in packages}
+    versions |= {package: _version(package) for package in PACKAGES if package in packages}
     return {"versions": versions, "commit": _commit()}
+
+
+@cache
+def _version(package: str) -> str:
+    """Of an installed package; what is loaded stays so."""
+    return metadata.version(package)
 
 
 @cache

@@ -90,6 +90,8 @@ def own_folders(manifest: Mapping[str, Any]) -> Sequence[Path]:
 def _imported(name: str, folders: Sequence[Path]) -> ModuleType:
     top = name.partition(".")[0]
     there = [folder for folder in folders if _has(folder, top)]
+    if not there and (loaded := sys.modules.get(name)) is not None:
+        return loaded
     if there:
         for known in [known for known in _folders if known != top and _has(there[0], known)]:
             _make_way(known, there[0])  # a helper of another profile's

@@ -31,6 +31,20 @@ SHORTEST_S, LONGEST_S = 0.002, 2.0
 """Of a fault's length, log-uniform."""
 
 
+class Way(NamedTuple):
+    """What leads a trial into a state that most trials do not enter.
+
+    Attributes:
+        settings: Beside those drawn.
+        rows: Factors of trials that enter it, and their values; of none, any trial does.
+        faults: That come before.
+    """
+
+    settings: Mapping[str, Any] = {}
+    rows: Mapping[str, Sequence[str]] = {}
+    faults: Sequence[Mapping[str, Any]] = ()
+
+
 class Excerpt(NamedTuple):
     """An experiment as the swarm plays it.
 
@@ -40,6 +54,7 @@ class Excerpt(NamedTuple):
         drawn: Bounds between which settings are drawn; log-uniform where both are above 0.
         extends: The profile `mock/…`, where it has another name.
         behavior: Of the swarm's own, in place of the profile's.
+        ways: By state.
     """
 
     weight: int
@@ -47,6 +62,7 @@ class Excerpt(NamedTuple):
     drawn: Mapping[str, tuple[float, float]]
     extends: str = ""
     behavior: str = ""
+    ways: Mapping[str, Way] = {}
 
 
 _FINGER = {
@@ -73,6 +89,35 @@ _TRANSIENT: Settings = {
     "detectors.ours": "none",
 }
 
+_TURNED = {
+    "behavior.half_turn": True,
+    "devices.arm.max_turn_rad_s": 1.3,
+    "limits.reach_rad": 3.2,
+    "limits.turn_rad_s": 1.3,
+}
+_OURS = Way(rows={"method": ["ours"]})
+_BETWEEN = {
+    "HALF_TURN": Way(_TURNED),
+    "BACKING_OFF": Way({f"detectors.{side}_contact.threshold": 0.5 for side in ("left", "right")}),
+    "CONFIRMING": Way({f"detectors.{side}_contact.threshold": 1e6 for side in ("left", "right")}),
+    "RUNNING_UP": _OURS,
+    "REVERSING": _OURS,
+}
+"""The wrist turns; the fingers feel a touch where there is none; they do not feel what the jaws hold."""
+
+NOT_ENTERED: Mapping[tuple[str, str], str] = {
+    (
+        "pretouch",
+        "STOPPING",
+    ): "an approach that is to touch nothing is stopped by no touch; `touch` has this state",
+}
+"""States that no trial of an experiment can enter, and why."""
+
+_STOPPED = Way(faults=[{"device": "loop", "kind": "hang", "amount": 0.3, "after": "APPROACH", "at_s": 0.05}])
+_TILTED = Way(rows={"sensor": ["fingertip"]})
+_ROLLED = Way(rows={"sensor": ["fingertip", "wrist"]})
+_SLIPPED = Way({"behavior.stop_on_slip": True}, {"sensor": ["fingertip", "barrett_finger"]})
+
 SCENES: Mapping[str, Excerpt] = {
     "transient": Excerpt(
         8,
@@ -90,6 +135,7 @@ SCENES: Mapping[str, Excerpt] = {
         {**_FINGER, "detectors.contact.threshold_sigma": (4.0, 100.0)},
         "transient",
         "config.swarm.reckless:Reckless",
+        {"HEEDLESS": _STOPPED, "DRIVING_ON": _STOPPED},
     ),
     "first_contact": Excerpt(
         4,
@@ -113,16 +159,25 @@ SCENES: Mapping[str, Excerpt] = {
     ),
     "pretouch": Excerpt(2, _NEAR, {"limits.stale_s": (0.06, 0.2)}),
     "touch": Excerpt(1, _NEAR, {"limits.stale_s": (0.06, 0.2)}),
-    "centering": Excerpt(1, _SONIC, {"behavior.grip_force_n": (7.0, 14.0)}),
+    "centering": Excerpt(1, _SONIC, {"behavior.grip_force_n": (7.0, 14.0)}, ways=_BETWEEN),
     "grasp": Excerpt(
         1,
         {**_SONIC, "behavior.lift_m": 0.03, "behavior.shake_s": 0.8},
         {"behavior.grip_force_n": (7.0, 12.0)},
+        ways=_BETWEEN,
     ),
     "slip": Excerpt(
         1,
         {"plant.surface_m": 0.0012, "behavior.motion_timeout_s": 12.0, "behavior.home_timeout_s": 30.0},
         {"behavior.rest_s": (0.2, 0.9)},
+        ways={
+            "TILTING": _TILTED,
+            "ROLLING": _ROLLED,
+            "LEVELLING": _ROLLED,
+            "LOADING": Way(rows={"sensor": ["fingertip", "flexible_finger", "barrett_finger", "dsa"]}),
+            "HALTING": _SLIPPED,
+            "STOPPED": _SLIPPED,
+        },
     ),
     "weights": Excerpt(
         1,
@@ -255,22 +310,36 @@ def _words(factors: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 @cache
 def possible() -> tuple[Cell, ...]:
-    """The cells of the coverage that can be: what a kind of fault needs is there in that state, by `NEEDS`."""
+    """The cells of the coverage that can be: what a kind of fault needs is there in that state, by `NEEDS`, in a trial
+    that enters it."""
     return tuple(
         (name, state, device, kind)
         for name in SCENES
         for state in known(name).states
-        if state not in ("DONE", "FAILED")
+        if state not in ("DONE", "FAILED") and (name, state) not in NOT_ENTERED
         for device, kind in known(name).faults
         if kind not in NEEDS or known(name).had.get((state, device), frozenset()) & {*NEEDS[kind]}
+        if _entering(name, state, device)
     )
+
+
+def _entering(experiment: str, state: str, device: str) -> Sequence[Mapping[str, Any]]:
+    """Trials that come into a state and have a device."""
+    of, way = known(experiment), SCENES[experiment].ways.get(state, Way())
+    return [
+        row
+        for row in of.rows
+        if all(row.get(key) in values for key, values in way.rows.items())
+        and device in {*BENCH_WIDE, *of.used[tuple(row.items())]}
+    ]
 
 
 def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
     """What a seed draws, in a fixed order, whatever was played before it.
 
-    Every second seed is led to a cell of the coverage, each to another one until all had their turn: its fault comes
-    first, in that state, and nothing else goes wrong before.
+    Every second seed is led to a cell of the coverage, each to another one until all had their turn. Of these every
+    second one goes where something moves, and nothing else goes wrong before; in the others comes before it what is
+    over so soon that the trial goes on, in the same experiment's other states.
 
     Args:
         experiments: That alone are drawn; none are all.
@@ -281,13 +350,18 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
     cell = None
     if seed % 2:
         moves = seed % 4 == 3
-        cells = [each for each in possible() if each[0] in scenes and (each[1] in MOVING or not moves)]
+        cells = [
+            each
+            for each in possible()
+            if each[0] in scenes and (each[1] in MOVING or not moves)
+            if moves or each[3] not in BRIEF
+        ]
         cell = cells[seed // 4 * STRIDE % len(cells)]
         experiment = cell[0]
     scene, of = SCENES[experiment], known(experiment)
     count = dice.choice([1, 1, 1, 2, 2, TRIALS_MAX]) if scene.weight > 1 and cell is None else 1
-    fit = [row for row in of.rows if cell is None or cell[2] in {*BENCH_WIDE, *of.used[tuple(row.items())]}]
-    first = dice.choice(fit)
+    way = Way() if cell is None else scene.ways.get(cell[1], Way())
+    first = dice.choice(of.rows if cell is None else _entering(*cell[:3]))
     rows = [first, *(dice.choice(of.rows) for _ in range(count - 1))]
     rows = [{**row, **{key: first[key] for key in of.grid}} for row in rows]
     settings = dict(scene.short)
@@ -298,6 +372,7 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
         settings["devices.board.block_samples"] = dice.choice([16, 64, 501])
     if dice.random() < 0.3:  # redundant positions would hide that the others are not watched
         settings["limits.follow_m"] = "none"
+    settings |= way.settings
     there = frozenset(BENCH_WIDE).union(*(of.used.get(tuple(row.items()), ()) for row in rows))
     could = [(device, kind) for device, kind in of.faults if device in there]
     if cell is not None:
@@ -305,12 +380,15 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
         if kind == "overrun" and dice.random() < 0.5:
             settings["limits.follow_m"] = "none"
         faults = [_fault(dice, device, kind, state, count)]
-        if dice.random() < 0.7:
-            faults[0] = {"device": device, "kind": kind, "after": state, **_amount(dice, kind)}
+        if not moves or dice.random() < 0.7:
+            faults[0] = {"device": device, "kind": kind, "after": state, **_amount(dice, kind), **_ends(kind)}
+        if not moves:
+            before = [*way.faults, *_brief(dice, cell, first, EVENTS_MAX - 1 - len(way.faults))]
+            return Plan(seed, experiment, settings, rows, [*before, *faults])
         if dice.random() < 0.5:
             faults.append(_fault(dice, *dice.choice(could), state, count))
             faults[1]["after"] = state
-        return Plan(seed, experiment, settings, rows, faults)
+        return Plan(seed, experiment, settings, rows, [*way.faults, *faults])
     kinds = sorted({kind for _, kind in could})
     rates = {
         kind: math.exp(dice.uniform(math.log(0.05), math.log(2.0))) for kind in kinds if dice.random() < 0.5
@@ -321,6 +399,48 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
             device = dice.choice([device for device, each in could if each == kind])
             faults.append(_fault(dice, device, kind, dice.choice(of.states[:-2] or of.states), count))
     return Plan(seed, experiment, settings, rows, faults[:EVENTS_MAX])
+
+
+BRIEF: Mapping[str, Settings] = {
+    **{kind: {} for kind in ("lose", "corrupt", "double", "stuck")},
+    "late": {"amount": 0.005},
+    "hang": {"amount": 0.004},
+    "slow": {"amount": 1e-4},
+    "overrun": {"amount": 1e-4},
+}
+"""Kinds of faults that a trial may outlast, and how much of them."""
+
+BRIEF_S = 0.03
+"""How long these last: a turn of the slowest loop here, and half of what a stream may be silent."""
+
+SLOW_S = 0.5
+"""How long a disk is slow that would be for good: it costs single turns, and shows nothing more by staying so."""
+
+
+def _ends(kind: str) -> dict[str, float]:
+    return {"for_s": SLOW_S} if kind == "slow" else {}
+
+
+def _brief(dice: random.Random, cell: Cell, row: Mapping[str, Any], most: int) -> list[dict[str, Any]]:
+    """Faults that are soon over, each of another device or in another state, before that of a cell."""
+    name, end, *_ = cell
+    of, ways = known(name), SCENES[name].ways
+    order = {state: place for place, state in enumerate(of.states)}
+    there = {*BENCH_WIDE, *of.used[tuple(row.items())]}
+    entered = [
+        state
+        for state in of.states[: order[end]]
+        if all(row.get(key) in values for key, values in ways.get(state, Way()).rows.items())
+        if not (ways.get(state, Way()).settings or ways.get(state, Way()).faults)
+    ]
+    cells = [each for each in possible() if each[0] == name and each[3] in BRIEF]
+    cells = [each for each in cells if each[1] in entered and each[2] in there]
+    dice.shuffle(cells)
+    drawn_cells = list({(state, device): kind for _, state, device, kind in cells}.items())[:most]
+    return [
+        {"device": device, "kind": kind, "after": state, "for_s": BRIEF_S, **BRIEF[kind]}
+        for (state, device), kind in drawn_cells
+    ]
 
 
 def _fault(dice: random.Random, device: str, kind: str, state: str, count: int) -> dict[str, Any]:
@@ -344,6 +464,8 @@ def _fault(dice: random.Random, device: str, kind: str, state: str, count: int) 
             "every_s": _rounded(length_s * dice.uniform(1.5, 10.0)),
             "times": dice.randint(2, 9),
         }
+    else:
+        fault |= _ends(kind)
     fault |= _amount(dice, kind)
     if count > 1 and dice.random() < 0.5:
         fault["trial"] = dice.randint(1, count)

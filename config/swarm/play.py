@@ -125,6 +125,8 @@ class Onlooker(Console):
         self._bench: Any = next(
             (each._bench for each in rig.devices.values() if hasattr(each, "_bench")), None
         )
+        parts = getattr(self._bench, "_parts", ())
+        self._offers = frozenset[str]().union(*(part.offers for part in parts))  # asked for at every turn
 
         def pressed() -> str | None:
             self._see()
@@ -153,9 +155,9 @@ class Onlooker(Console):
         places: dict[str, float] = {}
         if hasattr(mover, "position"):
             places["axis_m"] = mover.position(t_s)
-        if hasattr(self._bench, "force_n"):
+        if "force_n" in self._offers:
             places["force_n"] = self._bench.force_n
-        if hasattr(self._bench, "jaws"):
+        if "jaws" in self._offers:
             jaws = self._bench.jaws.jaws
             places |= {"width_m": jaws.width_m, "grip_n": jaws.contact_n}
         return places

@@ -176,7 +176,7 @@ def found(seeds: int, seconds: float, likely: str = "") -> dict[str, Any]:
         plan = drawn(seed, QUICK)
         if not re.search(likely, plan.toml(), re.DOTALL):
             continue
-        violations = examined(plan, deep_of(seed), hunt)
+        violations = examined(plan, deep_of(plan), hunt)
         hunt.seeds += 1
         about = {"seeds": number, "played": hunt.seeds}
         if violations:

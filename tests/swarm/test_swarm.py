@@ -29,7 +29,7 @@ def test_fresh_seeds_hold(first: int) -> None:
     hunt = Hunt()
     for seed in range(first, first + 20):
         plan = drawn(seed, QUICK)
-        assert examined(plan, deep_of(seed), hunt) == [], plan.toml()
+        assert examined(plan, deep_of(plan), hunt) == [], plan.toml()
     assert hunt.seen, "in twenty seeds some fault takes effect"
 
 
