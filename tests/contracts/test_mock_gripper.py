@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.core.clock import VirtualClock
+from drivers.robotiq.settings import RobotiqSettings
 from simulator.mocks.can_gripper import MockCanGripper, MockCanGripperSettings
-from simulator.mocks.robotiq import MockRobotiq, MockRobotiqSettings
+from simulator.mocks.robotiq import MockRobotiq
 from simulator.physics.jaws_drive import JawsDrive
 from tests.contracts.gripper_suite import (
     SCENE,
@@ -23,7 +24,7 @@ def can_gripper(clock: VirtualClock, drive: JawsDrive) -> MockCanGripper:
 
 
 def robotiq(clock: VirtualClock, drive: JawsDrive) -> MockRobotiq:
-    settings = MockRobotiqSettings(closed_width_m=SCENE.closed_width_m, open_width_m=0.068)
+    settings = RobotiqSettings(port="mock", closed_width_m=SCENE.closed_width_m, open_width_m=0.068)
     return MockRobotiq("gripper", settings, clock, SimpleNamespace(jaws=drive))
 
 

@@ -657,6 +657,13 @@ def test_homing_is_no_faster_than_its_mover_may_be():
     assert "speed_m_s = 0.01" in found.mistake
 
 
+def test_a_limit_that_was_not_given_is_none_and_what_is_no_limit_stays():
+    limits = GuardSettings(travel_m=0.01, force_n=2.0, retreat_n=4.0, peak_n=5.0)
+    own = limits.without(["travel_m", "retreat_n", "stale_s"])
+    assert (own.travel_m, own.force_n, own.retreat_n, own.peak_n) == (math.inf, 2.0, None, 5.0)
+    assert own.stale_s == limits.stale_s
+
+
 # --- a force for which a stop is not enough
 
 CRUSHED = force(np.full(40, 7.0))
