@@ -150,6 +150,14 @@ def test_a_promise_that_a_device_breaks_is_one_line(checked: Any, flaw: str, nam
     check_refusal(lines[0], "devices.scale", *named)
 
 
+def test_a_promise_that_a_detector_breaks_is_one_line(checked: Any) -> None:
+    """Each of them: tests/contracts/test_detectors.py."""
+    code, _, err = checked("", "        found = []\n", "        found, self.touched = [], False\n")
+    assert code == 2
+    (line, *_) = [line for line in err.splitlines() if "detectors.contact: " in line]
+    check_refusal(line, "detectors.contact", "blocks of any size", "blocks of 1")
+
+
 def test_a_detector_that_finds_nothing_in_what_is_shown_is_not_called_broken(checked: Any) -> None:
     code, out, err = checked("", "force_n > 2.0", "force_n > 20e9")
     assert (code, err) == (0, "")

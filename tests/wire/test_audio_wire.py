@@ -12,7 +12,7 @@ import pytest
 from drivers.audio.driver import Audio, AudioSettings
 from drivers.core.clock import WallClock
 from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
-from drivers.core.messages import Failed, Lost, SampleBlock
+from drivers.core.messages import Failed, Lost, Refused, SampleBlock
 from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.wiring.far_ends import TcpLine
@@ -83,6 +83,15 @@ def test_what_the_fault_lose_takes_is_counted_exactly(server: Server, bench: Aud
     assert sum(one.samples for one in bench.of(Lost)) == server.recorder.dropped
     assert gaps(bench.blocks) == server.recorder.dropped == bench.device.account()["frames_lost"]
     assert bench.of(Failed) == []
+
+
+def test_a_refused_drive_is_reported(server: Server, bench: AudioTrial) -> None:
+    with server.lock:
+        server.recorder.inject("refuse", server.clock.monotonic_s())
+    bench.device.apply(TONE)
+    refused = bench.until(Refused)
+    assert refused.command == TONE
+    assert "its amplifier is off" in refused.reason
 
 
 def test_a_second_host_is_hung_up_on(server: Server, bench: AudioTrial) -> None:

@@ -50,6 +50,20 @@ def test_a_push_on_the_tool_is_read_through_a_wrap_of_its_clock(serve: Serve) ->
     crank.device.close()
 
 
+def test_lost_datagrams_are_counted_and_silence_ends_it(serve: Serve) -> None:
+    faults = (
+        Fault(device="ft", kind="lose", at_s=1.0, for_s=0.1),
+        Fault(device="ft", kind="unplug", at_s=2.0),
+    )
+    crank = opened(serve, *faults)
+    crank.listen("ft.normal")
+    crank.turn(3.0)
+    assert sum(lost.samples for lost in crank.of(Lost)) == pytest.approx(100, abs=10)
+    (failed,) = crank.of(Failed)
+    assert "no record" in failed.reason
+    crank.device.close()
+
+
 def test_an_object_is_gripped_over_tcp_and_a_server_that_hangs_up_is_a_failure() -> None:
     drive, lock, over = calibrated_jaws(), threading.Lock(), threading.Event()
     widths = {"closed_width_m": SCENE.closed_width_m, "open_width_m": 0.068}

@@ -103,6 +103,16 @@ def test_neither_calibration_nor_clearing_feeds_the_watchdog(bus: Bus) -> None:
     assert bus.poll().id == 0x79
 
 
+def test_an_emergency_stop_in_a_drive_stays_until_a_drive_without_it(bus: Bus) -> None:
+    bus.send(CanFrame(0x7A, bytes.fromhex("00 40 01 F4 E0")))
+    assert flags(bus.poll()) & 0x02
+    bus.send(CLEAR)
+    assert bus.poll().id == 0x79
+    bus.send(CanFrame(0x7A, bytes.fromhex("00 40 01 F4 00")))
+    bus.send(CLEAR)
+    assert bus.poll().id == 0x78
+
+
 def test_no_order_moves_a_gripper_with_a_fault(bus: Bus) -> None:
     bus.gripper.inject("overheat", bus.t_s)
     bus.send(OPEN)

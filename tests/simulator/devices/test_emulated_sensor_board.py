@@ -193,6 +193,14 @@ def test_a_watchdog_that_has_tripped_is_armed_again_by_the_next_command() -> Non
     assert not line.source.excited
 
 
+def test_a_watchdog_of_zero_is_off() -> None:
+    line = Line()
+    line.status(BoardCode.EXCITE, 1)
+    line.status(BoardCode.WATCHDOG, 0)
+    line.run(5.0, step_s=0.1)
+    assert line.source.excited
+
+
 def test_the_watchdog_bites_at_its_time_even_when_steps_are_long() -> None:
     line = Line()
     line.status(BoardCode.WATCHDOG, 300)
@@ -230,6 +238,34 @@ def test_garbage_is_not_answered_and_does_not_feed_the_watchdog() -> None:
     assert line.board.receive(b"\0hello?\r\n\0\x05\x01\0", line.t_s) == b""
     line.run(0.1)
     assert not line.source.excited
+
+
+@pytest.mark.parametrize(("kind", "status"), [("refuse", ReplyStatus.REFUSED), ("busy", ReplyStatus.BUSY)])
+def test_an_injected_answer_comes_once_and_the_command_has_no_effect(kind: Any, status: int) -> None:
+    line = Line()
+    line.board.inject(kind, 0.0)
+    assert line.status(BoardCode.EXCITE, 1) == status
+    assert not line.source.excited
+    assert line.status(BoardCode.EXCITE, 1) == ReplyStatus.OK
+
+
+def test_after_a_reboot_nothing_is_on() -> None:
+    line = Line()
+    line.status(BoardCode.EXCITE, 1)
+    line.status(BoardCode.START, 1 << FORCE)
+    line.run(0.1)
+    line.board.inject("reboot", line.t_s)
+    assert line.run(0.2) == []
+    assert not line.source.excited
+
+
+def test_a_restart_under_way_sets_clock_and_counter_to_zero() -> None:
+    line = Line(start_us=77_000_000, drift_ppm=0.0)
+    line.status(BoardCode.START, 1 << FORCE)
+    line.run(0.1)
+    line.board.inject("restart", line.t_s)
+    first = line.run(0.02)[0]
+    assert (first.seq, first.t_us) == (0, 1000)
 
 
 def test_steps_of_any_length_say_the_same() -> None:

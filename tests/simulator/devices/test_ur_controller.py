@@ -31,6 +31,18 @@ def test_a_second_mover_during_a_tool_speed_ends_the_program(make: Callable[...,
     assert desk.controller.arm.resting
 
 
+def test_the_watchdog_stops_an_arm_whose_client_is_gone(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.call(WATCHDOG, [10.0])
+    desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
+    desk.run(45)
+    assert desk.controller.runtime is Runtime.PLAYING
+    desk.run(20)
+    assert desk.controller.runtime is Runtime.STOPPED
+    assert desk.controller.arm.resting
+    assert "watchdog" in desk.controller.log[-1]
+
+
 def test_a_client_that_kicks_the_watchdog_keeps_its_program(make: Callable[..., Desk]) -> None:
     desk = make()
     desk.call(WATCHDOG, [10.0])

@@ -7,7 +7,7 @@ import pytest
 from simulator.devices.ur_controller import rtde
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
 from simulator.devices.ur_controller.rtde import PackageError, PackageKind
-from simulator.devices.ur_controller.session import OUTPUTS, RtdeSession, ScriptSession
+from simulator.devices.ur_controller.session import INPUTS, OUTPUTS, RtdeSession, ScriptSession
 from simulator.physics.arm import elbow
 
 PROTOCOL = bytes.fromhex("0005 56 0002")
@@ -143,6 +143,12 @@ def test_a_rate_is_brought_to_what_there_is(
     assert sent == ([False] * (every - 1) + [True]) * (1000 // every)
 
 
+@pytest.mark.parametrize("rate_hz", [float("nan"), float("inf")])
+def test_a_rate_that_is_no_number_is_no_package(session: RtdeSession, rate_hz: float) -> None:
+    with pytest.raises(PackageError, match="Hz"):
+        session.feed(outputs("timestamp", rate_hz))
+
+
 @pytest.mark.parametrize(
     "name", ["output_int_register_48", "output_double_register_99", "output_bit_register_63", "no_such_thing"]
 )
@@ -150,6 +156,20 @@ def test_a_recipe_with_an_unknown_name_has_no_id(session: RtdeSession, name: str
     answer = session.feed(outputs(f"timestamp,{name}"))
     assert answer[3:] == b"\x00DOUBLE,NOT_FOUND"
     assert session.feed(START) == bytes.fromhex("0004 53 00")
+
+
+def test_a_recipe_that_fits_no_package_has_no_id_and_the_one_before_stays(session: RtdeSession) -> None:
+    assert session.feed(outputs("timestamp"))[3] == 1
+    assert session.feed(outputs(",".join(["target_q"] * 1400)))[3] == 0
+    session.feed(START)
+    assert len(session.step()) == 3 + 1 + 8
+
+
+def test_a_client_has_as_many_recipes_as_have_an_id(controller: UrController, session: RtdeSession) -> None:
+    request = rtde.encode(PackageKind.INPUTS, b"input_int_register_0,")
+    assert [session.feed(request)[3] for _ in range(257)] == [*range(1, 256), 0, 0]
+    session.feed(rtde.encode(PackageKind.DATA, struct.pack(">Bi", 255, 7)))
+    assert controller.inputs["input_int_register_0"] == 7
 
 
 OFFICIAL = (
@@ -196,6 +216,32 @@ def test_the_elbow_follows_from_the_joints(controller: UrController) -> None:
     moved = (elbow(arm.joints_rad, arm.joint_speeds_rad_s)[0] - place) / 0.002
     assert moved == pytest.approx(velocity, abs=1e-3)
     assert abs(velocity).max() > 0.05
+
+
+def written(session: RtdeSession, values: dict[str, int | float]) -> None:
+    number = session.feed(rtde.encode(PackageKind.INPUTS, ",".join(values).encode()))[3]
+    fields = [rtde.packer(INPUTS[name])(value) for name, value in values.items()]
+    session.feed(rtde.encode(PackageKind.DATA, bytes([number]) + b"".join(fields)))
+
+
+def test_outputs_that_a_client_sets_are_seen_in_the_stream(session: RtdeSession) -> None:
+    session.feed(outputs("actual_digital_output_bits,standard_analog_output0,standard_analog_output1"))
+    session.feed(START)
+    written(session, {"standard_digital_output_mask": 0b101, "standard_digital_output": 0b111})
+    written(session, {"configurable_digital_output_mask": 0x80, "configurable_digital_output": 0xFF})
+    written(session, {"tool_digital_output_mask": 0xFF, "tool_digital_output": 0xFF})
+    written(
+        session,
+        {
+            "standard_analog_output_mask": 0b10,
+            "standard_analog_output_type": 0b11,
+            "standard_analog_output_0": 0.9,
+            "standard_analog_output_1": 0.25,
+        },
+    )
+    assert struct.unpack(">Qdd", session.step()[4:]) == (0x3_80_05, 0.004, 2.5)
+    written(session, {"standard_digital_output_mask": 0b001, "standard_digital_output": 0})
+    assert struct.unpack(">Qdd", session.step()[4:])[0] == 0x3_80_04
 
 
 def test_a_script_as_long_as_none_is_refused_without_being_searched_again_and_again(

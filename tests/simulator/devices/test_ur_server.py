@@ -16,6 +16,7 @@ from simulator.devices.ur_controller.rtde import PackageKind
 from simulator.devices.ur_controller.server import (
     DASHBOARD_PORT,
     RTDE_PORT,
+    UNREAD_BYTES,
     UrServer,
 )
 from simulator.devices.ur_controller.session import RtdeSession
@@ -97,6 +98,22 @@ def test_a_client_that_breaks_the_protocol_is_dropped_with_a_reason(
     while reason not in bench.log:
         bench.turn()
     assert is_gone(client)
+    assert bench.serves()
+
+
+def test_a_client_that_never_reads_is_dropped_and_holds_little(bench: Bench) -> None:
+    client = bench.client(RTDE_PORT)
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    client.sendall(outputs(b",".join([b"target_q"] * 1000)) + rtde.encode(PackageKind.START))
+    bench.turn()
+    held = 0
+    for _ in range(1000):
+        bench.turn(steps=1)
+        held = max([held, *map(len, bench.server._clients.unsent.values())])
+        if "it does not read" in bench.log:
+            break
+    assert "it does not read" in bench.log
+    assert held <= UNREAD_BYTES + 65536
     assert bench.serves()
 
 

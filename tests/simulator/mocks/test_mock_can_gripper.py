@@ -85,3 +85,9 @@ def test_a_gripper_that_is_unplugged_lets_go() -> None:
     statuses, _, held_n = run(0.005, {"kind": "unplug", "at_s": 0.9}, seconds=1.2)
     assert [type(status).__name__ for status in statuses] == ["Sent", "Gripped", "Failed"]
     assert held_n < 1.0
+
+
+def test_a_silent_gripper_reports_nothing() -> None:
+    statuses, widths_m, _ = run(0.005, {"kind": "silent", "at_s": 0.0})
+    assert statuses == []
+    assert len(widths_m) == 0

@@ -134,6 +134,10 @@ def test_clients_beyond_the_last_place_are_hung_up_on(desk: Desk) -> None:
     late = desk.client()
     assert late.recv(1) == b""
     assert "account" in desk.ask(clients[0], b"{}")
+    clients.pop().close()
+    desk.serve()
+    clients.append(desk.client())
+    assert "account" in desk.ask(clients[-1], b"{}"), "a place that was left is free"
     for one in [*clients, late]:
         one.close()
 
