@@ -130,6 +130,16 @@ def test_a_drive_breaks_a_calibration_off() -> None:
     assert flags(bus.poll()) & 0x01 == 0
 
 
+def test_a_heartbeat_comes_when_nothing_else_has_been_sent_for_a_second() -> None:
+    gripper = EmulatedCanGripper(EmulatedCanGripperSettings(node=2), JawsDrive(JawsSettings()))
+    assert gripper.step(0.0) == []
+    assert gripper.step(0.9) == []
+    assert gripper.step(1.0) == [CanFrame(0x112)]
+    gripper.receive(CanFrame(0x17A), 1.5)
+    assert gripper.step(2.4) == []
+    assert gripper.step(2.5) == [CanFrame(0x112)]
+
+
 def test_frames_for_other_nodes_and_truncated_ones_are_passed_over(bus: Bus) -> None:
     assert bus.send(CanFrame(0xFA)) == []
     assert bus.send(CanFrame(0x7A, bytes(4))) == []
