@@ -92,7 +92,7 @@ class LiftSettings(GripSettings):
     before: a part of a pad slips then. 0 for never: a slip that is told counts. Where all but the last part of a pad
     has slipped, a load still grows by a step of the detector's within that. Chosen in benchmarks/grasp."""
 
-    margin: float = Field(default=1.15, ge=1.0, le=10.0)
+    margin: float = Field(default=1.18, ge=1.0, le=10.0)
     """What the grip is set to, over what load and friction ask for. Chosen in benchmarks/grasp."""
 
     moving_margin: float = Field(default=1.3, ge=1.0, le=10.0)
@@ -326,7 +326,9 @@ class Lifting(Gripping):
             self._plateau_due_s = self.event.t_s + (self.settings.plateau_s or math.inf)
         self._loads.append((self.event.t_s, self._load_n, self._load_n / self._force_n))
         beyond = self._beyond()
-        if self.state in _AIR and self._jumps():
+        # what slides makes the load jump too: then, and after the jaws have acted, a jump is no knock
+        acted = bool(self._slipping) or self.event.t_s < self._acted_s + ACTED_S
+        if self.state in _AIR and not acted and self._jumps():
             self.expect_knock()
         wanted_n = max(self._wanted_n, self._braced_n(self.event.t_s) if beyond else 0.0)
         if self.settings.rule == "friction" and wanted_n > self._force_n:

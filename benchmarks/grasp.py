@@ -145,7 +145,7 @@ RULES: Mapping[str, Mapping[str, str]] = {
 }
 """Every rule in the same scene. The gripper presses with 60 N at the most: 80 N is out of its reach."""
 
-CHOSEN = 60, 400, 20, 10
+CHOSEN = 180, 1000, 20, 10
 """Objects that choose, that judge ours, that judge each rival, and for each setting of the plant that is varied."""
 
 VARIED = ("pad_roughness", "added", "pad_noise_scale")

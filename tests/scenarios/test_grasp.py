@@ -95,6 +95,22 @@ def test_what_never_leaves_the_table_is_no_success(tmp_path):
     assert row["carried"] < 0.5
 
 
+def test_what_slides_while_the_jaws_press_less_hard_is_held(tmp_path):
+    """Gripped off its centre, the third slides in the air at less than was seen on the table: its own stick-slip is no
+    knock."""
+    plant = {
+        "object_kg": 0.5234817060776139,
+        "pad_friction": 0.3609248358174799,
+        "lever_m": 0.0014254221903946215,
+    }
+    plant |= {"object_width_m": 0.03916706459467771, "object_n_m": 36569.068959723365}
+    plant |= {"pad_roughness": 0.06933705104113826}
+    rows = [{"object_x_m": 0.0} | {f"plant.{name}": value for name, value in plant.items()}] * 3
+    _, run = run_trials("mock/grasp", rows, settings=AT_ONCE, seed=1, out=tmp_path, say=lambda line: None)
+    assert [row["outcome"] for row in run.trials] == ["held"] * 3
+    assert run.trials[2]["arrested_m"] > 0.001
+
+
 def test_what_the_grip_crushes_is_no_success(tmp_path):
     outcome, row, _ = grasped(tmp_path, HEAVY | {"plant.crush_n": 8.5})
     assert row["outcome"] == "crushed"
