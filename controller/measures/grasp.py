@@ -24,8 +24,8 @@ LATE_S = 0.15
 """How long after a slip its report still counts for it. Assumption: longer than the slowest detector takes."""
 
 FRICTION_90 = (0.84, 1.03)
-"""Ends of the friction's 90 % interval, over the estimate: so much was truth over estimate on the 180 objects that chose
-the rule's settings (benchmarks/grasp), but for the lowest and the highest 5 %."""
+"""Ends of the friction's 90 % interval, over the estimate: so much was truth over estimate on the 180 objects that
+chose the rule's settings (benchmarks/grasp), but for the lowest and the highest 5 %."""
 
 UP = ("LOADING", "LIFTING", "SHAKING", "HOLDING")
 
