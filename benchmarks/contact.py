@@ -2,7 +2,7 @@
 
 `python -m benchmarks contact`. The plant alone, without loop and devices. Thresholds at equal false contacts are set on
 separate approaches. Detectors learn from the same baseline of 10 s; a rival's best settings are chosen on the ones that
-set the thresholds. results/contact.md keeps what an earlier run found of rivals that were weaker.
+set the thresholds.
 """
 
 import tomllib
