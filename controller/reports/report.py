@@ -19,15 +19,15 @@ from controller.reports import generic
 from controller.reports.counts import Row, missing
 from controller.reports.figures import Figures
 from controller.reports.first_screen import (
-    WENT,
     again,
     agreement_of,
     beside_each_other,
     goals_of,
     headline_of,
+    went,
 )
 from controller.reports.hero import Drawn, hero_of
-from controller.reports.papers import CITATION, came_to, settings_in
+from controller.reports.papers import AUTHORS, CITATION, came_to, settings_in
 from controller.reports.run_account import early_end, facts_of, setting_of
 from controller.reports.section import (
     Comparing,
@@ -178,6 +178,7 @@ def _page(
         "heading": title or heading or " and ".join(dict.fromkeys(section.title for section in sections)),
         "contents": _contents(paper, parts),
         "citations": list(dict.fromkeys(papers)),
+        "authors": list(dict.fromkeys(AUTHORS[each.paper] for each in sections if each.paper in AUTHORS)),
         "simulated": any(run.simulated for run in runs),
         "all_simulated": all(run.simulated for run in runs) and not real,
         "real": ", ".join(real),
@@ -223,7 +224,7 @@ def _verdict(parts: Sequence[SectionPart], comparing: bool = False) -> tuple[str
     agreement = agreement_of(results)
     papers = f"; of the paper's own results {agreement}" if agreement and not comparing else ""
     count = f"{good} of {len(rows)} trials {done}, in {len(parts)} parts"
-    return f"{WENT[state]}: {count}{beside}{goals_of(results)}{papers}.", state
+    return f"{went(state, (run for run, _ in rows))}: {count}{beside}{goals_of(results)}{papers}.", state
 
 
 def _named(bench: str, groups: Sequence[Sequence[Run]]) -> dict[str, Sequence[Run]]:

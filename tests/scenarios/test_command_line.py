@@ -356,7 +356,7 @@ def test_run_prints_each_trial_on_a_line_and_where_the_report_is(recorded):
     assert {line.split()[2] for line in lines if line.startswith("[")} == {"16", "17"}
     assert lines[-2:] == [f"report: {folder / 'report.html'}", f"to see it: run.py open {folder}"]
     assert lines[-3].startswith(
-        "Went well: 2 of 2 trials stopped at the contact; time from touch to detection "
+        "Went well in simulation: 2 of 2 trials stopped at the contact; time from touch to detection "
     ), "the verdict comes last"
     assert any(line.split()[:3] == ["pad", "f", "4.84"] for line in lines), "Table I beside the paper's"
     assert "The guard had nothing to stop." in lines

@@ -25,6 +25,13 @@ CITATION = {
     "“SonicFinger: Pre-touch and Contact Detection Tactile Sensor for Reactive Pregrasping”",
 }
 
+AUTHORS = {
+    "backus": "Backus and Dollar",
+    "fernandez": "Fernandez et al.",
+    "rupavatharam": "Rupavatharam et al.",
+}
+"""Whose paper it is, in a line."""
+
 BEST_HZ = 40_000.0
 """Frequency that transfers best (Rupavatharam et al., III.A.2)."""
 

@@ -519,26 +519,26 @@ def test_predictions_and_goals_are_counted_apart(campaign):
     ]
     results += [Result(Kind.MEASURED, "Time: 2 s.", False, goal=True), Result(None, "")]
     found = headline_of("transient", [campaign[0]], results, None)
-    assert found.verdict.endswith("; 1 of 1 goal missed: time.")
+    assert found.verdict.endswith("; 1 of 1 goal missed: time (2 s).")
     assert found.state == "partly", "a goal that is missed is in the one verdict"
     more = [
         *results,
         Result(Kind.MEASURED, "Force: 2 N.", False, goal=True),
         Result(Kind.MEASURED, "", True, goal=True),
     ]
-    assert first_screen.goals_of(more) == "; 2 of 3 goals missed: time, force"
+    assert first_screen.goals_of(more) == "; 2 of 3 goals missed: time (2 s), force (2 N)"
     assert first_screen.agreement_of(more) == "1 as the paper, 1 better, 1 worse, 1 otherwise"
 
 
 @pytest.mark.parametrize(
     ("outcomes", "mean_s", "said"),
     [
-        ("contact " * 20, 0.1, "Went well: 20 of 20 trials stopped at the contact; "),
-        ("contact " * 19 + "false_contact", 0.1, "Went well: 19 of 20 "),
-        ("contact " * 18 + "false_contact " * 2, 0.1, "Went partly well: 18 of 20 "),
-        ("contact " * 20, 0.6, "Went partly well: 20 of 20 "),
-        ("contact " * 9 + "false_contact " * 11, 0.1, "Went badly: 9 of 20 trials "),
-        ("false_contact " * 3, 0.1, "Went badly: 0 of 3 trials "),
+        ("contact " * 20, 0.1, "Went well in simulation: 20 of 20 trials stopped at the contact; "),
+        ("contact " * 19 + "false_contact", 0.1, "Went well in simulation: 19 of 20 "),
+        ("contact " * 18 + "false_contact " * 2, 0.1, "Went partly well in simulation: 18 of 20 "),
+        ("contact " * 20, 0.6, "Went partly well in simulation: 20 of 20 "),
+        ("contact " * 9 + "false_contact " * 11, 0.1, "Went badly in simulation: 9 of 20 trials "),
+        ("false_contact " * 3, 0.1, "Went badly in simulation: 0 of 3 trials "),
     ],
 )
 def test_one_verdict_says_how_it_went_by_trials_goals_and_the_papers_number(tmp_path, outcomes, mean_s, said):
@@ -547,7 +547,7 @@ def test_one_verdict_says_how_it_went_by_trials_goals_and_the_papers_number(tmp_
     ]
     found = headline_of("transient", [write_transient(tmp_path, given)], [], None)
     assert found.verdict.startswith(said)
-    if "Went badly: 0" not in said:
+    if "badly in simulation: 0" not in said:
         how = "better than the paper's 300 ms" if mean_s < 0.3 else "worse than the paper's 300 ms"
         assert how in found.verdict
 
@@ -681,7 +681,7 @@ def test_an_onset_that_was_noise_is_said_to_lengthen_the_time(tmp_path, undrawn)
 def test_a_trial_that_is_only_to_be_recorded_is_not_said_to_succeed(tmp_path):
     run = write_static(tmp_path, {"none": 28.0, "light": 30.0, "full": 50.0})
     assert headline_of("static", [run], [], None).verdict == (
-        "Went well: frequency in full contact 50 Hz, about the paper's 50 Hz."
+        "Went well in simulation: frequency in full contact 50 Hz, about the paper's 50 Hz."
     ), "how many were recorded says nothing of how well"
     assert {row.state for row in trial_table([run])[1]} == {""}, "its outcome is no success of a detector"
 

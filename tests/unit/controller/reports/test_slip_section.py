@@ -187,7 +187,7 @@ def test_where_nothing_is_judged_it_opens_with_the_slips_that_ours_detects_besid
     found = slip.section([write(tmp_path, trials, **BUMPS)], Figures(tmp_path)).headline
     assert (found.ours, found.of, found.paper, found.state) == ("66.7 %", "2 of 3 slips", "33.3 %", "partly")
     assert found.verdict.startswith(
-        "our detector detects 2 of 3 slips, the paper's 1 of 3 (too few to tell apart); false alarms: ours 0 in "
+        "our detector detects 2 of 3 slips, the paper's 1 of 3 (too few to tell apart); false alarms a minute: ours 0,"
     )
 
 
