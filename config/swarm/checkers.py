@@ -561,6 +561,8 @@ def _outdated(story: Any) -> Iterator[Violation]:
 def _late(story: Any) -> Iterator[Violation]:
     """A loop that comes too late while the axis moves is stopped."""
     most_s, turn_s = 1.5 * story.limits["late_s"], 1.0 / story.profile["loop"]["rate_hz"]
+    if _full(story):
+        return  # how the trial ended may not be written any more
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
     for effect in story.effects:
         if effect["kind"] != "hang" or effect.get("amount", 0.2) < most_s:
@@ -606,8 +608,14 @@ def _at_once(story: Any) -> Iterator[Violation]:
         # a device that failed says when, between two turns
         turns_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - half_turn_s]
         turns_s = turns_s[: 2 if event["event"] == "Failed" else 1]
-        stops_s = told_s.get(trial.number, ())
-        if not any(abs(stop_s - t_s) < half_turn_s for stop_s in stops_s for t_s in (event["t_s"], *turns_s)):
+        # a device that answers late keeps the turn back by as much
+        lates = (each for each in story.effects if each["kind"] == "late" and each["trial"] == trial.number)
+        late_s = max(
+            (each.get("amount", 0.0) for each in lates if each["effect_s"] <= event["t_s"] + half_turn_s),
+            default=0.0,
+        )
+        stops_s, most_s = told_s.get(trial.number, ()), half_turn_s + late_s
+        if not any(abs(stop_s - t_s) < most_s for stop_s in stops_s for t_s in (event["t_s"], *turns_s)):
             what = f"{event['event']} at {event['t_s']:.4f} s, and {mover} was not told to stop then"
             yield Violation("SAFETY", "at once", trial.number, event["t_s"], event["state"], what)
 
