@@ -17,6 +17,10 @@ from drivers.core.messages import Standstill
 ONSET_N = 0.005
 """The reference's onset: the load cell rises from 0 to 0.005 N (IV.B)."""
 
+NEAR_S = 1e-4
+"""A sample at the edge of a span falls to either side of it by how a device's clock was estimated, which a run learns
+over its trials: so spans begin and end so much beside them, a tenth of a sample of the board, s."""
+
 HIGHLIGHTS = ("delay_s", "extent_m", "force_n")
 """Columns shown during a run."""
 
@@ -118,8 +122,8 @@ def tared(
     """Load cell of approach, stop and hold, less its mean over the baseline before."""
     baseline_s = evidence.entered_s.get("BASELINE", -math.inf)
     until_s = evidence.entered_s.get("RETRACTING", math.inf)
-    times_s, force_n = evidence.series(stream, baseline_s, until_s, channel)
-    before = times_s < begun_s
+    times_s, force_n = evidence.series(stream, baseline_s + NEAR_S, until_s - NEAR_S, channel)
+    before = times_s < begun_s - NEAR_S
     zero_n = float(force_n[before].mean()) if before.any() else 0.0
     return times_s[~before], force_n[~before] - zero_n
 
