@@ -224,7 +224,8 @@ def _verdict(parts: Sequence[SectionPart], comparing: bool = False) -> tuple[str
     agreement = agreement_of(results)
     papers = f"; of the paper's own results {agreement}" if agreement and not comparing else ""
     count = f"{good} of {len(rows)} trials {done}, in {len(parts)} parts"
-    return f"{went(state, (run for run, _ in rows))}: {count}{beside}{goals_of(results)}{papers}.", state
+    how = went(state, [run for part in parts for run in part.runs])  # of a run without a trial as well
+    return f"{how}: {count}{beside}{goals_of(results)}{papers}.", state
 
 
 def _named(bench: str, groups: Sequence[Sequence[Run]]) -> dict[str, Sequence[Run]]:
