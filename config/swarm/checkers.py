@@ -46,6 +46,9 @@ BLIND_M = 0.0035
 OVER_SHARE = 1.1
 """From which share of the limit on a force is certainly seen: noise may hide less."""
 
+LATE_S = 0.05
+"""By how much a device is late whose fault does not say."""
+
 CLOSES_ITSELF = ("CALIBRATING", "HOMING")
 """States in which a gripper finds its ends by itself, jaw against jaw, as hard as its maker has set it."""
 
@@ -561,15 +564,13 @@ def _outdated(story: Any) -> Iterator[Violation]:
 def _late(story: Any) -> Iterator[Violation]:
     """A loop that comes too late while the axis moves is stopped."""
     most_s, turn_s = 1.5 * story.limits["late_s"], 1.0 / story.profile["loop"]["rate_hz"]
-    if _full(story):
-        return  # how the trial ended may not be written any more
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
     for effect in story.effects:
         if effect["kind"] != "hang" or effect.get("amount", 0.2) < most_s:
             continue
         for trial in story.trials:
-            if trial.number != effect["trial"]:
-                continue
+            if trial.number != effect["trial"] or (_full(story) and trial.number not in outcomes):
+                continue  # how it ended may not be written any more
             before = [each for each in trial.samples if each[0] <= effect["effect_s"] + 1e-9][-2:]
             after = [each for each in trial.samples if each[0] >= effect["effect_s"] + most_s][:2]
             seen = [(t_s, each["axis_m"]) for t_s, each in (*before, *after) if "axis_m" in each]
@@ -585,19 +586,22 @@ def _late(story: Any) -> Iterator[Violation]:
 
 
 def _at_once(story: Any) -> Iterator[Violation]:
-    """In the turn in which the guard or a failure ends a trial its mover is told to stop, whatever follows."""
-    mover, half_turn_s = story.profile["behavior"].get("mover"), 0.5 / story.profile["loop"]["rate_hz"]
-    told_s: dict[int, list[float]] = {}
+    """In the turn in which the guard or a failure ends a trial its mover is told to stop, whatever follows; or was told
+    so before, and nothing else since."""
+    mover, turn_s = story.profile["behavior"].get("mover"), 1.0 / story.profile["loop"]["rate_hz"]
+    told: dict[int, list[tuple[float, bool]]] = {}
+    last_s: dict[int, float] = {}
     for event in story.events():
-        if event.get("event") == "Sent" and event["command"].startswith(f"Stop({mover}"):
-            told_s.setdefault(event["trial"], []).append(event["t_s"])
-    trials = {trial.number: trial for trial in story.trials}
-    if _full(story):
-        return  # what was sent is told a turn later, and may not be written any more
+        last_s[event.get("trial", 0)] = event["t_s"]
+        if event.get("event") == "Sent" and event["device"] == mover and MOVES.match(event["command"]):
+            told.setdefault(event["trial"], []).append((event["t_s"], event["command"].startswith("Stop(")))
+    trials, full = {trial.number: trial for trial in story.trials}, _full(story)
     for event in story.events():
         trial = trials.get(event.get("trial", 0))
         if trial is None or event.get("event") not in ("GuardStopped", "Failed") or not mover:
             continue
+        if full and event["t_s"] > last_s[trial.number] - 2.0 * turn_s:
+            continue  # what was sent is told a turn later, and may not be written any more
         if "sticks" in event.get("reason", ""):  # since its last sample, which came before the turn
             continue
         if (
@@ -606,18 +610,27 @@ def _at_once(story: Any) -> Iterator[Violation]:
         ):
             continue
         # a device that failed says when, between two turns
-        turns_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - half_turn_s]
-        turns_s = turns_s[: 2 if event["event"] == "Failed" else 1]
-        # a device that answers late keeps the turn back by as much
-        lates = (each for each in story.effects if each["kind"] == "late" and each["trial"] == trial.number)
-        late_s = max(
-            (each.get("amount", 0.0) for each in lates if each["effect_s"] <= event["t_s"] + half_turn_s),
-            default=0.0,
-        )
-        stops_s, most_s = told_s.get(trial.number, ()), half_turn_s + late_s
-        if not any(abs(stop_s - t_s) < most_s for stop_s in stops_s for t_s in (event["t_s"], *turns_s)):
+        turns_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - 0.5 * turn_s]
+        turns_s = [event["t_s"], *turns_s[: 2 if event["event"] == "Failed" else 1]]
+        most_s = 0.5 * turn_s + _kept_back_s(story, trial.number, event["t_s"])
+        commands = told.get(trial.number, ())
+        stopped = any(stop and abs(sent_s - t_s) < most_s for sent_s, stop in commands for t_s in turns_s)
+        before = [stop for sent_s, stop in commands if sent_s < max(turns_s) + most_s]
+        if not stopped and not (before and before[-1]):
             what = f"{event['event']} at {event['t_s']:.4f} s, and {mover} was not told to stop then"
             yield Violation("SAFETY", "at once", trial.number, event["t_s"], event["state"], what)
+
+
+def _kept_back_s(story: Any, number: int, t_s: float) -> float:
+    """By how much a turn may be kept back by devices that answer late just then."""
+    most_s = 0.0
+    for effect in story.effects:
+        if effect["kind"] == "late" and effect["trial"] == number:
+            late_s = effect.get("amount", LATE_S)
+            lasts_s = math.inf if "every_s" in effect else effect.get("for_s", math.inf)
+            if effect["effect_s"] - late_s <= t_s <= effect["effect_s"] + lasts_s + late_s:
+                most_s = max(most_s, late_s)
+    return most_s
 
 
 def _unseen(story: Any) -> Iterator[Violation]:
