@@ -587,14 +587,18 @@ def _late(story: Any) -> Iterator[Violation]:
 
 def _at_once(story: Any) -> Iterator[Violation]:
     """In the turn in which the guard or a failure ends a trial its mover is told to stop, whatever follows; or was told
-    so before, and nothing else since."""
+    so before, or sent back by the guard, and nothing else since."""
     mover, turn_s = story.profile["behavior"].get("mover"), 1.0 / story.profile["loop"]["rate_hz"]
     told: dict[int, list[tuple[float, bool]]] = {}
     last_s: dict[int, float] = {}
+    back: Sequence[str] = ()
     for event in story.events():
         last_s[event.get("trial", 0)] = event["t_s"]
-        if event.get("event") == "Sent" and event["device"] == mover and MOVES.match(event["command"]):
-            told.setdefault(event["trial"], []).append((event["t_s"], event["command"].startswith("Stop(")))
+        if event.get("event") == "Retreated" and event["device"] == mover:
+            back = event["commands"]
+        elif event.get("event") == "Sent" and event["device"] == mover and MOVES.match(event["command"]):
+            ends = event["command"].startswith("Stop(") or event["command"] in back
+            told.setdefault(event["trial"], []).append((event["t_s"], ends))
     trials, full = {trial.number: trial for trial in story.trials}, _full(story)
     for event in story.events():
         trial = trials.get(event.get("trial", 0))
