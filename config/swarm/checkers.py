@@ -283,9 +283,9 @@ def _required(story: Any) -> Iterator[Violation]:
         for effect in story.effects:
             if effect["trial"] != trial.number or effect["kind"] not in CUT or "every_s" in effect:
                 continue
-            lasts_s = effect.get("for_s", math.inf)
+            ends_s = _ends_s(effect, trial)
             for state, since_s, until_s in _spans(trial):
-                cut_s = min(until_s, effect["effect_s"] + lasts_s) - max(since_s, effect["effect_s"])
+                cut_s = min(until_s, ends_s) - max(since_s, effect["effect_s"])
                 # the first look at a device may come long after its samples are due: count from there
                 if state in DECIDING and cut_s > 0.06 and effect["device"] in story.measured.get(state, ()):
                     yield Violation(
@@ -296,6 +296,14 @@ def _required(story: Any) -> Iterator[Violation]:
                         state,
                         f"{outcomes[trial.number]}, though {effect['device']} was {effect['kind']} for {cut_s:.3f} s",
                     )
+
+
+def _ends_s(effect: Mapping[str, Any], trial: Any) -> float:
+    """Until when a fault that is not repeated lasts: it may have begun long before it took effect."""
+    entered = [since_s for name, since_s in trial.states if name == effect.get("after")]
+    begun_s = max((each_s for each_s in entered if each_s <= effect["effect_s"] + 1e-9), default=0.0)
+    begins_s = min(begun_s + effect.get("at_s", 0.0), effect["effect_s"])
+    return float(begins_s + effect.get("for_s", math.inf))
 
 
 def _spans(trial: Any) -> Iterator[tuple[str, float, float]]:
@@ -616,7 +624,7 @@ def _at_once(story: Any) -> Iterator[Violation]:
         # a device that failed says when, between two turns
         turns_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - 0.5 * turn_s]
         turns_s = [event["t_s"], *turns_s[: 2 if event["event"] == "Failed" else 1]]
-        most_s = 0.5 * turn_s + _kept_back_s(story, trial.number, event["t_s"])
+        most_s = 0.5 * turn_s + _kept_back_s(story, trial, event["t_s"])
         commands = told.get(trial.number, ())
         stopped = any(stop and abs(sent_s - t_s) < most_s for sent_s, stop in commands for t_s in turns_s)
         before = [stop for sent_s, stop in commands if sent_s < max(turns_s) + most_s]
@@ -625,14 +633,14 @@ def _at_once(story: Any) -> Iterator[Violation]:
             yield Violation("SAFETY", "at once", trial.number, event["t_s"], event["state"], what)
 
 
-def _kept_back_s(story: Any, number: int, t_s: float) -> float:
+def _kept_back_s(story: Any, trial: Any, t_s: float) -> float:
     """By how much a turn may be kept back by devices that answer late just then."""
     most_s = 0.0
     for effect in story.effects:
-        if effect["kind"] == "late" and effect["trial"] == number:
+        if effect["kind"] == "late" and effect["trial"] == trial.number:
             late_s = effect.get("amount", LATE_S)
-            lasts_s = math.inf if "every_s" in effect else effect.get("for_s", math.inf)
-            if effect["effect_s"] - late_s <= t_s <= effect["effect_s"] + lasts_s + late_s:
+            ends_s = math.inf if "every_s" in effect else _ends_s(effect, trial)
+            if effect["effect_s"] - late_s <= t_s <= ends_s + late_s:
                 most_s = max(most_s, late_s)
     return most_s
 
@@ -762,10 +770,10 @@ def _blind(story: Any) -> Iterator[Violation]:
     for effect in story.effects:
         if effect["device"] not in needed or effect["kind"] not in CUT or "every_s" in effect:
             continue
-        ends_s = effect["effect_s"] + effect.get("for_s", math.inf)
         for trial in story.trials:
             if trial.number != effect["trial"] or _of_loop(story, trial):
                 continue
+            ends_s = _ends_s(effect, trial)
             cut = [
                 (t_s, places["axis_m"])
                 for t_s, places in trial.samples
