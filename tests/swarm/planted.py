@@ -41,7 +41,7 @@ LOOP, GUARD, ARRIVALS = "controller.loop:Loop", "controller.guard:Guard", "contr
 CAMPAIGN, BOUNDS = "controller.campaign:Campaign", "controller.limits:Bounds"
 RECORDER, LEDGER = "controller.recording.recorder:Recorder", "controller.recording.ledger:Ledger"
 
-HANGS = '"hang", after = "APPROACH"[^}]*amount = (0.3|2.0)'
+HANGS = '"hang"[^}]*(after = "APPROACH"[^}]*amount = (0.3|2.0)|amount = (0.3|2.0)[^}]*after = "APPROACH")'
 
 DEFECTS = (
     Planted(
