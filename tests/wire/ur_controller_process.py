@@ -79,7 +79,6 @@ def obey(server: UrServer, order: Order) -> dict[str, object]:
         "safety": controller.safety.name,
         "pose": controller.arm.pose.tolist(),
         "twist": controller.arm.twist.tolist(),
-        "obeyed": dict(controller.obeyed),
         "log": list(controller.log),
     }
 

@@ -52,17 +52,13 @@ class Registers:
         """A double input."""
         return cast(float, self._inputs[self._in_f[number]])
 
-    def vector(self, first: int = 0) -> Array:
-        """Six double inputs."""
-        return np.array([self._inputs[name] for name in self._in_f[first : first + 6]])
+    def vector(self) -> Array:
+        """The first six double inputs."""
+        return np.array([self._inputs[name] for name in self._in_f[:6]])
 
     def output(self, number: int, value: int) -> None:
         """Set an integer output."""
         self._outputs[self._out_i[number]] = value
-
-    def answer(self, value: int) -> None:
-        """The integer result of a command."""
-        self.output(1, int(value))
 
     def report(self, values: Sequence[float] | Array) -> None:
         """The result of a command that has several numbers."""

@@ -1,4 +1,4 @@
-"""The controller on five TCP ports of a loopback address, in step with the wall clock.
+"""The controller on four TCP ports of a loopback address, in step with the wall clock.
 
 The server belongs in a process of its own: the client holds its interpreter's lock while it connects.
 """
@@ -14,13 +14,13 @@ from contextlib import suppress
 from drivers.core.clock import Clock, WallClock
 from simulator.devices.tcp_clients import TcpClients
 from simulator.devices.ur_controller.controller import UrController
-from simulator.devices.ur_controller.primary import PrimarySession, greeting
+from simulator.devices.ur_controller.primary import PrimarySession
 from simulator.devices.ur_controller.rtde import PackageError
 from simulator.devices.ur_controller.script import STEP_S
 from simulator.devices.ur_controller.session import GREETING, DashboardSession, RtdeSession, ScriptSession
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
-PRIMARY_PORT, SECONDARY_PORT = 30001, 30002
+PRIMARY_PORT = 30001
 """Ports of a controller (script manual, client interface manual)."""
 
 BACKLOG_STEPS = 250
@@ -95,7 +95,6 @@ class UrServer:
         kinds: dict[int, Callable[[], Session]] = {
             RTDE_PORT: lambda: RtdeSession(self.controller, self._taken),
             PRIMARY_PORT: lambda: PrimarySession(self.controller),
-            SECONDARY_PORT: lambda: PrimarySession(self.controller),
             SCRIPT_PORT: lambda: ScriptSession(self.controller),
             DASHBOARD_PORT: lambda: DashboardSession(self.controller),
         }
@@ -178,8 +177,6 @@ class UrServer:
         session = self._sessions[connection] = self._listeners[listener]()
         if isinstance(session, DashboardSession):
             self._clients.send(connection, GREETING)
-        elif isinstance(session, PrimarySession):
-            self._clients.send(connection, greeting(self.controller))
 
     def _receive(self, connection: socket.socket) -> None:
         session = self._sessions.get(connection)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from simulator.devices.ur_controller import rtde
-from simulator.devices.ur_controller.controller import Runtime, Safety, UrController
+from simulator.devices.ur_controller.controller import SERIAL, VERSION, Runtime, Safety, UrController
 from simulator.devices.ur_controller.registers import registers
 from simulator.devices.ur_controller.rtde import PackageError, PackageKind, Recipe, Value
 from simulator.devices.ur_controller.script import STEP_S
@@ -81,7 +81,7 @@ class RtdeSession:
                 version = int.from_bytes(body, "big")
                 return rtde.accepted(PackageKind.PROTOCOL, version == rtde.PROTOCOL_VERSION)
             case PackageKind.CONTROLLER:
-                version_numbers = [int(part) for part in self._controller.settings.version.split(".")]
+                version_numbers = [int(part) for part in VERSION.split(".")]
                 return rtde.version_reply(version_numbers)
             case PackageKind.OUTPUTS:
                 return self._set_up_outputs(body)
@@ -187,7 +187,7 @@ Output = tuple[str, Value | Callable[[UrController], Value]]
 _TABLE: dict[str, Any] = tomllib.loads(Path(__file__).with_name("variables.toml").read_text("utf-8"))
 
 INPUTS: dict[str, str] = {**registers("input"), **_TABLE["inputs"]}
-"""Type of each input. `external_force_torque` is taken and changes nothing: no program here can select it."""
+"""Type of each input. Those beside the registers are taken and change nothing."""
 
 
 def _register(way: str, name: str) -> Callable[[UrController], Value]:
@@ -227,13 +227,6 @@ OUTPUTS: dict[str, Output] = {
         lambda c: POWERED_ON | (PROGRAM_RUNNING if c.runtime is c.runtime.PLAYING else 0),
     ),
     "runtime_state": ("UINT32", lambda c: int(c.runtime)),
-    "speed_scaling": ("DOUBLE", lambda c: c.arm.scaling),
-    "target_speed_fraction": ("DOUBLE", lambda c: c.panel.slider),
-    "actual_digital_output_bits": ("UINT64", lambda c: c.panel.digital_bits),
-    "actual_configurable_digital_output_bits": ("UINT64", lambda c: c.panel.digital_bits >> 8 & 0xFF),
-    "analog_io_types": ("UINT32", lambda c: c.panel.analog_types),
-    "standard_analog_output0": ("DOUBLE", lambda c: c.panel.analog(0)),
-    "standard_analog_output1": ("DOUBLE", lambda c: c.panel.analog(1)),
     **{
         name: (kind, _register(way, name))
         for way in ("input", "output")
@@ -266,8 +259,8 @@ def _playing(controller: UrController) -> bool:
 
 
 _ANSWERS: dict[str, Callable[[UrController], str]] = {
-    "polyscopeversion": lambda c: f"URSoftware {c.settings.version} (Sep 30 2021)",
-    "get serial number": lambda c: c.settings.serial,
+    "polyscopeversion": lambda c: f"URSoftware {VERSION} (Sep 30 2021)",
+    "get serial number": lambda c: SERIAL,
     "get robot model": lambda c: "UR5",
     "is in remote control": lambda c: str(c.remote).lower(),
     "robotmode": lambda c: "Robotmode: RUNNING",

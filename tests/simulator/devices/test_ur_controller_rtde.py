@@ -7,7 +7,7 @@ import pytest
 from simulator.devices.ur_controller import rtde
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
 from simulator.devices.ur_controller.rtde import PackageError, PackageKind
-from simulator.devices.ur_controller.session import INPUTS, OUTPUTS, RtdeSession, ScriptSession
+from simulator.devices.ur_controller.session import OUTPUTS, RtdeSession, ScriptSession
 from simulator.physics.arm import elbow
 
 PROTOCOL = bytes.fromhex("0005 56 0002")
@@ -207,41 +207,15 @@ def test_every_variable_of_the_guide_has_a_value_of_its_type(
 def test_the_elbow_follows_from_the_joints(controller: UrController) -> None:
     arm = controller.arm
     controller.start_program(0)
-    speeds = {f"input_double_register_{k}": v for k, v in enumerate([0.3, 0.2, 0.1, 0.0, 0.0, 0.0, 5.0, 0.0])}
-    controller.write_inputs({"input_int_register_0": 9, **speeds})
+    speeds = {f"input_double_register_{k}": v for k, v in enumerate([0.1, 0.1, 0.1, 0.0, 0.0, 0.0, 1.0, 0.0])}
+    controller.write_inputs({"input_int_register_0": 10, **speeds})
     for _ in range(100):
         controller.step()
     place, velocity = elbow(arm.joints_rad, arm.joint_speeds_rad_s)
     controller.step()
     moved = (elbow(arm.joints_rad, arm.joint_speeds_rad_s)[0] - place) / 0.002
     assert moved == pytest.approx(velocity, abs=1e-3)
-    assert abs(velocity).max() > 0.05
-
-
-def written(session: RtdeSession, values: dict[str, int | float]) -> None:
-    number = session.feed(rtde.encode(PackageKind.INPUTS, ",".join(values).encode()))[3]
-    fields = [rtde.packer(INPUTS[name])(value) for name, value in values.items()]
-    session.feed(rtde.encode(PackageKind.DATA, bytes([number]) + b"".join(fields)))
-
-
-def test_outputs_that_a_client_sets_are_seen_in_the_stream(session: RtdeSession) -> None:
-    session.feed(outputs("actual_digital_output_bits,standard_analog_output0,standard_analog_output1"))
-    session.feed(START)
-    written(session, {"standard_digital_output_mask": 0b101, "standard_digital_output": 0b111})
-    written(session, {"configurable_digital_output_mask": 0x80, "configurable_digital_output": 0xFF})
-    written(session, {"tool_digital_output_mask": 0xFF, "tool_digital_output": 0xFF})
-    written(
-        session,
-        {
-            "standard_analog_output_mask": 0b10,
-            "standard_analog_output_type": 0b11,
-            "standard_analog_output_0": 0.9,
-            "standard_analog_output_1": 0.25,
-        },
-    )
-    assert struct.unpack(">Qdd", session.step()[4:]) == (0x3_80_05, 0.004, 2.5)
-    written(session, {"standard_digital_output_mask": 0b001, "standard_digital_output": 0})
-    assert struct.unpack(">Qdd", session.step()[4:])[0] == 0x3_80_04
+    assert abs(velocity).max() > 0.02
 
 
 def test_a_script_as_long_as_none_is_refused_without_being_searched_again_and_again(

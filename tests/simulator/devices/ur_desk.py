@@ -28,11 +28,9 @@ class Desk:
         for _ in range(steps):
             self.controller.step()
 
-    def write(
-        self, command: int, numbers: Sequence[float] = (), flag: int = 0, flags: Sequence[int] = ()
-    ) -> None:
+    def write(self, command: int, numbers: Sequence[float] = (), flag: int = 0) -> None:
         values: dict[str, float] = {f"input_double_register_{i}": float(v) for i, v in enumerate(numbers)}
-        values.update({f"input_int_register_{i}": v for i, v in enumerate([command, *(flags or [flag])])})
+        values.update({f"input_int_register_{i}": v for i, v in enumerate((command, flag))})
         self.controller.write_inputs(values)
 
     def call(self, command: int, numbers: Sequence[float] = (), flag: int = 0, steps: int = 5000) -> int:
@@ -49,9 +47,6 @@ class Desk:
                 return step + 1
         pytest.fail("the command is never done")
 
-    def vector(self) -> list[float]:
-        return [float(self.controller.outputs[f"output_double_register_{i}"]) for i in range(6)]  # type: ignore[arg-type]
-
     @property
     def pose(self) -> np.ndarray:
         return self.controller.arm.pose
@@ -59,12 +54,6 @@ class Desk:
     @property
     def log(self) -> str:
         return " | ".join(self.controller.log)
-
-    @property
-    def progress(self) -> int:
-        value = self.controller.outputs["output_int_register_2"]
-        assert isinstance(value, int)
-        return value
 
 
 def desk(plane_m: float = -math.inf, **settings: object) -> Desk:
