@@ -317,7 +317,7 @@ def pretouch_judges(thresholds: Mapping[str, float]) -> dict[str, Judge]:
 def contact_judges(thresholds: Mapping[str, float]) -> dict[str, Judge]:
     """Fresh detectors of contact by name."""
     made: dict[str, Judge] = {}
-    for window_s, part in ((0.5, ""), (1.0, ""), (2.0, ""), (5.0, ""), (0.5, IN_MOTION), (1.0, IN_MOTION)):
+    for window_s, part in ((0.5, ""), (1.0, ""), (5.0, ""), (0.5, IN_MOTION), (1.0, IN_MOTION)):
         name = f"level.paper, {window_s:g} s{part}"
         made[name] = LevelPaperDetector(name, LevelPaperSettings(window_s=window_s, **_at(thresholds, name)))
     made["level"] = LevelDetector("level", LevelSettings(**_at(thresholds, "level")))
@@ -538,11 +538,12 @@ def judge(event: Event, thresholds: Mapping[str, float]) -> Verdict:
 
 # --- rates ---------------------------------------------------------------------------------------
 
-Chosen = Callable[[Verdict], bool]
-
 PRETOUCH, CONTACT = tuple(pretouch_judges({})), tuple(contact_judges({}))
 MATCHED, OURS = "pretouch.paper, 0.5 s", "pretouch"
 """The paper's variant to whose printed rate the echo is matched, and ours: of the tables that compare two."""
+
+STRONGEST = f"level.paper, 1 s{IN_MOTION}"
+"""The paper's contact that feels most, of the tables that compare two."""
 
 
 def rate(answers: Iterable[bool]) -> dict[str, Any]:
@@ -560,14 +561,12 @@ def quantiles(values: Sequence[float]) -> dict[str, float | None]:
     return dict(zip(("p10", "median", "p90"), found, strict=True))
 
 
-def pretouch_rates(
-    verdicts: Sequence[Verdict], names: Sequence[str], chosen: Chosen = lambda _: True
-) -> dict[str, Any]:
+def pretouch_rates(verdicts: Sequence[Verdict], names: Sequence[str]) -> dict[str, Any]:
     """True positives with their distances (m), and true negatives."""
-    found, mine = {}, [verdict for verdict in verdicts if chosen(verdict)]
+    found: dict[str, Any] = {}
     for name in names:
-        seen = [v.seen_m[name] for v in mine if name in v.seen_m]
-        quiet = rate(not v.near[name] for v in mine if name in v.near)
+        seen = [v.seen_m[name] for v in verdicts if name in v.seen_m]
+        quiet = rate(not v.near[name] for v in verdicts if name in v.near)
         found[name] = {
             "tpr": rate(not math.isnan(d) for d in seen),
             "tnr": quiet,
@@ -576,38 +575,41 @@ def pretouch_rates(
     return found
 
 
-def contact_rates(verdicts: Sequence[Verdict], chosen: Chosen = lambda _: True) -> dict[str, Any]:
+def contact_rates(verdicts: Sequence[Verdict], names: Sequence[str]) -> dict[str, Any]:
     """True positives with their delays (s) and outcomes, and true negatives."""
-    found, mine = {}, [verdict for verdict in verdicts if chosen(verdict)]
-    for name in CONTACT:
-        touches = [v.touch[name] for v in mine if name in v.touch]
+    found: dict[str, Any] = {}
+    for name in names:
+        touches = [v.touch[name] for v in verdicts if name in v.touch]
         delays_s = [each.delay_s for each in touches]
         found[name] = {
             "tpr": rate(not math.isnan(d) for d in delays_s),
-            "tnr": rate(not v.touched[name] for v in mine if name in v.touched),
+            "tnr": rate(not v.touched[name] for v in verdicts if name in v.touched),
             "delay_s": quantiles(delays_s),
             **{way: rate(getattr(each, way) for each in touches) for way in ("early", "held", "ended")},
         }
     return found
 
 
-def _all_rates(
-    verdicts: Sequence[Verdict], thresholds: Mapping[str, float], objects: Sequence[str] = SIX
-) -> dict[str, Any]:
-    def of(name: str) -> Chosen:
-        return lambda verdict: verdict.event.object == name
+def _all_rates(verdicts: Sequence[Verdict], thresholds: Mapping[str, float]) -> dict[str, Any]:
+    def by(what: Callable[[Event], str]) -> dict[str, Any]:
+        groups: dict[str, list[Verdict]] = {}
+        for verdict in verdicts:
+            groups.setdefault(what(verdict.event), []).append(verdict)
+        return {
+            name: {
+                "pretouch": pretouch_rates(own, (MATCHED, OURS)),
+                "contact": contact_rates(own, (STRONGEST, "level")),
+            }
+            for name, own in groups.items()
+        }
 
     return {
         "thresholds": dict(thresholds),
         "pretouch": pretouch_rates(verdicts, (*PRETOUCH, BOTH_CHANNELS, CLAIRVOYANT)),
-        "contact": contact_rates(verdicts),
-        "objects": {
-            name: {
-                "pretouch": pretouch_rates(verdicts, (MATCHED, OURS), of(name)),
-                "contact": contact_rates(verdicts, of(name)),
-            }
-            for name in objects
-        },
+        "contact": contact_rates(verdicts, CONTACT),
+        "objects": by(lambda event: event.object),
+        "sides": by(lambda event: f"{event.side}, {event.speed_m_s:g} m/s"),
+        "kinds": by(lambda event: event.kind),
     }
 
 
@@ -633,7 +635,7 @@ def main(quick: bool = False) -> None:
         for db in (0, weaker_db):
             at = thresholds if db else own
             work = events(SEED_TEST + 2, (size["soft"], size["soft"], 0), SOFT, float(db))
-            soft[str(db)] = _all_rates(judged(at, work), at, SOFT)
+            soft[str(db)] = _all_rates(judged(at, work), at)
         for db in SWEEP_DB:
             work = events(SEED_MATCH + 1, (0, max(1, size["match"] // 4), 0), weaker_db=float(db))
             sweep[str(db)] = pretouch_rates(judged(own, work), (MATCHED, OURS))
@@ -644,7 +646,7 @@ def main(quick: bool = False) -> None:
         "found_db": {str(db): share for db, share in found_db.items()},
         "passages": len(matched),
         "matched": _all_rates(matched, thresholds),
-        "matched_but_top": contact_rates(matched, lambda verdict: verdict.event.side != "top"),
+        "matched_but_top": contact_rates([v for v in matched if v.event.side != "top"], CONTACT),
         "beside_the_bound": pretouch_rates(bounded, (CLAIRVOYANT, OURS)),
         "plain": _all_rates(plain, own),
         "soft": soft,
