@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, StatePlan, on
+from behaviors.machine import Behavior, StatePlan, concluding, of, on
 from drivers.core.messages import Chirp, Excite
 from drivers.core.settings import DeviceName, Settings, StreamName
 
@@ -44,34 +44,18 @@ class ChirpSweep(Behavior):
     """Listen to silence, sweep, listen on."""
 
     def __init__(self, settings: ChirpSettings, factors: Settings, detectors: frozenset[str]) -> None:
-        measured = frozenset((settings.fingers_stream,))
+        measured, exciter = frozenset((settings.fingers_stream,)), settings.exciter
+        sweep = Chirp(exciter, settings.from_hz, settings.to_hz, settings.duration_s, settings.level)
         self.settings = settings
         super().__init__(
             {
-                "SILENT": StatePlan(settings.settle_s, frozenset(), measured, prompt=False),
-                "SWEEPING": StatePlan(settings.duration_s + 5.0, frozenset(), measured, prompt=False),
+                "SILENT": StatePlan(
+                    settings.settle_s, frozenset(), measured, False, [Excite(exciter, False)]
+                ),
+                "SWEEPING": StatePlan(settings.duration_s + 5.0, frozenset(), measured, False, [sweep]),
                 "RINGING": StatePlan(settings.settle_s, frozenset(), measured, prompt=False),
             }
         )
-
-    def from_exciter(self) -> bool:
-        """Whether the status is the drive's."""
-        return self.came_from(self.settings.exciter)
-
-    def enter_SILENT(self) -> None:
-        """No drive."""
-        self.command(Excite(self.settings.exciter, False))
-
-    def enter_SWEEPING(self) -> None:
-        """Once through all frequencies."""
-        settings = self.settings
-        self.command(
-            Chirp(settings.exciter, settings.from_hz, settings.to_hz, settings.duration_s, settings.level)
-        )
-
-    def enter_DONE(self) -> None:
-        """The whole sweep was heard."""
-        self.conclude("swept")
 
     def enter_FAILED(self) -> None:
         """Silence after an error."""
@@ -79,7 +63,7 @@ class ChirpSweep(Behavior):
 
     table = (
         on("deadline", "SILENT", "SWEEPING"),
-        on("reached", "SWEEPING", "RINGING", from_exciter, label="sweep over"),
-        on("deadline", "RINGING", "DONE"),
+        on("reached", "SWEEPING", "RINGING", of("exciter"), label="sweep over"),
+        on("deadline", "RINGING", "DONE", do=concluding("swept")),
         on("resumed", ["SILENT", "SWEEPING"], "SILENT"),
     )

@@ -5,8 +5,8 @@ import math
 from pydantic import Field
 
 from behaviors.approach import Approaching, approaching
-from behaviors.machine import StatePlan, from_mover, on
-from drivers.core.messages import Ask, Home, MoveTo
+from behaviors.machine import StatePlan, from_mover, of, on
+from drivers.core.messages import Ask, Command, Home, MoveTo
 from drivers.core.settings import DetectorName, DeviceName, Settings, StreamName
 
 
@@ -69,17 +69,40 @@ class FirstContact(Approaching):
         self.settings = settings
         measured = frozenset((settings.load_cell_stream, settings.position_stream))
         acting = frozenset({settings.detector})
-        asking = StatePlan(settings.answer_timeout_s, measures=measured, prompt=False)
-        motion = StatePlan(settings.motion_timeout_s, measures=measured)
+        mover, speed_m_s = settings.mover, settings.speed_m_s
         way_m = settings.approach_limit_m - settings.start_m
+        nudged_m = settings.start_m + math.copysign(settings.nudge_m, way_m)
+        start_mm, nudge_mm = 1e3 * settings.start_m, 1e3 * settings.nudge_m
+        self._requests = {
+            "READY_FOR_HOME": f"{mover} goes home at its own speed",
+            "READY_FOR_START": f"{mover} goes to {start_mm:g} mm at {1e3 * speed_m_s:g} mm/s",
+            "READY_FOR_NUDGE": f"{mover} goes {nudge_mm:g} mm towards the object; nothing touches yet",
+            "READY_FOR_TOUCH": (
+                f"has {mover} come nearer? (if not, decline: its forward or approach_axis is reversed) It approaches"
+                f" until contact, at most to {1e3 * settings.approach_limit_m:g} mm"
+            ),
+            "READY_TO_LEAVE": f"{mover} goes back",
+        }
+
+        def asking(request: str) -> StatePlan:
+            question = Ask(settings.operator, f"{request}; emergency stop in reach?")
+            return StatePlan(settings.answer_timeout_s, frozenset(), measured, False, [question])
+
+        def motion(*commands: Command) -> StatePlan:
+            return StatePlan(settings.motion_timeout_s, measures=measured, commands=commands)
+
         super().__init__(
             {
-                **dict.fromkeys(self.ASKING, asking),
-                **dict.fromkeys(("HOMING", "STARTING", "NUDGING", "STOPPING", "RETRACTING"), motion),
+                **{state: asking(request) for state, request in self._requests.items()},
+                "HOMING": motion(Home(mover)),
+                "STARTING": motion(MoveTo(mover, settings.start_m, speed_m_s)),
+                "NUDGING": motion(MoveTo(mover, nudged_m, speed_m_s)),
+                "STOPPING": motion(),
+                "RETRACTING": motion(MoveTo(mover, settings.start_m, speed_m_s)),
                 "BASELINE": StatePlan(settings.baseline_timeout_s, acting, measured, prompt=False),
                 "APPROACH": self.approach(
                     settings.detector,
-                    math.copysign(settings.speed_m_s, way_m),
+                    math.copysign(speed_m_s, way_m),
                     settings.approach_limit_m,
                     abs(way_m),
                     StatePlan(settings.motion_timeout_s, acting, measured),
@@ -89,10 +112,6 @@ class FirstContact(Approaching):
             acting,
         )  # fmt: skip
 
-    def answered(self) -> bool:
-        """Whether the answer is the person's."""
-        return self.came_from(self.settings.operator)
-
     def conclude_unanswered(self) -> None:
         """Nobody is there."""
         reason = f"{self.settings.operator} did not answer within {self.settings.answer_timeout_s:g} s"
@@ -101,56 +120,11 @@ class FirstContact(Approaching):
     def conclude_declined(self) -> None:
         """The person does not want what was asked for."""
         self.outcome = "aborted"
-        self.reason = f"{self.settings.operator} declined: {self._request}"
-
-    def _ask(self, request: str) -> None:
-        self._request = request
-        self.command(Ask(self.settings.operator, f"{request}; emergency stop in reach?"))
-
-    def enter_READY_FOR_HOME(self) -> None:
-        """Ask for the way home."""
-        self._ask(f"{self._mover} goes home at its own speed")
-
-    def enter_HOMING(self) -> None:
-        """Know where the mover is."""
-        self.command(Home(self._mover))
-
-    def enter_READY_FOR_START(self) -> None:
-        """Ask for the way to the start."""
-        self._ask(
-            f"{self._mover} goes to {1e3 * self.settings.start_m:g} mm at {1e3 * self.settings.speed_m_s:g} mm/s"
-        )
-
-    def enter_STARTING(self) -> None:
-        """Go to the start."""
-        self.command(MoveTo(self._mover, self.settings.start_m, self.settings.speed_m_s))
-
-    enter_RETRACTING = enter_STARTING
-
-    def enter_READY_FOR_NUDGE(self) -> None:
-        """Ask for the first way towards the object."""
-        self._ask(
-            f"{self._mover} goes {1e3 * self.settings.nudge_m:g} mm towards the object; nothing touches yet"
-        )
-
-    def enter_NUDGING(self) -> None:
-        """Go nearer by a little."""
-        way_m = math.copysign(self.settings.nudge_m, self.settings.approach_limit_m - self.settings.start_m)
-        self.command(MoveTo(self._mover, self.settings.start_m + way_m, self.settings.speed_m_s))
-
-    def enter_READY_FOR_TOUCH(self) -> None:
-        """Ask whether that led nearer, and for the approach."""
-        self._ask(
-            f"has {self._mover} come nearer? (if not, decline: its forward or approach_axis is reversed) It approaches"
-            f" until contact, at most to {1e3 * self.settings.approach_limit_m:g} mm"
-        )
+        self.reason = f"{self.settings.operator} declined: {self._requests[self.state]}"
 
     enter_APPROACH = Approaching.go_until_contact
 
-    def enter_READY_TO_LEAVE(self) -> None:
-        """Ask for the way back."""
-        self._ask(f"{self._mover} goes back")
-
+    answered = of("operator")
     ASKING = ("READY_FOR_HOME", "READY_FOR_START", "READY_FOR_NUDGE", "READY_FOR_TOUCH", "READY_TO_LEAVE")
     BEFORE_CONTACT = (
         "READY_FOR_START",

@@ -73,6 +73,8 @@ class Flexion(Transient):
         self._measured |= {self.settings.tendon_stream}
         for name in ("BASELINE", "APPROACH", "STOPPING", "HOLDING"):
             plans[name] = replace(plans[name], detectors=self._detectors, measures=self._measured)
+        for name in ("STARTING", "RETRACTING"):  # extended, too
+            plans[name] = replace(plans[name], commands=[*plans[name].commands, self._tendon(0.0)])
         flexing = StatePlan(self.settings.flexing_s, self._detectors, self._measured, prompt=False)
         return plans | {"FLEXING": flexing}
 
@@ -100,11 +102,6 @@ class Flexion(Transient):
     def _tendon(self, position_m: float) -> SetTendon:
         return SetTendon(self.settings.exciter, position_m)
 
-    def enter_STARTING(self) -> None:
-        """Extended, to where approaches start."""
-        self.command(self._tendon(0.0))
-        super().enter_STARTING()
-
     def enter_BASELINE(self) -> None:
         """Every detector learns anew, extended and while the tendon sweeps."""
         super().enter_BASELINE()
@@ -113,8 +110,3 @@ class Flexion(Transient):
     def enter_FLEXING(self) -> None:
         """To and fro."""
         self._sweeps_s = self._step_due_s = self.event.t_s
-
-    def enter_RETRACTING(self) -> None:
-        """Away from the finger, which is extended."""
-        super().enter_RETRACTING()
-        self.command(self._tendon(0.0))

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from pydantic import Field
 
-from behaviors.machine import Row, StatePlan, on
+from behaviors.machine import Row, StatePlan, concluding, on
 from behaviors.sonic import CONTACTS, SonicBehavior, SonicSettings
 from drivers.core.messages import Grip, Gripped, Release
 from drivers.core.settings import Mismatch, Settings, StreamName
@@ -94,10 +94,6 @@ class Gripping(SonicBehavior):
             f" at most {self.widest_m * 1e3:.1f} mm wide; look at the jaws"
         )
 
-    def conclude_empty(self) -> None:
-        """The jaws closed on nothing."""
-        self.conclude("not_gripped", "the jaws closed on nothing")
-
     def conclude_unfelt(self) -> None:
         """The jaws hold something that the fingers do not feel."""
         self.conclude("not_gripped", f"no contact felt within {self.settings.confirm_s:.6g} s of the grip")
@@ -122,12 +118,13 @@ def gripping(felt: str) -> Sequence[Row]:
     """Rows from the rest at the object: close, go on to `felt` once both fingers feel it; else release and leave. Jaws
     that are held wider than the object can be have it not: something is wrong with them."""
     here, both = Gripping, "both fingers touch"
+    empty = concluding("not_gripped", "the jaws closed on nothing")
     return (
         on("deadline", "RESTING", "CLOSING"),
         on("gripped", "CLOSING", "FAILED", here.too_wide, do=here.conclude_jammed, label="too wide"),
         on("gripped", "CLOSING", felt, here.on_object, here.both_touch, label=both),
         on("gripped", "CLOSING", "CONFIRMING", here.on_object, label="object"),
-        on("gripped", "CLOSING", "RELEASING", do=here.conclude_empty, label="nothing there"),
+        on("gripped", "CLOSING", "RELEASING", do=empty, label="nothing there"),
         on("contact", "CONFIRMING", felt, here.both_touch, label=both),
         on("deadline", "CONFIRMING", "RELEASING", do=here.conclude_unfelt),
         on("reached", "RELEASING", "LEAVING", here.from_gripper),

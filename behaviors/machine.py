@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple
 
 from transitions import Machine
@@ -27,12 +27,14 @@ class StatePlan:
         deadline_s: Longest stay; then the trigger `deadline` fires.
         prompt: Whether a decision in it may not wait; where nothing moves and nothing is urgent, the loop may turn
             more slowly.
+        commands: What is commanded as it is entered; what depends on the trial's course, `enter_<STATE>` commands.
     """
 
     deadline_s: float
     detectors: frozenset[str] = frozenset()
     measures: frozenset[str] = frozenset()
     prompt: bool = True
+    commands: Sequence[Command] = ()
 
 
 Condition = Callable[[Any], bool]
@@ -86,12 +88,12 @@ def on(
 class Behavior:
     """One trial of one experiment: events in, commands out; it touches no driver.
 
-    A subclass has a transition table, below the methods that it names, and one `enter_<STATE>` method for each state
-    that commands something. States are names; those that it has are those of its table, and `FAILED`: it begins in the
-    first row's, and the trial is over in those from which no row leads. A trigger is the event's class name in lower
-    case with underscores (`Contact` → `contact`). What ends a trial that cannot go on leads to `FAILED` where the table
-    has no row for it (`ending_rows`); any other event that the present state has no transition for is ignored.
-    Methods call `self.command(...)`, never a trigger.
+    A subclass has a transition table, below the methods that it names. What is commanded as a state is entered stands
+    in its plan; where it depends on the trial's course, a method `enter_<STATE>` commands it. States are names; those
+    that it has are those of its table, and `FAILED`: it begins in the first row's, and the trial is over in those from
+    which no row leads. A trigger is the event's class name in lower case with underscores (`Contact` → `contact`). What
+    ends a trial that cannot go on leads to `FAILED` where the table has no row for it (`ending_rows`); any other event
+    that the present state has no transition for is ignored. Methods call `self.command(...)`, never a trigger.
 
     What a profile names is made of the experiment's `settings`, the trial's `factors` and the names of all `detectors`.
 
@@ -290,6 +292,8 @@ class Behavior:
     def _entered(self) -> None:
         self._entered_s = self._event.t_s
         self._came.clear()
+        for command in self.plan.commands:
+            self.command(command)
         enter = getattr(self, f"enter_{self.state}", None)
         if enter is not None:
             enter()
@@ -302,6 +306,20 @@ class Behavior:
 def from_mover(behavior: Behavior) -> bool:
     """Whether the status is the mover's."""
     return behavior.came_from(behavior._mover)
+
+
+def of(setting: str) -> Condition:
+    """Whether the event is of the device or detector that a setting names: `of("operator")`."""
+    return partial(_is_of, setting=setting)
+
+
+def _is_of(behavior: Any, setting: str) -> bool:
+    return bool(behavior.came_from(getattr(behavior.settings, setting)))
+
+
+def concluding(outcome: str, reason: str = "") -> Action:
+    """Concludes the trial so, before a row's transition; see `Behavior.conclude`."""
+    return partial(Behavior.conclude, outcome=outcome, reason=reason)
 
 
 @cache

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from behaviors.events import PreTouch
-from behaviors.machine import Row, StatePlan, from_mover, on
+from behaviors.machine import Row, StatePlan, concluding, from_mover, on
 from behaviors.sonic import CONTACTS, Place, SonicBehavior, SonicSettings
 from drivers.core.messages import MoveAt, MoveTo, Standstill, Stop, Twist
 from drivers.core.settings import Mismatch, Settings, StreamName
@@ -189,10 +189,6 @@ class Search(SonicBehavior):
         finger = (self._forward if self.state == "SEEKING_FORWARD" else self._backward).split("_")[0]
         self.conclude("not_found", f"the {finger} finger saw nothing within {self.settings.sweep_m:.6g} m")
 
-    def conclude_touched(self) -> None:
-        """The search touched what it should have seen."""
-        self.conclude("touched", "touched during the search")
-
     def enter_ENTERING(self) -> None:
         """The fingers to either side of the object, which has been seen nowhere yet."""
         self._saw.clear()
@@ -288,7 +284,7 @@ class Search(SonicBehavior):
             self._saw[way] = self.event.position_m
 
 
-_touched = Search.conclude_touched
+_touched = concluding("touched", "touched during the search")
 
 SEARCHING: Sequence[Row] = (
     on("deadline", "BASELINE", "RUNNING_UP", Search.running_up, label="run-up"),

@@ -201,7 +201,8 @@ class RollSlip(TipTrial):
         quiet = replace(listening, prompt=False)
         return {
             "HOMING": StatePlan(settings.home_timeout_s),
-            "ZEROING": StatePlan(settings.zero_s),
+            # nothing touches: what the arm feels now is zero
+            "ZEROING": StatePlan(settings.zero_s, commands=[Tare(settings.mover, settings.force_stream)]),
             "TILTING": StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
             "RESTING": replace(quiet, deadline_s=settings.rest_s),
             "DESCENDING": self.descent(run.touch, listening),
@@ -295,10 +296,6 @@ class RollSlip(TipTrial):
         """Begin at the start pose."""
         self._begin_steps()
         self.command(Home(self.settings.mover))
-
-    def enter_ZEROING(self) -> None:
-        """Nothing touches: what the arm feels now is zero."""
-        self.command(Tare(self.settings.mover, self.settings.force_stream))
 
     def enter_TILTING(self) -> None:
         """Turn the tip in the air."""

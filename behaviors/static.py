@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from behaviors.finger import FingerTrial, FingerTrialSettings
-from behaviors.machine import Row, StatePlan, from_mover, on
+from behaviors.machine import Row, StatePlan, concluding, from_mover, on
 from drivers.core.messages import MoveTo
 from drivers.core.settings import Settings, StreamName
 
@@ -57,7 +57,7 @@ class Static(FingerTrial):
         on("deadline", "SETTLING", "PLACING"),
         on("reached", "PLACING", "RESTING", from_mover),
         on("deadline", "RESTING", "RECORDING"),
-        on("deadline", "RECORDING", "RETRACTING"),
+        on("deadline", "RECORDING", "RETRACTING", do=concluding("recorded")),
         on("reached", "RETRACTING", "DONE", from_mover),
         on("resumed", "HOMING", "HOMING"),
         on("resumed", "STARTING", "STARTING"),
@@ -81,25 +81,14 @@ class Static(FingerTrial):
         measured = self.measured(
             settings.accelerometer_stream, settings.load_cell_stream, settings.period_stream
         )
+        away = MoveTo(settings.mover, settings.none_m, settings.speed_m_s)
+        there = MoveTo(settings.mover, self.position_m, settings.speed_m_s)
         return {
             "HOMING": StatePlan(settings.home_timeout_s),
-            "STARTING": StatePlan(motion),
+            "STARTING": StatePlan(motion, commands=[away]),
             "SETTLING": StatePlan(settings.settle_s),
-            "PLACING": StatePlan(motion),
+            "PLACING": StatePlan(motion, commands=[there]),
             "RESTING": StatePlan(settings.rest_s),
             "RECORDING": StatePlan(settings.record_s, frozenset(), measured, prompt=False),
-            "RETRACTING": StatePlan(motion),
+            "RETRACTING": StatePlan(motion, commands=[away]),
         }
-
-    def enter_STARTING(self) -> None:
-        """Go to where nothing touches."""
-        self.command(MoveTo(self.settings.mover, self.settings.none_m, self.settings.speed_m_s))
-
-    def enter_PLACING(self) -> None:
-        """Apply the contact."""
-        self.command(MoveTo(self.settings.mover, self.position_m, self.settings.speed_m_s))
-
-    def enter_RETRACTING(self) -> None:
-        """Take it away."""
-        self.conclude("recorded")
-        self.command(MoveTo(self.settings.mover, self.settings.none_m, self.settings.speed_m_s))

@@ -8,7 +8,7 @@ from pydantic import Field
 from behaviors.approach import Approaching, approaching
 from behaviors.events import Detected
 from behaviors.finger import FingerTrial, FingerTrialSettings
-from behaviors.machine import StatePlan, from_mover, on
+from behaviors.machine import StatePlan, concluding, from_mover, on
 from drivers.core.messages import MoveTo
 from drivers.core.settings import DetectorName, Settings, StreamName
 
@@ -83,9 +83,10 @@ class Transient(FingerTrial, Approaching):
         limit_m = settings.approach_limit_m
         way_m = limit_m - settings.start_m
         velocity_m_s = math.copysign(self.factors.speed_m_s, way_m)
+        back = [MoveTo(settings.mover, settings.start_m, settings.position_speed_m_s)]
         return {
             "HOMING": StatePlan(settings.home_timeout_s),
-            "STARTING": StatePlan(motion),
+            "STARTING": StatePlan(motion, commands=back),
             "SETTLING": StatePlan(settings.settle_s),
             "BASELINE": StatePlan(settings.baseline_timeout_s, detectors, measured, prompt=False),
             "APPROACH": self.approach(
@@ -93,7 +94,7 @@ class Transient(FingerTrial, Approaching):
             ),
             "STOPPING": StatePlan(motion, frozenset(), measured),
             "HOLDING": StatePlan(settings.hold_s, frozenset(), measured, prompt=False),
-            "RETRACTING": StatePlan(motion),
+            "RETRACTING": StatePlan(motion, commands=back),
         }
 
     def unsettled(self) -> bool:
@@ -110,28 +111,16 @@ class Transient(FingerTrial, Approaching):
         self._ready.add(self.event.detector)
         return self._ready >= self._detectors
 
-    def conclude_contact(self) -> None:
-        """The acting detector reported contact before the approach began: the measure will call it false."""
-        self.conclude("contact")
-
-    def enter_STARTING(self) -> None:
-        """Go to where approaches start."""
-        self.command(MoveTo(self.settings.mover, self.settings.start_m, self.settings.position_speed_m_s))
-
     def enter_BASELINE(self) -> None:
         """Every detector learns anew."""
         self._settled = True
         self._ready.clear()
 
-    def enter_APPROACH(self) -> None:
-        """Towards the finger, bounded by the device."""
-        self.go_until_contact()
-
-    def enter_RETRACTING(self) -> None:
-        """Away from the finger."""
-        self.command(MoveTo(self.settings.mover, self.settings.start_m, self.settings.position_speed_m_s))
-
+    enter_APPROACH = Approaching.go_until_contact
     touched = Approaching.touched
+    too_early = concluding("contact")
+    """The acting detector reported contact before the approach began: the measure will call it false."""
+
     table = (
         on("reached", "HOMING", "STARTING", from_mover),
         on("reached", "STARTING", "SETTLING", from_mover, unsettled, label="first time"),
@@ -139,7 +128,7 @@ class Transient(FingerTrial, Approaching):
         on("deadline", "SETTLING", "BASELINE"),
         on("baseline_ready", "BASELINE", "APPROACH", all_ready, label="all detectors"),
         on("baseline_refused", "BASELINE", "APPROACH", listens, all_ready, label="the last one"),
-        on("contact", "BASELINE", "RETRACTING", Approaching.touched, do=conclude_contact, label="too early"),
+        on("contact", "BASELINE", "RETRACTING", Approaching.touched, do=too_early, label="too early"),
         *approaching("APPROACH", stopped="HOLDING", missed="RETRACTING"),
         on("deadline", "APPROACH", "STOPPING", do=Approaching.conclude_no_contact),
         on("deadline", "HOLDING", "RETRACTING"),

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, StatePlan, on
+from behaviors.machine import Behavior, StatePlan, of, on
 from drivers.core.messages import Ask, Loaded, LoadWeight
 from drivers.core.settings import DeviceName, Settings, StreamName
 
@@ -103,9 +103,12 @@ class Weights(Behavior):
         self.factors = factors
         self._loads_n = settings.loads_n(factors.bridge)
         self._recorded = 0
+        # the bridge must hang so that a weight pulls on it alone (Fig. 5)
+        request = f"set the fingertip up for weights on bridge F{factors.bridge}, with nothing on it"
+        set_up = Ask(settings.operator, request)
         super().__init__(
             {
-                "SETTING_UP": StatePlan(settings.answer_timeout_s, frozenset(), asked, prompt=False),
+                "SETTING_UP": StatePlan(settings.answer_timeout_s, frozenset(), asked, False, [set_up]),
                 "HANGING": StatePlan(settings.answer_timeout_s, frozenset(), asked, prompt=False),
                 "SWINGING": StatePlan(settings.swing_s),
                 "RECORDING": StatePlan(
@@ -118,10 +121,6 @@ class Weights(Behavior):
     def load_n(self) -> float:
         """The load whose turn it is; nothing at the end."""
         return self._loads_n[self._recorded] if not self.finished() else 0.0
-
-    def from_operator(self) -> bool:
-        """Whether the answer is the person's."""
-        return self.came_from(self.settings.operator)
 
     def as_asked(self) -> bool:
         """Whether the load is the one that was asked for."""
@@ -150,17 +149,12 @@ class Weights(Behavior):
             f" when asked for {self.load_n:g} N on bridge {self.factors.bridge}"
         )
 
-    def enter_SETTING_UP(self) -> None:
-        """The bridge must hang so that a weight pulls on it alone (Fig. 5)."""
-        request = f"set the fingertip up for weights on bridge F{self.factors.bridge}, with nothing on it"
-        self.command(Ask(self.settings.operator, request))
-
     def enter_HANGING(self) -> None:
         """The next load."""
         self.command(LoadWeight(self.settings.operator, self.factors.bridge, self.load_n))
 
     table = (
-        on("answered", "SETTING_UP", "HANGING", from_operator),
+        on("answered", "SETTING_UP", "HANGING", of("operator")),
         on("loaded", "HANGING", "DONE", as_asked, finished, label="all taken off at the end"),
         on("loaded", "HANGING", "SWINGING", as_asked),
         on("deadline", "SWINGING", "RECORDING"),
