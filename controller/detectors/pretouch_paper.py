@@ -11,7 +11,7 @@ from pydantic import Field, Strict
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
 from controller.detectors.envelope import EnvelopeSamples, OnEnvelope
-from controller.detectors.protocol import Quantity, changes, decisions
+from controller.detectors.protocol import Hysteresis, Quantity, decisions
 from controller.signals.spectrum import BlockCutter
 from drivers.core.settings import Settings, StreamName
 
@@ -75,7 +75,7 @@ class PreTouchPaperDetector(OnEnvelope):
         """Clear the window begun and the object."""
         super().reset()
         self._windows: BlockCutter | None = None
-        self._near = False
+        self._near = Hysteresis()
 
     def _decide(self, samples: EnvelopeSamples) -> Sequence[Detected]:
         if self._windows is None:
@@ -91,15 +91,15 @@ class PreTouchPaperDetector(OnEnvelope):
                 powers[start + ends] = self._powers(windows, samples.rate_hz)
         if not complete:
             return ()
-        self.readings = decisions(samples.times_s, powers, self.settings.threshold)
+        threshold = self.settings.threshold
+        self.readings = decisions(samples.times_s, powers, threshold)
         events: list[Detected] = []
-        for i, near in changes(powers, self.settings.threshold, self._near):
-            self._near = near
+        for i, near in self._near.changes(powers, threshold, release=threshold):
             t_s, position_m = float(samples.times_s[i]), float(samples.position_m[i])
             # one and the same NaN, so that equal events are equal
             known_m = position_m if math.isfinite(position_m) else math.nan
             kind = PreTouch if near else PreTouchLost
-            events.append(kind(t_s, self.name, float(powers[i]), self.settings.threshold, known_m))
+            events.append(kind(t_s, self.name, float(powers[i]), threshold, known_m))
         return events
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:

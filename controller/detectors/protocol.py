@@ -93,25 +93,6 @@ def decisions(times_s: Floats, statistic: Floats, threshold: float) -> Floats:
     return readings
 
 
-def changes(
-    statistic: Floats, threshold: float, on: bool, release_ratio: float = 1.0
-) -> Iterator[tuple[int, bool]]:
-    """Samples at which a comparator changes its state, and the new state; NaN changes nothing.
-
-    Args:
-        statistic: After each sample, shape (n,).
-        threshold: It is on above.
-        on: Its state before.
-        release_ratio: It is off at this share of the threshold, or below.
-    """
-    above = statistic > threshold
-    if not on and not above.any():
-        return
-    deciding = np.flatnonzero(above | (statistic <= release_ratio * threshold))
-    for i in deciding[np.diff(above[deciding], prepend=on)].tolist():
-        yield i, bool(above[i])
-
-
 class Hysteresis:
     """A comparator that lets go only where the statistic has stayed down for some samples.
 
@@ -124,7 +105,7 @@ class Hysteresis:
         self._below = 0
 
     def changes(
-        self, statistic: Floats, threshold: float, release: float, hold: int
+        self, statistic: Floats, threshold: float, release: float, hold: int = 1
     ) -> Iterator[tuple[int, bool]]:
         """Samples at which the state changes, and the new state.
 

@@ -12,12 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, Impact, SlipEnded, SlipStarted
-from controller.detectors.protocol import (
-    Hysteresis,
-    Quantity,
-    changes,
-    decisions,
-)
+from controller.detectors.protocol import Hysteresis, Quantity, decisions
 from controller.detectors.stream import OnStream
 from controller.signals.cusum import (
     CREDIT,
@@ -97,7 +92,7 @@ class SlipPaperDetector(OnForce[SlipPaperSettings]):
         """Clear the block begun and the slip."""
         super().reset()
         self._blocks: BlockCutter | None = None
-        self._slipping = False
+        self._slip = Hysteresis()
 
     def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
         self._blocks = None
@@ -113,8 +108,7 @@ class SlipPaperDetector(OnForce[SlipPaperSettings]):
         products = self._products(complete, rate_hz)
         self.readings = decisions(times_s, products, threshold)
         events: list[Detected] = []
-        for i, slipping in changes(products, threshold, self._slipping):
-            self._slipping = slipping
+        for i, slipping in self._slip.changes(products, threshold, release=threshold):
             kind = SlipStarted if slipping else SlipEnded
             events.append(kind(float(times_s[i]), self.name, float(products[i]), threshold))
         return events

@@ -15,7 +15,6 @@ from controller.detectors.protocol import Quantity
 from controller.limits import GuardSettings
 from controller.recording.disk import DiskThread
 from controller.recording.ledger import EventLog, Ledger
-from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import BIN_S, DETECTOR, TrialRecording, bins_of, extremes_of_each
 from controller.recording.stream_writer import StreamWriter
@@ -25,6 +24,7 @@ from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, S
 
 if TYPE_CHECKING:
     from controller.recording.joining import EndedTrial
+    from controller.watching.foxglove import FoxgloveStream
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class Recorder:
         factors: Sequence[str],
         measures: Sequence[str],
         patient: bool = False,
-        mirror: Mirror | None = None,
+        mirror: FoxgloveStream | None = None,
         busy_s: Callable[[], float] = float,
     ) -> None:
         self.folder = folder

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.detectors.protocol import changes
+from controller.detectors.protocol import Hysteresis
 from controller.registry import KINDS, find
 from drivers.core.messages import SampleBlock
 
@@ -44,5 +44,7 @@ def test_a_channel_that_is_not_there_is_refused_in_one_line(kind, chosen):
 )
 def test_a_comparator_is_on_above_its_threshold_and_off_at_the_release(on, release_ratio, expected):
     statistic = np.array([1.0, 1.5, np.nan, 0.9, 1.0, 1.1, 0.5])
-    assert list(changes(statistic, 1.0, on, release_ratio)) == expected
-    assert not list(changes(np.full(3, np.nan), 1.0, on))
+    comparator, unknowing = Hysteresis(), Hysteresis()
+    comparator.on = unknowing.on = on
+    assert list(comparator.changes(statistic, 1.0, release_ratio)) == expected
+    assert not list(unknowing.changes(np.full(3, np.nan), 1.0, release_ratio))
