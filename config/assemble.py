@@ -404,7 +404,6 @@ def own_kinds(profile: Profile, there: Collection[str]) -> dict[str, Any]:
 def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterator[TrialPlan]:
     from controller.campaign import TrialPlan
     from controller.guard import Guard
-    from controller.rig import TrialScene
 
     measure = found(f"{experiment_of(profile.experiment).measures}:measure")
     from config.needs import needs_of, within
@@ -414,17 +413,26 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
         behavior = _behavior(own, trial)
         needs = needs_of(own, behavior)
         armed = needs.named("detectors")
-        plant = own.plant.settings.model_dump(mode="json") if own.plant else {}
         yield TrialPlan(
             trial=trial.id,
             factors=trial.factors,
-            scene=TrialScene(trial.id, seed, trial.factors, plant),
+            scene=scene_of(own, trial, seed),
             behavior=behavior,
             detectors={name: each for name, each in make_detectors(own).items() if name in armed},
             guard=Guard(within(limits_of(own), needs), 1.0 / profile.loop.rate_hz),  # type: ignore[attr-defined]
             signals=make_signals(own),
             measure=lambda evidence, outcome, own=own: measure(evidence, own.behavior, outcome),  # type: ignore[misc]
         )
+
+
+def scene_of(profile: Profile, trial: Trial | None = None, seed: int = 0) -> TrialScene:
+    """What a simulated bench is given before a trial, whose factors are laid over the profile; None is no trial's."""
+    from controller.rig import TrialScene
+
+    plant = profile.plant.settings.model_dump(mode="json") if profile.plant else {}
+    return (
+        TrialScene(0, seed, {}, plant) if trial is None else TrialScene(trial.id, seed, trial.factors, plant)
+    )
 
 
 def limits_of(profile: Profile) -> GuardSettings:

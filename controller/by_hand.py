@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -97,11 +98,12 @@ class ByHand(Behavior):
 
 
 class Latest:
-    """The last second of every stream, and no more: the loop's witness where nothing is recorded."""
+    """The last second of every stream, or more where that is asked for: the loop's witness of what is not recorded."""
 
     failure = None
 
-    def __init__(self) -> None:
+    def __init__(self, kept_s: float = WINDOW_S) -> None:
+        self._kept_s = kept_s
         self._blocks: dict[str, deque[SampleBlock]] = {}
 
     def record(self, blocks: Sequence[SampleBlock]) -> None:
@@ -110,8 +112,13 @@ class Latest:
             if len(block):
                 kept = self._blocks.setdefault(block.stream, deque())
                 kept.append(block)
-                while kept[-1].last_s - kept[0].last_s > WINDOW_S:
+                while kept[-1].last_s - kept[0].last_s > self._kept_s:
                     kept.popleft()
+
+    @property
+    def blocks(self) -> Sequence[SampleBlock]:
+        """All that is kept, in the order of time."""
+        return sorted(chain.from_iterable(self._blocks.values()), key=lambda block: block.last_s)
 
     def values(self, stream: str) -> NDArray[np.float64]:
         """What has come of it, in its unit, shape (n, channels); (0, 0) where nothing has."""
@@ -152,6 +159,7 @@ class HandSession:
         rig: Has the devices that are needed, and no others.
         limits: Of the guard, which every command goes through.
         make_signals: Makes the profile's signals, fresh.
+        kept_s: How much of each stream is kept.
         paced: Whether virtual time passes as the wall clock does, for a person who looks on.
         holding: The note by which `stop` finds this program.
         absent: Takes why devices did not open, for what goes on with the others; None goes on without none.
@@ -170,7 +178,7 @@ class HandSession:
     paced: bool = False
     absent: dict[str, DeviceError] | None = None
     holding: Holding | None = None
-    keeps: type[Latest] = Latest
+    kept_s: float = WINDOW_S
     infos: dict[str, DeviceInfo] = field(default_factory=dict)
     latest: Latest = field(default_factory=Latest)
     lost: Mapping[str, int] = field(default_factory=dict)
@@ -316,7 +324,7 @@ class HandSession:
         """A new bench time, as before a trial."""
         self.rig.clock.restart()
         self.rig.begin_trial(self.scene)
-        self.latest = self.keeps()
+        self.latest = Latest(self.kept_s)
 
 
 class _Operator:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from behaviors.events import BaselineRefused, Event, Tick
-from controller.by_hand import HandResult, HandSession, Latest, Script, scripted, unwatched
+from controller.by_hand import HandResult, HandSession, Script, scripted, unwatched
 from controller.detectors.calibration import Calibration, Statistic, calibrate_pieces, poisson_interval
 from controller.detectors.protocol import Detector
 from controller.guard import RELIEF, GuardSettings
@@ -26,25 +26,13 @@ WINDOW_S = 1.0
 """Length of which levels are compared."""
 
 
-class Whole(Latest):
-    """Everything that has come, in order."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.blocks: list[SampleBlock] = []
-
-    def record(self, blocks: Sequence[SampleBlock]) -> None:
-        """Keep the blocks of a turn."""
-        self.blocks += blocks
-
-
 def listened(
     session: HandSession, streams: Collection[str], drive: Command | None, settle_s: float, seconds: float
 ) -> tuple[HandResult, Sequence[SampleBlock]]:
     """Listen, after a while in which the bench settles; nothing is moved. How it went, and what came.
 
     Args:
-        session: Keeps the `Whole`.
+        session: Keeps all that comes.
         drive: What makes the sensors hear anything: an excitation, no motion. It is ended at the end.
         settle_s: How long before.
         seconds: How long.
@@ -58,7 +46,6 @@ def listened(
             yield [Excite(drive.device, False)]
 
     result = session.run(scripted(script()), streams=streams, limits=unwatched(session.limits))
-    assert isinstance(session.latest, Whole)
     return result, [block for block in session.latest.blocks if block.t0_s >= settle_s]
 
 

@@ -71,15 +71,13 @@ def session_on(
     Raises:
         ProfileError: a value is missing that the lab has to give.
     """
-    from config.assemble import build_rig, limits_of, make_signals
+    from config.assemble import build_rig, limits_of, make_signals, scene_of
     from config.needs import Needs, refuse_missing
     from controller.by_hand import HandSession
     from controller.holding import Holding, addresses
-    from controller.rig import TrialScene
 
     parts = frozenset(("devices", name) for name in devices)
     refuse_missing([(loaded, None, Needs(parts, moves))], excused)
-    plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
     rig = build_rig(loaded, verbs.joined(endpoints), devices=devices, excused=excused)
     return HandSession(
         rig,
@@ -87,7 +85,7 @@ def session_on(
         operator,
         loaded.loop,  # type: ignore[arg-type]
         lambda: make_signals(loaded),
-        scene or TrialScene(0, 0, {}, plant),
+        scene or scene_of(loaded),
         holding=Holding(loaded.name, doing, addresses(rig), loaded.bench == "hardware") if doing else None,
         **how,
     )

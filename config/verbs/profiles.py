@@ -145,13 +145,11 @@ def _tried(
     """Look at a bench and at classes of the user's own, a line for each thing found; exit code and summary."""
     from itertools import chain
 
-    from config.assemble import own_kinds
+    from config.assemble import own_kinds, scene_of
     from controller.contracts import tried
     from controller.doctor import compare, examine, summary
-    from controller.rig import TrialScene
 
-    plant = loaded.plant.settings.model_dump(mode="json") if loaded.plant else {}
-    scene = TrialScene(0, 0, {}, plant)
+    scene = scene_of(loaded)
     entries = {name: loaded.devices[name] for name in rig.devices}
     ports = {name: entry.port for name, entry in entries.items()}
     watchdogs = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
@@ -64,13 +65,12 @@ def quiet(
     Exit codes: 0 done, 1 the bench is not at rest or no detector can be set by that, 2 usage or profile, 3 device, 130
     interrupted.
     """
-    from config.assemble import limits_of, make_detectors, used_by
+    from config.assemble import limits_of, make_detectors, scene_of, used_by
     from config.needs import Needs, refuse_missing
     from config.trials import chosen
     from config.verbs.by_hand import session_on
     from controller.console import ConsoleOperator
-    from controller.quiet import Whole, listened, proposals, unrest
-    from controller.rig import TrialScene
+    from controller.quiet import listened, proposals, unrest
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
     target = None if dry_run else own_file(profile)
@@ -89,14 +89,13 @@ def quiet(
     streams = {stream for each in detectors.values() for stream in each.inputs}
     watched = (limits.position_stream, limits.pose_stream, limits.force_stream)
     streams |= {stream for stream in watched if stream is not None and stream.partition(".")[0] in devices}
-    plant = own.plant.settings.model_dump(mode="json") if own.plant else {}
     settle_s = getattr(own.behavior, "settle_s", SETTLE_S)
     verbs.say(f"{loaded.name}: {seconds:g} s at rest, after {settle_s:g} s; touch nothing")
-    scene = TrialScene(trial.id, 0, trial.factors, plant)
+    scene = scene_of(own, trial)
     with (
         ConsoleOperator() as operator,
         session_on(
-            own, devices, operator, endpoints, excused=excused, doing="quiet", scene=scene, keeps=Whole
+            own, devices, operator, endpoints, excused=excused, doing="quiet", scene=scene, kept_s=math.inf
         ) as bench,
     ):
         result, blocks = listened(bench, streams, drive_of(own), settle_s, seconds)
