@@ -1,14 +1,15 @@
 """Plans of the swarm on the wire: emulated benches in wall time, whose emulators know where movers really are.
 
-Each seed draws a plan as `run.py swarm` does, and with probability one half that a process is killed or stopped
-meanwhile: the program, the emulator, the arm's own process. Checked is what the emulator says of the movers, the files
-of the run, and that it can be resumed. python -m benchmarks.wire_plans 0:100 --minutes 10
+Each seed draws a plan as `run.py swarm` does, and with probability one half that a process is killed, stopped or gets
+no more memory meanwhile: the program, the emulator, the arm's own process. Checked is what the emulator says of the
+movers, the files of the run, and that it can be resumed. python -m benchmarks.wire_plans 0:100 --minutes 10
 """
 
 import csv
 import json
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -37,6 +38,10 @@ EXPERIMENTS = ("transient", "transient_arm", "static", "first_contact")
 """Whose plants say where the mover is (`probe_m`)."""
 
 VICTIMS = ("program", "emulator", "arm")
+ACTS = ("SIGKILL", "SIGSTOP", "no memory")
+NO_MEMORY = ("MemoryError", "failed to map segment", "Cannot allocate memory", "bad_alloc")
+"""How Python, the loader and the system say so."""
+
 STOPPED_S = 2.0
 """How long a stopped process stands: longer than any watchdog here."""
 
@@ -56,7 +61,7 @@ class Act(NamedTuple):
     """What is done to a process, so long after the run has a folder."""
 
     victim: str
-    signal: signal.Signals
+    what: str
     after_s: float
 
 
@@ -77,7 +82,7 @@ def act_of(seed: int, bench: str) -> Act | None:
     """What is done to which process."""
     dice = random.Random(f"process {seed}")
     victim = dice.choice(VICTIMS if bench == "transient_arm" else VICTIMS[:2])
-    act = Act(victim, dice.choice((signal.SIGKILL, signal.SIGSTOP)), dice.uniform(0.0, 5.0))
+    act = Act(victim, dice.choice(ACTS), dice.uniform(0.0, 5.0))
     return act if dice.random() < 0.5 else None
 
 
@@ -112,7 +117,7 @@ def played(seed: int) -> Night:
         bench, path = profile_of(seed, folder)
         profile = load_profile(str(path), {})
         act = act_of(seed, bench)
-        told = f"{act.victim} {act.signal.name} {act.after_s:.1f} s" if act else ""
+        told = f"{act.victim} {act.what} {act.after_s:.1f} s" if act else ""
         emulator = EmulatorProcess(assemble.emulator_scene(profile))
         try:
             code, output, places, after = watched(path, folder, emulator, act)
@@ -194,8 +199,13 @@ def _sent(act: Act, program: subprocess.Popen[Any], emulator: EmulatorProcess) -
     if victim is None:
         return None
     with suppress(ProcessLookupError):
-        os.kill(victim, act.signal)
-    return victim if act.signal is signal.SIGSTOP else None
+        if act.what == "no memory":
+            pages = int(Path(f"/proc/{victim}/statm").read_text(encoding="ascii").split()[0])
+            limits = pages * resource.getpagesize(), resource.RLIM_INFINITY
+            resource.prlimit(victim, resource.RLIMIT_AS, limits)
+        else:
+            os.kill(victim, signal.Signals[act.what])
+    return victim if act.what == "SIGSTOP" else None
 
 
 def _arm_of(pid: int) -> int | None:
@@ -228,9 +238,10 @@ def _failures(
     after: list[float],
 ) -> Iterator[str]:
     """What does not hold."""
-    killed = act is not None and act.victim == "program" and act.signal is signal.SIGKILL
+    killed = act is not None and act.victim == "program" and act.what == "SIGKILL"
     last = (output.strip().splitlines() or [""])[-1]
-    if "Traceback" in output or "unexpected" in output:
+    starved = act is not None and act.what == "no memory" and any(word in output for word in NO_MEMORY)
+    if ("Traceback" in output or "unexpected" in output) and not starved:
         yield f"CRASH: {last}"
     if code is None:
         yield f"LIVENESS: it does not end, and has written nothing for {SILENT_S:g} s: {last}"
