@@ -49,6 +49,9 @@ OVER_SHARE = 1.1
 LATE_S = 0.05
 """By how much a device is late whose fault does not say."""
 
+FAR_LOOKS = 6
+"""So many looks in a row at a rattling finger that are far apart are not beyond a limit by chance."""
+
 CLOSES_ITSELF = ("CALIBRATING", "HOMING")
 """States in which a gripper finds its ends by itself, jaw against jaw, as hard as its maker has set it."""
 
@@ -720,7 +723,9 @@ def _force(story: Any) -> Iterator[Violation]:
             for effect in story.effects
             if effect["trial"] == trial.number and effect["device"] in (deaf, mover)
         ]
-        over = _held_over(pressed, OVER_SHARE * limit_n, 2.0 * story.limits["force_median_s"] + 3.0 * turn_s)
+        over = _held_over(
+            pressed, OVER_SHARE * limit_n, 2.0 * story.limits["force_median_s"] + 3.0 * turn_s, 3.0 * turn_s
+        )
         if over is None or min(wrong, default=math.inf) <= pressed[-1][0]:
             continue
         over_s, over_m, over_n = pressed[over]
@@ -737,13 +742,22 @@ def _force(story: Any) -> Iterator[Violation]:
             yield Violation("SAFETY", "force", trial.number, over_s, state_at(trial, over_s), what)
 
 
-def _held_over(pressed: Sequence[tuple[float, float, float]], limit_n: float, span_s: float) -> int | None:
-    """From which sample on the force has been beyond the limit for so long, at every look: a finger rattles."""
-    since_s = None
+def _held_over(
+    pressed: Sequence[tuple[float, float, float]], limit_n: float, span_s: float, near_s: float
+) -> int | None:
+    """From which sample on the force has been beyond the limit for so long, at every look: a finger rattles. Of looks
+    that are farther apart than `near_s`, between which quiet turns were taken together, it takes more."""
+    looks, since_s, last_s, far = 0, 0.0, -math.inf, False
     for place, (t_s, _, force_n) in enumerate(pressed):
-        since_s = (t_s if since_s is None else since_s) if force_n > limit_n else None
-        if since_s is not None and t_s - since_s > span_s:
-            return place
+        if force_n <= limit_n:
+            looks = 0
+        elif looks == 0:
+            looks, since_s, far = 1, t_s, False
+        else:
+            looks, far = looks + 1, far or t_s - last_s > near_s
+            if t_s - since_s > span_s and (looks >= FAR_LOOKS or not far):
+                return place
+        last_s = t_s
     return None
 
 
