@@ -196,7 +196,7 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
             name: {
                 "made": row("driver", entry.kind, profile.source.folders).emulated,
                 "settings": entry.settings.model_dump(mode="json"),
-                "settings_class": _dotted(type(entry.settings)) if is_own(entry.kind) else "",
+                "settings_class": _dotted(type(entry.settings)),
             }
             for name, entry in profile.devices.items()
             if entry.port == "emulated"

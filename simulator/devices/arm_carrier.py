@@ -1,8 +1,6 @@
 """An arm's tool with what the bench has in it: the controller's cycles in, the bench's wrench out."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -84,14 +82,13 @@ class ArmCarrier(ToolTrack):
         self._bench.on_plan(max(self._bench.t_s, t_s - BEHIND_S))
 
 
-def emulated(settings: Mapping[str, Any], bench: Bench) -> UrServer:
+def emulated(settings: UrArmSettings, bench: Bench) -> UrServer:
     """The controller and its arm, with the tool that the driver's settings state, and what the bench has in it.
 
     Raises:
         RefusedError: the arm does not reach there.
     """
-    own = UrArmSettings.model_validate(settings)
-    axis, tool = Axis(own), stated(own)
+    axis, tool = Axis(settings), stated(settings)
     usual = UrControllerSettings.model_validate(tool._asdict())
     offset = rigid.matrix(tool.tcp_offset)
     try:

@@ -4,41 +4,25 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
-
 from drivers.audio.codec import MAX_LINE_BYTES, Sound, SoundMessage, decode_line, encode
 from drivers.audio.oscillator import WHOLE
 from drivers.audio.settings import FINGERS, RATE_HZ
 from drivers.core.errors import CodecError
-from drivers.core.settings import Settings
 from simulator.devices.faults import break_by
 from simulator.physics.bench import Bench, part
 
+DRIFT_PPM = 43.0
+"""How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
 
-class EmulatedAudioSettings(Settings):
-    """What the emulated recorder is."""
+START_FRAME = 45 * WHOLE
+"""What its counter shows when the bench's time begins: beyond 32 bits, and every tone's phase is zero at the counter's
+frame 0 too."""
 
-    recorder: str = "emulated recorder"
-    """What it calls itself."""
-    serial: str = "R1"
-    """Serial number that it reports (assumption)."""
-    firmware: str = "1.0"
-    """Version that it reports (assumption)."""
-    rate_hz: int = Field(default=RATE_HZ, ge=1)
-    """Frames a second that it reports; the bench's are 96,000 all the same."""
-    channels: int = Field(default=len(FINGERS), ge=1, le=len(FINGERS))
-    """Channels that it sends, from the right finger on."""
-    bits: int = Field(default=24, ge=1)
-    """Bits a sample that it reports; it sends 24."""
-    drift_ppm: float = Field(default=43.0, ge=-500.0, le=500.0)
-    """How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
-    start_frame: int = Field(default=45 * WHOLE, ge=0, multiple_of=WHOLE)
-    """What its counter shows when the bench's time begins: by default beyond 32 bits. Of its multiples, every tone's
-    phase is zero at the counter's frame 0 too."""
-    packet_frames: int = Field(default=480, ge=1, le=4800)
-    """Frames in a packet. Assumption: 5 ms."""
+PACKET_FRAMES = 480
+"""Frames in a packet. Assumption: 5 ms."""
+
+IDENTITY = {"recorder": "emulated recorder", "serial": "R1", "version": "1.0", "rate_hz": float(RATE_HZ)}
+"""What it says of itself (assumption)."""
 
 
 class EmulatedAudio:
@@ -48,19 +32,22 @@ class EmulatedAudio:
     connection, which silences the drive. While `lossy`, packets are dropped as by a converter's overrun: the counter
     goes on.
 
+    Args:
+        drift_ppm: Of its clock.
+
     Attributes:
         lossy: True drops every packet.
     """
 
-    def __init__(self, settings: EmulatedAudioSettings, bench: Bench) -> None:
-        self._settings = settings
+    def __init__(self, bench: Bench, drift_ppm: float = DRIFT_PPM) -> None:
+        self._drift_ppm = drift_ppm
         self._bench = bench
         self._line = bytearray()
         self._outbox = bytearray()
         self._on = False
         self._refusals = 0
         self._next = 0
-        self._offset = settings.start_frame
+        self._offset = START_FRAME
         self._sweep_end: int | None = None
         self.dropped = 0
         self.lossy = False
@@ -127,11 +114,11 @@ class EmulatedAudio:
 
     def _frame(self, t_s: float) -> int:
         """How many frames are over on the bench's count."""
-        return math.floor(t_s * RATE_HZ * (1.0 + self._settings.drift_ppm * 1e-6))
+        return math.floor(t_s * RATE_HZ * (1.0 + self._drift_ppm * 1e-6))
 
     def _run(self, t_s: float) -> None:
         self._bench.advance(t_s)
-        over, size = self._frame(t_s), self._settings.packet_frames
+        over, size = self._frame(t_s), PACKET_FRAMES
         if self._sweep_end is not None and self._sweep_end <= over:
             self._put(SoundMessage(self._sweep_end + self._offset, {"event": "swept"}))
             self._sweep_end = None
@@ -139,12 +126,9 @@ class EmulatedAudio:
             if self.lossy:
                 self.dropped += size
             else:
-                self._put(Sound(self._next + self._offset, self._counts(self._next, size)))
+                counts = self._bench.carrier(self._next, size, drift_ppm=self._drift_ppm)
+                self._put(Sound(self._next + self._offset, counts))
             self._next += size
-
-    def _counts(self, first: int, n: int) -> NDArray[np.int32]:
-        counts: NDArray[np.int32] = self._bench.carrier(first, n, drift_ppm=self._settings.drift_ppm)
-        return counts[:, : self._settings.channels]
 
     # commands
 
@@ -160,9 +144,7 @@ class EmulatedAudio:
             return {"refused": f"{name}: {type(error).__name__} {error}"}
 
     def _hello(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
-        s = self._settings
-        about = {"recorder": s.recorder, "serial": s.serial, "version": s.firmware}
-        return {**about, "rate_hz": float(s.rate_hz), "channels": s.channels, "bits": s.bits}
+        return {**IDENTITY, "channels": len(FINGERS), "bits": 24}
 
     def _start(self, command: Mapping[str, Any], frame: int) -> Mapping[str, Any]:
         if not self._on:
@@ -216,11 +198,11 @@ def _finite(command: Mapping[str, Any], key: str) -> float:
     return value
 
 
-def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedAudio:
+def emulated(settings: object, bench: Bench) -> EmulatedAudio:
     """A recorder on the network, wired to the bench's fingers and to their drive.
 
     Raises:
         RefusedError: the bench has no such fingers.
     """
     part(bench, "carrier", "audio")
-    return EmulatedAudio(EmulatedAudioSettings(), bench)
+    return EmulatedAudio(bench)

@@ -1,7 +1,6 @@
 """The emulated fingers of a BarrettHand: CAN frames on the forces at their tips; no bus, no clock."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -79,7 +78,7 @@ class EmulatedBarrettHand:
         return int(counts(self._source.forces_n(finger, np.array([t_s])), self._settings)[0])
 
 
-def emulated(settings: Mapping[str, Any], bench: Any) -> EmulatedSlcan:
+def emulated(settings: object, bench: Any) -> EmulatedSlcan:
     """An adapter with the hand on its bus.
 
     Raises:

@@ -2,9 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
-
-from pydantic import Field
 
 from drivers.can_gripper import units
 from drivers.can_gripper.codec import (
@@ -19,33 +16,26 @@ from drivers.can_gripper.codec import (
     decode_order,
     encode_answer,
 )
+from drivers.can_gripper.driver import CanGripperSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
-from drivers.core.settings import Settings
 from drivers.gripper.state import GripperState
 from simulator.devices.faults import break_by
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.bench import part
 from simulator.physics.jaws_drive import JawsDrive
 
+HEARTBEAT_S = 1.0
+"""Period of its heartbeat (docs/reference/can_gripper.md)."""
 
-class EmulatedCanGripperSettings(Settings):
-    """What the emulated gripper is."""
+INFO = (2, 25, 1, 4848)
+"""What it says of itself: hardware, batch, firmware, serial number (assumption)."""
 
-    node: int = Field(default=0, ge=0, le=15)
-    """Node number on the bus."""
-    hardware: int = Field(default=2, ge=0, le=255)
-    """Hardware version that it reports (assumption)."""
-    software: int = Field(default=1, ge=0, le=255)
-    """Firmware version that it reports (assumption)."""
-    serial: int = Field(default=4848, ge=0, lt=2**31)
-    """Serial number that it reports (assumption)."""
-    heartbeat_s: float = Field(default=1.0, ge=0.0, le=60.0)
-    """Period of the heartbeat; 0 is none (docs/reference/can_gripper.md)."""
-    temperature_c: int = Field(default=31, ge=-20, le=75)
-    """Temperature that it reports while nothing is wrong (assumption)."""
-    supply_mv: int = Field(default=24_000, ge=9_000, le=29_500)
-    """Supply that it reports (data sheet: 24 V)."""
+USUAL_C, HOT_C = 31, 80
+"""Temperature that it reports while nothing is wrong, and when it is too hot (assumption)."""
+
+SUPPLY_MV = 24_000
+"""Supply that it reports (data sheet: 24 V)."""
 
 
 class EmulatedCanGripper:
@@ -59,10 +49,12 @@ class EmulatedCanGripper:
 
     Args:
         source: The drive and jaws that it moves; its time is passed in.
+        node: Its number on the bus.
+        heartbeat_s: Period of its heartbeat; infinite is none.
     """
 
-    def __init__(self, settings: EmulatedCanGripperSettings, source: JawsDrive) -> None:
-        self._settings = settings
+    def __init__(self, source: JawsDrive, node: int = 0, heartbeat_s: float = HEARTBEAT_S) -> None:
+        self._node, self._usual_heartbeat_s = node, heartbeat_s
         self._source = source
         self._power_up()
 
@@ -72,7 +64,7 @@ class EmulatedCanGripper:
         self._awake = False
         self._watchdog_s = math.inf
         self._fed_s: float | None = None
-        self._heartbeat_s = self._settings.heartbeat_s or math.inf
+        self._heartbeat_s = self._usual_heartbeat_s
         self._sent_s: float | None = None
 
     def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
@@ -82,7 +74,7 @@ class EmulatedCanGripper:
             node, order = decode_order(frame)
         except CodecError:
             return []
-        if node != self._settings.node:
+        if node != self._node:
             return []
         if isinstance(order, DriveOrder) or order == POLL or order.code in QUERIES:
             self._fed_s = t_s
@@ -138,7 +130,7 @@ class EmulatedCanGripper:
 
     def _sent(self, answer: Answer, t_s: float) -> CanFrame:
         self._sent_s = t_s
-        return encode_answer(self._settings.node, bool(self._faults), answer)
+        return encode_answer(self._node, bool(self._faults), answer)
 
     def _obey(self, order: Order, t_s: float) -> Answer | None:
         match order:
@@ -189,13 +181,13 @@ class EmulatedCanGripper:
     def _reading(self, code: GripperCode) -> Answer:
         if code is GripperCode.ERRORS:
             return GripperErrors(frozenset(self._faults))
-        s, source = self._settings, self._source
+        source = self._source
         hot = "over temperature" in self._faults
         numbers: Mapping[GripperCode, tuple[int, ...]] = {
             GripperCode.PING: (),
-            GripperCode.TEMPERATURE: (80 if hot else s.temperature_c,),
-            GripperCode.VOLTAGE: (s.supply_mv,),
-            GripperCode.INFO: (s.hardware, 25, s.software, s.serial),
+            GripperCode.TEMPERATURE: (HOT_C if hot else USUAL_C,),
+            GripperCode.VOLTAGE: (SUPPLY_MV,),
+            GripperCode.INFO: INFO,
             GripperCode.CURRENT: (round(source.current_ma),),
             GripperCode.ENCODER: (source.ticks, round(source.ticks_s)),
         }
@@ -216,11 +208,10 @@ class EmulatedCanGripper:
         )
 
 
-def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedSlcan:
+def emulated(settings: CanGripperSettings, bench: object) -> EmulatedSlcan:
     """An adapter with the gripper on its bus, and the bench's jaws on the gripper.
 
     Raises:
         RefusedError: the bench has no jaws.
     """
-    gripper = EmulatedCanGripperSettings(node=settings.get("node", 0))
-    return EmulatedSlcan(EmulatedCanGripper(gripper, part(bench, "jaws", "gripper")))
+    return EmulatedSlcan(EmulatedCanGripper(part(bench, "jaws", "gripper"), settings.node))

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from drivers.core.errors import CodecError
-from drivers.core.settings import Settings
 from drivers.dsa_matrix import codec
+from drivers.dsa_matrix.driver import DsaMatrixSettings
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
 from simulator.devices.faults import break_by
 from simulator.physics.bench import Bench, part
@@ -40,23 +39,15 @@ def counts(texels_v: NDArray[np.float64], threshold: int = 0) -> NDArray[np.uint
     return np.asarray(np.where(held < threshold, 0, held), dtype=np.uint16)
 
 
-class EmulatedDsaMatrixSettings(Settings):
-    """What the emulated controller is."""
+SERIAL, SOFTWARE = 9210, 290
+"""What it reports: a serial number (assumption), a release that can set thresholds (the maker's public library: from
+268)."""
 
-    serial: int = Field(default=9210, ge=0, lt=2**32)
-    """Serial number that it reports (assumption)."""
-    software: int = Field(default=290, ge=0, lt=2**16)
-    """Firmware release that it reports: one that can set thresholds (the maker's public library: from 268)."""
-    drift_ppm: float = Field(default=-53.0, ge=-500.0, le=500.0)
-    """How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
-    start_ms: int = Field(default=codec.TIME_MODULUS - 5_000, ge=0, lt=codec.TIME_MODULUS)
-    """What its clock shows at the first call, in ms: by default 5 s before it wraps, so that it does."""
-    baud: int = Field(default=115_200, ge=9_600, le=921_600)
-    """Line speed in bits per second: bytes take their time, and frames that find the line busy are dropped."""
-    booted: bool = True
-    """False where it is switched on at the first call: deaf for 8 s, with noise on the line."""
-    threshold_counts: int = Field(default=0, ge=0, le=codec.TEXEL_MAX)
-    """Texels below this are reported as 0."""
+DRIFT_PPM = -53.0
+"""How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
+
+START_MS = codec.TIME_MODULUS - 5_000
+"""What its clock shows at the first call, in ms: 5 s before it wraps, so that it does in a run."""
 
 
 class EmulatedDsaMatrix:
@@ -64,20 +55,36 @@ class EmulatedDsaMatrix:
 
     Frames are taken on the grid of its own clock. One frame may wait for the line; the next is dropped
     silently (assumption: a buffer of one frame).
+
+    Args:
+        source: What its texels feel.
+        baud: Line speed in bits per second: bytes take their time, and frames that find the line busy are dropped.
+        drift_ppm: Of its clock.
+        start_ms: What its clock shows at the first call.
+        booted: False where it is switched on at the first call: deaf for 8 s, with noise on the line.
     """
 
-    def __init__(self, settings: EmulatedDsaMatrixSettings, source: Bench) -> None:
-        self._settings = settings
+    def __init__(
+        self,
+        source: Bench,
+        baud: int,
+        drift_ppm: float = DRIFT_PPM,
+        start_ms: int = START_MS,
+        booted: bool = True,
+    ) -> None:
+        self._baud = baud
+        self._rate = 1.0 + drift_ppm * 1e-6
+        self._booted = booted
         self._source = source
         self._matrices = tuple(source.matrices())
         self._line = PacketDecoder()
         self._outbox: list[tuple[float, bytes]] = []
         self._free_s = -math.inf
         self._power_s: float | None = None
-        self._start_ms = settings.start_ms
+        self._start_ms = start_ms
         self._noise: list[float] = []
         self._deaf_s = -math.inf
-        self._threshold = settings.threshold_counts
+        self._threshold = 0
         self._rate_hz, self._rle = 0, False
         self._tick = 0
         self._refusals = 0
@@ -130,15 +137,15 @@ class EmulatedDsaMatrix:
     def _clock_s(self, t_s: float) -> float:
         """Seconds of its own clock since power-up."""
         assert self._power_s is not None
-        return (t_s - self._power_s) * (1.0 + self._settings.drift_ppm * 1e-6)
+        return (t_s - self._power_s) * self._rate
 
     def _host_s(self, clock_s: float) -> float:
         assert self._power_s is not None
-        return self._power_s + clock_s / (1.0 + self._settings.drift_ppm * 1e-6)
+        return self._power_s + clock_s / self._rate
 
     def _run(self, t_s: float) -> None:
         if self._power_s is None:
-            self._power_up(t_s, self._settings.start_ms, self._settings.booted)
+            self._power_up(t_s, self._start_ms, self._booted)
         self._source.advance(t_s)
         while self._noise and self._noise[0] <= t_s:
             self._send(codec.POWER_UP_NOISE, self._noise.pop(0))
@@ -154,7 +161,7 @@ class EmulatedDsaMatrix:
         (texels,) = counts(self._source.texels_v(np.array([host_s])), self._threshold)
         time_ms = (self._start_ms + math.floor(clock_s * 1e3 + 1e-6)) % codec.TIME_MODULUS
         packet = encode_packet(codec.encode_answer(codec.Frame(time_ms, self._rle, texels)))
-        if self._free_s - host_s > len(packet) * BITS_PER_BYTE / self._settings.baud:
+        if self._free_s - host_s > len(packet) * BITS_PER_BYTE / self._baud:
             return
         self._send(packet, host_s)
 
@@ -162,7 +169,7 @@ class EmulatedDsaMatrix:
 
     def _send(self, data: bytes, t_s: float) -> None:
         """Put bytes on the line; the host has them when the last of them has come."""
-        self._free_s = max(self._free_s, t_s) + len(data) * BITS_PER_BYTE / self._settings.baud
+        self._free_s = max(self._free_s, t_s) + len(data) * BITS_PER_BYTE / self._baud
         self._outbox.append((self._free_s, data))
 
     def _take(self, t_s: float) -> bytes:
@@ -175,12 +182,9 @@ class EmulatedDsaMatrix:
     def _obey(self, request: int, numbers: tuple[int, ...], t_s: float) -> codec.Answer:
         error = REFUSED if self._refusals else 0
         self._refusals = max(0, self._refusals - 1)
-        s = self._settings
         match request, numbers:
             case codec.Id.CONTROLLER, _:
-                return codec.ControllerInfo(
-                    error, s.serial, 0x10, s.software, 0x80 | bool(self._rate_hz) << 6
-                )
+                return codec.ControllerInfo(error, SERIAL, 0x10, SOFTWARE, 0x80 | bool(self._rate_hz) << 6)
             case codec.Id.SENSOR, _:
                 return codec.SensorInfo(error, len(self._matrices), 0x10, 3210)
             case codec.Id.MATRIX, (number,):
@@ -207,12 +211,11 @@ class EmulatedDsaMatrix:
         return codec.MatrixInfo(error, size_mm, size_mm, matrix.columns, matrix.rows, uid)
 
 
-def emulated(settings: Mapping[str, Any], bench: Any) -> EmulatedDsaMatrix:
+def emulated(settings: DsaMatrixSettings, bench: Any) -> EmulatedDsaMatrix:
     """The matrices' controller, on a line as fast as the driver's.
 
     Raises:
         RefusedError: the bench has no taxels.
     """
-    matrix = EmulatedDsaMatrixSettings(baud=settings.get("baud", 115_200))
     part(bench, "texels_v", "matrix")
-    return EmulatedDsaMatrix(matrix, bench)
+    return EmulatedDsaMatrix(bench, settings.baud)

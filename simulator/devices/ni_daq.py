@@ -1,8 +1,6 @@
 """An emulated National Instruments device: what its inputs and counters show of the bench, on a clock of its own."""
 
-import json
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -78,7 +76,7 @@ class EmulatedNiDaq:
         raise ValueError(f"analog inputs have no fault {kind}")
 
 
-def emulated(settings: Mapping[str, Any], bench: Bench) -> Any:
+def emulated(settings: NiDaqSettings, bench: Bench) -> Any:
     """The device that a profile describes, behind the maker's server.
 
     Raises:
@@ -87,5 +85,4 @@ def emulated(settings: Mapping[str, Any], bench: Bench) -> Any:
     """
     from simulator.devices.ni_daq_server import NiDaqServer
 
-    described = NiDaqSettings.model_validate_json(json.dumps(settings))
-    return NiDaqServer(described, EmulatedNiDaq(described, bench))
+    return NiDaqServer(settings, EmulatedNiDaq(settings, bench))

@@ -1,7 +1,6 @@
 """An emulated person at the far end of a line: reads requests, takes a while, hangs weights, confirms."""
 
 import math
-from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -99,6 +98,6 @@ class EmulatedPerson:
         self._unwilling = True
 
 
-def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedPerson:
+def emulated(settings: object, bench: Bench) -> EmulatedPerson:
     """A person at the bench, who hangs weights where it has a fingertip."""
     return EmulatedPerson(HandSettings(), bench)

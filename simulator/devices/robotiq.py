@@ -1,8 +1,6 @@
 """An emulated Robotiq gripper behind its URCap's socket: lines on the motion of a drive; no socket, no clock."""
 
-import json
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from drivers.can_gripper.units import FORCE_N_PER_MA, TICKS_PER_M
 from drivers.core.links import LineBuffer
@@ -132,8 +130,3 @@ class EmulatedRobotiq:
         speed_ticks_s = self._units.speed_m_s(self._set["SPE"]) * TICKS_PER_M
         current_ma = self._units.force_n(self._set["FOR"]) / FORCE_N_PER_MA
         self._source.go(closed_share, speed_ticks_s, current_ma)
-
-
-def emulated(settings: Mapping[str, Any], bench: object) -> EmulatedRobotiq:
-    """The gripper of a profile."""
-    return EmulatedRobotiq(RobotiqSettings.model_validate_json(json.dumps(settings)), bench)

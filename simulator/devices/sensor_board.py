@@ -3,14 +3,11 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from drivers.core.errors import CodecError
-from drivers.core.settings import Settings
 from drivers.sensor_board.codec import (
     COUNTER_MODULUS,
     TIME_MODULUS,
@@ -68,16 +65,14 @@ class Channel:
 
     Args:
         bits: Width of the converter, sign included.
-        tare_samples: Samples that a new zero is the mean of.
     """
 
-    def __init__(self, number: int, spec: StreamSpec, bits: int, tare_samples: int) -> None:
+    def __init__(self, number: int, spec: StreamSpec, bits: int) -> None:
         self.number = number
         self.spec = spec
         self.on = False
         self.tick = 0
         self._limit = 2 ** (bits - 1)
-        self._tare_samples = tare_samples
         self.restart()
 
     def restart(self) -> None:
@@ -99,7 +94,7 @@ class Channel:
         # What is no number leaves the converter at its lower rail.
         held = np.clip(np.nan_to_num(ideal, nan=-self._limit), -self._limit, self._limit - 1)
         counts = held.astype(np.int64)
-        self._recent = np.concatenate([self._recent, counts])[-self._tare_samples :]
+        self._recent = np.concatenate([self._recent, counts])[-TARE_SAMPLES:]
         return np.asarray(np.clip(counts - self._zero, INT32.min, INT32.max), dtype=np.int32)
 
     def tare(self) -> bool:
@@ -119,31 +114,23 @@ LONGEST_BLOCK_S = 0.05
 """No frame of a regular stream waits longer for its samples: after 0.1 s of silence a stream is stale. Assumption."""
 
 
-class EmulatedSensorBoardSettings(Settings):
-    """What the emulated board is."""
+DRIFT_PPM = 37.0
+"""How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
 
-    board: str = "emulated sensor board"
-    """What it calls itself."""
-    serial: str = "E1"
-    """Serial number that it reports (assumption)."""
-    firmware: str = "1.0"
-    """Version that it reports (assumption)."""
-    boot_s: float = Field(default=0.0, ge=0.0)
-    """How long it hears nothing once it has power, or was restarted by the opening of its port."""
-    drift_ppm: float = Field(default=37.0, ge=-500.0, le=500.0)
-    """How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""
-    start_us: int = Field(default=TIME_MODULUS - 5_000_000, ge=0, lt=TIME_MODULUS)
-    """What its clock shows at the first call, in us: by default 5 s before it wraps, so that it does."""
-    block_samples: int = Field(default=10, ge=1, le=256)
-    """Samples of a regular stream in a frame, or fewer where they take too long. Assumption: 10 ms at 1 kHz."""
-    adc_bits: dict[str, int] = Field(default={"accelerometer": 16, "load_cell": 24})
-    """Width of a stream's converter, sign included; 32 where none is named (assumption)."""
-    tare_samples: int = Field(default=100, ge=1, le=10_000)
-    """Samples that a new zero is the mean of. Assumption: 0.1 s at 1 kHz."""
-    tendon_min_m: float = -0.005
-    """Least tendon position that is not refused (assumption)."""
-    tendon_max_m: float = 0.03
-    """Greatest tendon position that is not refused (assumption)."""
+START_US = TIME_MODULUS - 5_000_000
+"""What its clock shows at the first call, in us: 5 s before it wraps, so that it does in a run."""
+
+BLOCK_SAMPLES = 10
+"""Samples of a regular stream in a frame, or fewer where they take too long. Assumption: 10 ms at 1 kHz."""
+
+ADC_BITS = {"accelerometer": 16, "load_cell": 24}
+"""Width of a stream's converter, sign included; 32 where none is named (assumption)."""
+
+TARE_SAMPLES = 100
+"""Samples that a new zero is the mean of. Assumption: 0.1 s at 1 kHz."""
+
+TENDON_M = (-0.005, 0.03)
+"""Least and greatest tendon position that is not refused (assumption)."""
 
 
 class EmulatedSensorBoard:
@@ -157,14 +144,28 @@ class EmulatedSensorBoard:
 
     Args:
         source: What its sensors and its drive are wired to.
+        boot_s: How long it hears nothing once it has power, or was restarted by the opening of its port.
+        drift_ppm: Of its clock.
+        start_us: What its clock shows at the first call.
+        block_samples: Most samples in a frame.
+        adc_bits: Of each stream's converter.
     """
 
-    def __init__(self, settings: EmulatedSensorBoardSettings, source: Bench) -> None:
-        self._settings = settings
+    def __init__(
+        self,
+        source: Bench,
+        *,
+        boot_s: float = 0.0,
+        drift_ppm: float = DRIFT_PPM,
+        start_us: int = START_US,
+        block_samples: int = BLOCK_SAMPLES,
+        adc_bits: Mapping[str, int] = ADC_BITS,
+    ) -> None:
         self._source = source
+        self._boot_s, self._block_samples = boot_s, block_samples
+        self._rate, self._start_us = 1.0 + drift_ppm * 1e-6, start_us
         self._channels = [
-            Channel(number, spec, settings.adc_bits.get(spec.name, 32), settings.tare_samples)
-            for number, spec in enumerate(source.streams())
+            Channel(number, spec, adc_bits.get(spec.name, 32)) for number, spec in enumerate(source.streams())
         ]
         self._line = BoardFrameDecoder()
         self._outbox = bytearray()
@@ -185,7 +186,7 @@ class EmulatedSensorBoard:
     def receive(self, data: bytes, t_s: float) -> bytes:
         """Take bytes from the host at `t_s`; returns what was due until then and what is answered at once."""
         clock = self._run(t_s)
-        booting = t_s < clock.power_s + self._settings.boot_s
+        booting = t_s < clock.power_s + self._boot_s
         for body in self._line.feed(b"" if booting else data):
             try:
                 command = decode(body)
@@ -226,7 +227,7 @@ class EmulatedSensorBoard:
     def _run(self, t_s: float) -> BoardClock:
         """Let time pass until `t_s`, and the watchdog trip where it is due."""
         if self._clock is None:
-            self._clock = BoardClock(t_s, self._settings.start_us, 1.0 + self._settings.drift_ppm * 1e-6)
+            self._clock = BoardClock(t_s, self._start_us, self._rate)
         starved_s = self._fed_s + self._watchdog_s
         if starved_s <= t_s:
             self._advance(self._clock, starved_s)
@@ -253,7 +254,7 @@ class EmulatedSensorBoard:
         counts = channel.convert(self._source.sample(channel.spec.name, times_s))
         channel.waiting = np.concatenate([channel.waiting, counts])
         channel.tick = int(ticks[-1]) + 1
-        samples = max(1, min(self._settings.block_samples, int(LONGEST_BLOCK_S * rate_hz)))
+        samples = max(1, min(self._block_samples, int(LONGEST_BLOCK_S * rate_hz)))
         while len(channel.waiting) >= samples:
             self._send_block(channel, clock, rate_hz, samples)
 
@@ -268,8 +269,8 @@ class EmulatedSensorBoard:
         times_s, values = self._source.events(channel.spec.name)
         shown_us = clock.shown_us(times_s)
         counts = channel.convert(values).reshape(-1)
-        for start in range(0, len(counts), self._settings.block_samples):
-            part = slice(start, start + self._settings.block_samples)
+        for start in range(0, len(counts), self._block_samples):
+            part = slice(start, start + self._block_samples)
             seq = channel.number_block(len(counts[part]))
             message = BoardSamples(channel.number, seq, int(shown_us[start]), counts[part], shown_us[part])
             self._outbox += encode(message)
@@ -289,7 +290,6 @@ class EmulatedSensorBoard:
         return ReplyStatus.OK if order(command.argument or 0, clock) else ReplyStatus.REFUSED
 
     def _hello(self, _: int, clock: BoardClock) -> bool:
-        s = self._settings
         streams = tuple(
             HelloStream(
                 id=channel.number,
@@ -304,7 +304,7 @@ class EmulatedSensorBoard:
         )
         # A delimiter ahead: a new client takes nothing before one.
         self._outbox += b"\0" + encode(
-            BoardHello(board=s.board, serial=s.serial, version=s.firmware, streams=streams)
+            BoardHello(board="emulated sensor board", serial="E1", version="1.0", streams=streams)
         )
         return True
 
@@ -340,7 +340,7 @@ class EmulatedSensorBoard:
 
     def _tendon(self, position_um: int, _: BoardClock) -> bool:
         position_m = position_um * 1e-6
-        if not self._settings.tendon_min_m <= position_m <= self._settings.tendon_max_m:
+        if not TENDON_M[0] <= position_m <= TENDON_M[1]:
             return False
         self._source.set_tendon(position_m)
         return True
@@ -353,7 +353,7 @@ class EmulatedSensorBoard:
         return True
 
     def _restart(self, t_s: float, keep: bool) -> None:
-        self._clock = BoardClock(t_s, 0, 1.0 + self._settings.drift_ppm * 1e-6)
+        self._clock = BoardClock(t_s, 0, self._rate)
         for channel in self._channels:
             channel.restart()
             channel.on = channel.on and keep
@@ -363,11 +363,11 @@ class EmulatedSensorBoard:
             self._watchdog_s = math.inf
 
 
-def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedSensorBoard:
+def emulated(settings: object, bench: Bench) -> EmulatedSensorBoard:
     """The board that is wired to the bench's sensors and drive.
 
     Raises:
         RefusedError: the bench has none.
     """
     part(bench, "streams", "board")
-    return EmulatedSensorBoard(EmulatedSensorBoardSettings(), bench)
+    return EmulatedSensorBoard(bench)

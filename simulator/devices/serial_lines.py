@@ -1,9 +1,6 @@
 """An emulated board that prints lines: what its columns show of the bench, on a clock of its own."""
 
-import json
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -106,12 +103,3 @@ class EmulatedSerialLines:
         if s.counter_column is not None and s.counter_modulus is not None:
             fields[s.counter_column] = str(tick % s.counter_modulus)
         return fields
-
-
-def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedSerialLines:
-    """The board that a profile describes.
-
-    Raises:
-        RefusedError: see `EmulatedSerialLines`.
-    """
-    return EmulatedSerialLines(SerialLinesSettings.model_validate_json(json.dumps(settings)), bench)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from drivers.udp_force.codec import (
     decode_request,
     encode_record,
 )
+from drivers.udp_force.driver import UdpForceSettings
 from simulator.physics.bench import Bench
 
 BOX = BoxSettings(1e6, 1e6, 1000.0, 7000.0)
@@ -43,10 +44,10 @@ class EmulatedUdpForce:
     datagram = RECORD_BYTES
     """Bytes of each datagram that it sends."""
 
-    def __init__(self, settings: Any, bench: Bench) -> None:
+    def __init__(self, settings: UdpForceSettings, bench: Bench) -> None:
         given = dict(settings)
         self.box = BoxSettings(*(given.get(key) or own for key, own in zip(BOX._fields, BOX, strict=True)))
-        normal = given.get("normal", "-z")
+        normal = settings.normal
         self._towards = [0.0, 0.0, 0.0]
         self._towards["xyz".index(normal[1])] = 1.0 if normal[0] == "-" else -1.0
         self._bench = bench

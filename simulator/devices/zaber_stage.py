@@ -5,12 +5,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
-
 from drivers.core.errors import CodecError
 from drivers.core.links import LineBuffer
-from drivers.core.settings import Settings
 from drivers.zaber_stage import codec
+from drivers.zaber_stage.mounting import ZaberStageSettings
 from simulator.devices.faults import break_by
 from simulator.physics.bench import Bench
 from simulator.physics.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
@@ -28,25 +26,11 @@ DATA = 2**31 - 1
 """Greatest number of a command (Zaber ASCII protocol: 32 bits, signed)."""
 
 
-class EmulatedZaberStageSettings(Settings):
-    """What the emulated stage is."""
+ADDRESS, DEVICE_ID, SERIAL = 1, 1, 40001
+"""Number on the line, model number (no model's, so that `microstep_m` may be any), serial number (assumption)."""
 
-    address: int = Field(default=1, ge=1, le=99)
-    """Device number on the line."""
-    device_id: int = Field(default=1, ge=1)
-    """Model number that it reports: no model's by default, so that `microstep_m` may be any."""
-    serial: int = Field(default=40001, ge=1)
-    """Serial number that it reports (assumption)."""
-    firmware: str = "7.38"
-    """Firmware that it reports: one in which `move abs` takes a velocity."""
-    microstep_m: float = Field(default=codec.MICROSTEP_M, gt=0.0, le=1e-4)
-    """Metres per microstep (data sheet)."""
-    travel_m: float = Field(default=0.0254, gt=0.0, le=3.0)
-    """Length of the rail in metres (51,200 microsteps: a stage of one inch)."""
-    home_speed_m_s: float = Field(default=STAGE_HOME_M_S, gt=0.0, le=1.0)
-    """Speed of homing in m/s (assumption)."""
-    homed: bool = False
-    """True where it has been homed before the program starts."""
+FIRMWARE = "7.38"
+"""Firmware that it reports: one in which `move abs` takes a velocity."""
 
 
 class EmulatedZaberStage:
@@ -58,15 +42,21 @@ class EmulatedZaberStage:
 
     Args:
         on_plan: Called with the time of each new plan of the axis.
+        travel_m: Length of the rail.
+        homed: True where it has been homed before the program starts.
     """
 
     def __init__(
         self,
-        settings: EmulatedZaberStageSettings,
         axis: StageAxis,
         on_plan: Callable[[float], None] = lambda t_s: None,
+        *,
+        microstep_m: float = codec.MICROSTEP_M,
+        travel_m: float = 0.0254,
+        firmware: str = FIRMWARE,
+        homed: bool = False,
     ) -> None:
-        self._settings = settings
+        self._microstep_m, self._firmware = microstep_m, firmware
         self._axis = axis
         self._usual_m_s2 = axis.acceleration_m_s2
         self._storage: dict[str, str] = {}
@@ -77,19 +67,19 @@ class EmulatedZaberStage:
         self._stalls_next = False
         self._moving = False
         self._homing = False
-        self._flags: set[str] = set() if settings.homed else {"WR"}
+        self._flags: set[str] = set() if homed else {"WR"}
         self._values = {
-            "accel": round(axis.acceleration_m_s2 / codec.acceleration_m_s2(1, settings.microstep_m)),
-            "comm.address": settings.address,
+            "accel": round(axis.acceleration_m_s2 / codec.acceleration_m_s2(1, microstep_m)),
+            "comm.address": ADDRESS,
             "comm.alert": 0,
             "comm.checksum": 0,
-            "deviceid": settings.device_id,
-            "limit.max": round(settings.travel_m / settings.microstep_m),
+            "deviceid": DEVICE_ID,
+            "limit.max": round(travel_m / microstep_m),
             "limit.min": 0,
-            "maxspeed": codec.velocity_data(axis.max_speed_m_s, settings.microstep_m),
+            "maxspeed": codec.velocity_data(axis.max_speed_m_s, microstep_m),
             "resolution": 64,
             "system.axiscount": 1,
-            "system.serial": settings.serial,
+            "system.serial": SERIAL,
         }
         self._readings: dict[str, Callable[[float], float | str]] = {
             "pos": self._position,
@@ -101,7 +91,7 @@ class EmulatedZaberStage:
             "motion.busy": lambda t_s: int(self._moving),
             "limit.home.state": lambda t_s: int(self._position(t_s) <= 0),
             "system.uptime": int,
-            "version": lambda t_s: settings.firmware,
+            "version": lambda t_s: firmware,
         }
         self._made = dict(self._values)
         self._parked = False
@@ -202,7 +192,7 @@ class EmulatedZaberStage:
 
     def _store(self, arguments: list[str], t_s: float) -> str:
         """Texts under keys, kept for good: `set`, `get`, `erase`."""
-        if tuple(map(int, self._settings.firmware.split("."))) < STORAGE:
+        if tuple(map(int, self._firmware.split("."))) < STORAGE:
             raise _RejectedError("BADCOMMAND")
         match arguments:
             case ["set", key, *words] if words:
@@ -232,7 +222,7 @@ class EmulatedZaberStage:
             raise _RejectedError("BADCOMMAND")
         if arguments == ["restore"]:
             self._values = {**self._made, "comm.address": self._values["comm.address"]}
-            self._usual_m_s2 = codec.acceleration_m_s2(self._values["accel"], self._settings.microstep_m)
+            self._usual_m_s2 = codec.acceleration_m_s2(self._values["accel"], self._microstep_m)
             self._storage.clear()
         if self._moving:
             self._axis.stall(t_s)
@@ -266,7 +256,7 @@ class EmulatedZaberStage:
         return "0"
 
     def _home(self, arguments: list[str], t_s: float) -> str:
-        self._begin(t_s, 0.0, self._settings.home_speed_m_s)
+        self._begin(t_s, 0.0, STAGE_HOME_M_S)
         self._homing = True
         return "0"
 
@@ -297,7 +287,7 @@ class EmulatedZaberStage:
             raise _RejectedError("BADDATA")
         if speed == 0:
             return self._stop([], t_s)
-        unit_m = self._settings.microstep_m
+        unit_m = self._microstep_m
         acceleration_m_s2 = codec.acceleration_m_s2(given[0], unit_m) if given else None
         speed_m_s = abs(codec.velocity_m_s(speed, unit_m))
         self._begin(t_s, target * unit_m, speed_m_s, acceleration_m_s2)
@@ -348,7 +338,7 @@ class EmulatedZaberStage:
             raise _RejectedError("BADDATA")
         self._values[name] = value
         if name == "accel":
-            self._usual_m_s2 = codec.acceleration_m_s2(value, self._settings.microstep_m)
+            self._usual_m_s2 = codec.acceleration_m_s2(value, self._microstep_m)
         return "0"
 
     def _warnings(self, arguments: list[str], t_s: float) -> str:
@@ -360,10 +350,10 @@ class EmulatedZaberStage:
         return " ".join([f"{len(active):02d}", *active])
 
     def _position(self, t_s: float) -> int:
-        return round(self._axis.position(t_s) / self._settings.microstep_m)
+        return round(self._axis.position(t_s) / self._microstep_m)
 
     def _velocity(self, t_s: float) -> int:
-        return codec.velocity_data(self._axis.velocity(t_s), self._settings.microstep_m)
+        return codec.velocity_data(self._axis.velocity(t_s), self._microstep_m)
 
     def _settle(self, t_s: float) -> None:
         """Note that a movement has ended."""
@@ -394,9 +384,9 @@ def _integer(text: str) -> int:
     return value
 
 
-def emulated(settings: Mapping[str, Any], bench: Bench) -> EmulatedZaberStage:
+def emulated(settings: ZaberStageSettings, bench: Bench) -> EmulatedZaberStage:
     """The stage, with the bench's probe on it: of the pitch and the travel that its driver's settings state."""
     axis = StageAxis(acceleration_m_s2=STAGE_M_S2, max_speed_m_s=STAGE_M_S)
     bench.mount(axis)
-    own = {key: settings[key] for key in ("microstep_m", "travel_m") if key in settings}
-    return EmulatedZaberStage(EmulatedZaberStageSettings(**own), axis, bench.on_plan)
+    unit_m, travel_m = settings.microstep_m, settings.travel_m
+    return EmulatedZaberStage(axis, bench.on_plan, microstep_m=unit_m, travel_m=travel_m)

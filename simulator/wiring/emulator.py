@@ -151,9 +151,9 @@ class Emulator:
 
     Args:
         scene: `{"plant": {"made": "module:Class", "settings_class": "module:Class", "settings": {…},
-            "folders": […]}, "devices": {name: {"made": "module:function",
-            "settings": {…}, "settings_class": ""}}, "faults": […], "realtime": false}`; a device is made by calling
-            its function with the settings of its driver, of which it takes what it needs, and the bench.
+            "folders": […]}, "devices": {name: {"made": "module:function", "settings_class": "module:Class",
+            "settings": {…}}}, "faults": […], "realtime": false}`; a device is made by calling its function with the
+            settings of its driver, of which it takes what it needs, and the bench.
 
     Raises:
         DeviceError: the devices do not go together.
@@ -251,15 +251,11 @@ def wired(scene: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
     plant = scene["plant"]
     sys.path += plant.get("folders", ())
     bench = _found(plant["made"])(_found(plant["settings_class"]).model_validate(plant["settings"]))
-    there = scene["devices"].items()
-    return bench, {name: _found(device["made"])(_settings(device), bench) for name, device in there}
-
-
-def _settings(device: Mapping[str, Any]) -> Any:
-    """What a device is made of: those of the user's own are given their settings as their mocks are."""
-    if not device.get("settings_class"):
-        return device["settings"]
-    return _found(device["settings_class"]).model_validate_json(json.dumps(device["settings"]))
+    devices = {}
+    for name, device in scene["devices"].items():
+        settings = _found(device["settings_class"]).model_validate_json(json.dumps(device["settings"]))
+        devices[name] = _found(device["made"])(settings, bench)
+    return bench, devices
 
 
 def _far_end(device: Any) -> FarEnd:

@@ -17,7 +17,7 @@ from drivers.core.messages import Command, Home, Listen, MoveAt, MoveTo, Reached
 from drivers.zaber_stage.codec import MICROSTEP_M
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
-from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.devices.zaber_stage import EmulatedZaberStage
 from simulator.mocks.base import MemoryLine
 from simulator.mocks.zaber_stage import MockZaberStage, MockZaberStageSettings
 from simulator.physics.stage_axis import STAGE_M_S, STAGE_M_S2, StageAxis
@@ -59,7 +59,7 @@ def simulated(**limits: float) -> StageBench:
 def emulated(**limits: float) -> StageBench:
     clock = VirtualClock()
     axis = StageAxis(acceleration_m_s2=STAGE_M_S2, max_speed_m_s=STAGE_M_S)
-    line = MemoryLine(EmulatedZaberStage(EmulatedZaberStageSettings(), axis), clock)
+    line = MemoryLine(EmulatedZaberStage(axis), clock)
     settings = ZaberStageSettings(port="-", **limits)  # type: ignore[arg-type]
     return StageBench(ZaberStage("stage", settings, clock, line.connect), axis)
 

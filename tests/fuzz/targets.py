@@ -50,15 +50,15 @@ from drivers.serial_lines.settings import SerialLinesSettings
 from drivers.udp_force.codec import ForceRecord, decode_settings, encode_record
 from drivers.udp_force.driver import UdpForce, UdpForceSettings
 from drivers.zaber_stage import codec as zaber
-from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
+from simulator.devices.audio import EmulatedAudio
 from simulator.devices.barrett_hand import EmulatedBarrettHand
-from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
-from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from simulator.devices.dsa_matrix import EmulatedDsaMatrix
+from simulator.devices.sensor_board import EmulatedSensorBoard
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
 from simulator.devices.ur_controller.rtde import PackageError
 from simulator.devices.ur_controller.session import DashboardSession, RtdeSession, ScriptSession
-from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.devices.zaber_stage import EmulatedZaberStage
 from simulator.mocks.base import MemoryLine
 from simulator.physics.fingertip_settings import Matrix
 from simulator.physics.stage_axis import StageAxis
@@ -108,7 +108,7 @@ def _board(data: bytes) -> None:
             message = board.decode(body)
             if isinstance(message, board.BoardSamples):
                 streams.push(message, 10.0 + 0.01 * place)
-    device = EmulatedSensorBoard(EmulatedSensorBoardSettings(), Source())
+    device = EmulatedSensorBoard(Source())
     for body in (b"", *data.split(b"\xff\x00\xff")):
         with suppress(ValueError):  # a body that is too long for a frame
             device.receive(b"\0" + frame(body), 1.0)
@@ -158,7 +158,7 @@ def _zaber(data: bytes) -> None:
         with suppress(CodecError):
             zaber.decode_request(line)
     axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
-    stage = EmulatedZaberStage(EmulatedZaberStageSettings(homed=True), axis, lambda t_s: None)
+    stage = EmulatedZaberStage(axis, homed=True)
     for place, text in enumerate(data.split(b"\n")):
         stage.receive(text + b"\n", 0.1 * place)
         with suppress(UnicodeDecodeError):
@@ -224,7 +224,7 @@ def _dsacon(data: bytes) -> None:
         with suppress(CodecError):
             dsa.decode_request(packet)
     texels = SteadyTexels((Matrix(1, 2, 3.4e-3),), np.full(2, 1.0))
-    device = EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), texels)
+    device = EmulatedDsaMatrix(texels, 115_200)
     clock = VirtualClock()
     line = MemoryLine(device, clock)
     driver = DsaMatrix("dsa", DsaMatrixSettings(port="memory"), clock, line.connect)
@@ -235,7 +235,7 @@ def _dsacon(data: bytes) -> None:
         with suppress(ValueError):  # a payload that is too long for a packet
             line._arrived.append((clock.monotonic_s(), encode_packet(packet)))
         driver.read()
-    device = EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), texels)
+    device = EmulatedDsaMatrix(texels, 115_200)
     device.step(0.0)
     device.receive(data, 0.1)
     for packet in packets[:20]:
@@ -298,7 +298,7 @@ def _audio(data: bytes) -> None:
     with suppress(CodecError):
         for piece in _halves(data):
             decoder.feed(piece)
-    recorder = EmulatedAudio(EmulatedAudioSettings(), SteadyFingers())
+    recorder = EmulatedAudio(SteadyFingers())
     for place, line in enumerate(data.split(b"\n")[:20]):
         with suppress(CodecError):
             sound.decode_line(line)

@@ -13,7 +13,7 @@ from drivers.audio.driver import Audio, AudioSettings
 from drivers.core.clock import WallClock
 from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
 from drivers.core.messages import Failed, Lost, Refused, SampleBlock
-from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
+from simulator.devices.audio import EmulatedAudio
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.wiring.far_ends import TcpLine
 from tests.contracts.audio_suite import FINGERS, TONE, AudioContract, AudioTrial, SteadyFingers
@@ -25,8 +25,8 @@ PATIENT = {"reply_timeout_s": 5.0, "silence_timeout_s": 5.0}
 class Server:
     """An emulated recorder on a port of its own."""
 
-    def __init__(self, serve: Any, **settings: Any) -> None:
-        self.recorder = EmulatedAudio(EmulatedAudioSettings(**settings), SteadyFingers())
+    def __init__(self, serve: Any) -> None:
+        self.recorder = EmulatedAudio(SteadyFingers())
         self.faults = FaultSchedule()
         self.port = serve.wire(TcpLine(self.recorder), self.faults)
         self.lock, self.clock = serve.lock(self.port), serve.clock

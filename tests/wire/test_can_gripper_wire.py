@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from drivers.can_gripper.driver import CanGripper, CanGripperSettings
 from drivers.core.messages import Gripped, Stalled
-from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from simulator.devices.can_gripper import EmulatedCanGripper
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.jaws_drive import JawsDrive
 from tests.contracts.gripper_suite import GRIP, SCENE, GripperBench, calibrated_jaws
@@ -16,7 +16,7 @@ PATIENT = {"reply_timeout_s": 0.2, "silence_timeout_s": 3.0, "watchdog_s": 5.0}
 
 def test_a_host_that_hangs_loses_the_grip(serve: Serve) -> None:
     drive = calibrated_jaws()
-    wired = Wired(serve, EmulatedSlcan(EmulatedCanGripper(EmulatedCanGripperSettings(), drive)))
+    wired = Wired(serve, EmulatedSlcan(EmulatedCanGripper(drive)))
     settings = CanGripperSettings(port=wired.port, closed_width_m=SCENE.closed_width_m, **PATIENT)
     driver = CanGripper("gripper", settings.model_copy(update={"watchdog_s": 0.7}), wired.clock)
 

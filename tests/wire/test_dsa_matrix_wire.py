@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
-from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
+from simulator.devices.dsa_matrix import EmulatedDsaMatrix
 from simulator.physics.fingertip_settings import Matrix
 from tests.contracts.matrix_suite import TEXELS, MatrixBench
 from tests.steady import SteadyTexels
@@ -16,7 +16,7 @@ PATIENT = {"reply_timeout_s": 0.5, "silence_timeout_s": 3.0, "power_up_s": 2.0}
 
 def test_raw_frames_of_70_cells_fill_the_line_75_times_a_second(serve: Serve) -> None:
     cells = SteadyTexels([Matrix(14, 5, 0.0034)], np.arange(70) * 0.05)
-    wired = Wired(serve, EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), cells))
+    wired = Wired(serve, EmulatedDsaMatrix(cells, 115_200))
     driver = DsaMatrix(
         "dsa", DsaMatrixSettings(port=wired.port, rle=False, frame_hz=75, **PATIENT), wired.clock
     )

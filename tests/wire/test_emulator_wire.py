@@ -30,6 +30,12 @@ class NoSettings(Settings):
     """A plant without any."""
 
 
+class Holding(Settings):
+    """Whether a device holds the emulator up."""
+
+    holds_up: bool
+
+
 class NoPlant:
     """Stands still."""
 
@@ -47,10 +53,10 @@ class NoPlant:
 class Witness:
     """Notes what time it is; holds the emulator up once."""
 
-    def __init__(self, settings: Mapping[str, Any], bench: NoPlant) -> None:
+    def __init__(self, settings: Holding, bench: NoPlant) -> None:
         self.endpoint = {"port": "nowhere"}
         self.times_s: list[float] = []
-        self._holds_up = bool(settings["holds_up"])
+        self._holds_up = settings.holds_up
         self.breaks_at = 0
         self.unplugged = 0
 
@@ -82,8 +88,16 @@ def emulator(realtime: bool = False) -> tuple[Emulator, Callable[[], list[list[f
         {
             "plant": {"made": f"{here}:NoPlant", "settings_class": f"{here}:NoSettings", "settings": {}},
             "devices": {
-                "first": {"made": f"{here}:Witness", "settings": {"holds_up": True}},
-                "second": {"made": f"{here}:Witness", "settings": {"holds_up": False}},
+                "first": {
+                    "made": f"{here}:Witness",
+                    "settings_class": f"{here}:Holding",
+                    "settings": {"holds_up": True},
+                },
+                "second": {
+                    "made": f"{here}:Witness",
+                    "settings_class": f"{here}:Holding",
+                    "settings": {"holds_up": False},
+                },
             },
             "realtime": realtime,
         }

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.core.messages import Excite, Failed, Lost
 from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
-from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from simulator.devices.sensor_board import EmulatedSensorBoard
 from tests.contracts.crank import Crank
 from tests.unit.drivers.sensor_board.conftest import Floats, Source
 from tests.wire.conftest import Serve, Wired
@@ -31,9 +31,7 @@ class Bench(Wired, Crank):
 
     def __init__(self, serve: Serve) -> None:
         self.source = Timed(serve.clock.monotonic_s())
-        Wired.__init__(
-            self, serve, EmulatedSensorBoard(EmulatedSensorBoardSettings(adc_bits={}), self.source)
-        )
+        Wired.__init__(self, serve, EmulatedSensorBoard(self.source, adc_bits={}))
         # the machine may be busy with other tests
         settings = SensorBoardSettings(port=self.port, watchdog_s=5.0, silence_timeout_s=2.0)
         Crank.__init__(self, SensorBoard("board", settings, self.clock), self.clock)

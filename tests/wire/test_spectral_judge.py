@@ -3,13 +3,14 @@
 It takes the two object bits for each other: no test here distinguishes 1 from 2.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from can.interfaces.slcan import slcanBus
 
-from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from simulator.devices.can_gripper import EmulatedCanGripper
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
 from tests.wire.conftest import HURRY, Hurried
@@ -24,7 +25,7 @@ class Judge:
 
     def __init__(self, serve: Any) -> None:
         self.drive = JawsDrive(JawsSettings(objects={"mug": GripObject(width_m=0.030)}))
-        self.gripper = EmulatedCanGripper(EmulatedCanGripperSettings(heartbeat_s=0.0), self.drive)
+        self.gripper = EmulatedCanGripper(self.drive, heartbeat_s=math.inf)
         self.clock = serve.clock
         port = serve(Hurried(EmulatedSlcan(self.gripper)))
         self.lock = serve.lock(port)

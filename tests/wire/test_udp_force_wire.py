@@ -25,7 +25,7 @@ from tests.wire.conftest import Serve
 
 
 def opened(serve: Serve, *faults: Fault, **given: Any) -> Crank:
-    line = UdpLine(EmulatedUdpForce(given, Weighed()))
+    line = UdpLine(EmulatedUdpForce(UdpForceSettings(host="-", **given), Weighed()))
     where = dict(line.endpoint)
     line.endpoint = {**where, "port": where["host"]}  # the bench knows its far ends by their ports
     serve.wire(line, FaultSchedule(faults))

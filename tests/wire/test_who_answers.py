@@ -9,7 +9,7 @@ import pytest
 from config.assemble import start_emulator
 from config.profile import load_profile
 from controller import who_answers
-from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
+from simulator.devices.dsa_matrix import EmulatedDsaMatrix
 from tests.contracts.matrix_suite import steady
 
 
@@ -51,7 +51,7 @@ def test_what_is_known_is_told_by_its_answer_and_nothing_is_made_of_the_rest(ser
         ports = [
             bench.endpoints["devices"]["stage"]["port"],
             bench.endpoints["devices"]["board"]["port"],
-            serve(EmulatedDsaMatrix(EmulatedDsaMatrixSettings(), steady())),
+            serve(EmulatedDsaMatrix(steady(), 115_200)),
             lines(lambda heard: b"V1013\r" if b"V\r" in heard else b""),
             lines(lambda heard: f"{time.monotonic_ns() // 1000},0.25\r\n".encode()),
             lines(lambda heard: b"@01 0 OK IDLE -- 50138\r\n" if b"deviceid" in heard else b""),

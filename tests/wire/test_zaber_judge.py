@@ -15,7 +15,7 @@ from zaber_motion import (
 )
 from zaber_motion.ascii import Axis, Connection
 
-from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.devices.zaber_stage import EmulatedZaberStage
 from simulator.physics.stage_axis import StageAxis
 from simulator.wiring.bench_clock import BenchClock
 
@@ -63,7 +63,7 @@ class Court:
 @pytest.fixture
 def court(serve: Serve) -> Iterator[Court]:
     truth = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
-    stage = EmulatedZaberStage(EmulatedZaberStageSettings(), truth)
+    stage = EmulatedZaberStage(truth)
     port = serve(stage)
 
     def inject(kind: str) -> None:

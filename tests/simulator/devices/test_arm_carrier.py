@@ -124,7 +124,7 @@ def test_a_turn_alone_is_followed_too():
 
 def test_an_emulated_arm_has_the_tool_of_the_profile_with_its_point_at_the_start() -> None:
     tool = {"tcp_offset": (0.0, 0.02, 0.1, 0.0, 0.0, 0.5), "payload_kg": 1.25}
-    settings = {"host": "emulated", "start_pose": START, **tool}
+    settings = UrArmSettings(host="emulated", start_pose=START, **tool)
     controller = emulated(settings, finger_bench(FingerBenchSettings())).controller
     jogged = AXIS.pose(JOGGED_M)
     assert controller.arm.pose[:3] == pytest.approx(jogged[:3], abs=1e-9)

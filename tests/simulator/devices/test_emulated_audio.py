@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.audio.codec import FrameDecoder, Sound, SoundMessage, encode_line
-from simulator.devices.audio import EmulatedAudio, EmulatedAudioSettings
+from simulator.devices.audio import EmulatedAudio
 from tests.contracts.audio_suite import GAINS, SteadyFingers
 
 
@@ -15,7 +15,7 @@ class Host:
 
     def __init__(self, **settings: Any) -> None:
         self.bench = SteadyFingers()
-        self.recorder = EmulatedAudio(EmulatedAudioSettings(**settings), self.bench)
+        self.recorder = EmulatedAudio(self.bench, **settings)
         self.decoder = FrameDecoder()
         self.sound: list[Sound] = []
         self.messages: list[SoundMessage] = []

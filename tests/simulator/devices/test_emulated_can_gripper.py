@@ -1,9 +1,11 @@
 """The emulated gripper's habits, in the bytes of docs/reference/can_gripper.md."""
 
+import math
+
 import pytest
 
 from drivers.core.can_frame import CanFrame
-from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from simulator.devices.can_gripper import EmulatedCanGripper
 from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
 
 POLL = CanFrame(0x7A)
@@ -18,7 +20,7 @@ class Bus:
 
     def __init__(self) -> None:
         self.drive = JawsDrive(JawsSettings(objects={"mug": GripObject(width_m=0.040)}))
-        self.gripper = EmulatedCanGripper(EmulatedCanGripperSettings(heartbeat_s=0.0), self.drive)
+        self.gripper = EmulatedCanGripper(self.drive, heartbeat_s=math.inf)
         self.t_s = 100.0
         self.gripper.step(self.t_s)
 
@@ -131,7 +133,7 @@ def test_a_drive_breaks_a_calibration_off() -> None:
 
 
 def test_a_heartbeat_comes_when_nothing_else_has_been_sent_for_a_second() -> None:
-    gripper = EmulatedCanGripper(EmulatedCanGripperSettings(node=2), JawsDrive(JawsSettings()))
+    gripper = EmulatedCanGripper(JawsDrive(JawsSettings()), node=2)
     assert gripper.step(0.0) == []
     assert gripper.step(0.9) == []
     assert gripper.step(1.0) == [CanFrame(0x112)]

@@ -10,7 +10,7 @@ from drivers.core.can_frame import CanFrame
 from drivers.dsa_matrix.packets import MatrixPacket, PacketDecoder, encode_packet
 from simulator.devices.barrett_hand import EmulatedBarrettHand
 from simulator.devices.barrett_hand import counts as counts_of_hand
-from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings, counts
+from simulator.devices.dsa_matrix import EmulatedDsaMatrix, counts
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.fingertip_settings import Matrix
 from tests.steady import SteadyForces, SteadyTexels
@@ -21,10 +21,9 @@ CELLS = np.arange(6) * 0.5
 class Line:
     """One controller, and time."""
 
-    def __init__(self, **settings: object) -> None:
+    def __init__(self, baud: int = 115_200) -> None:
         source = SteadyTexels([Matrix(2, 3, 0.0034)], CELLS)
-        values = {"drift_ppm": 0.0, "start_ms": 1000, **settings}
-        self.matrices = EmulatedDsaMatrix(EmulatedDsaMatrixSettings.model_validate(values), source)
+        self.matrices = EmulatedDsaMatrix(source, baud, drift_ppm=0.0, start_ms=1000)
         self.decoder = PacketDecoder()
         self.t_s = 50.0
         self.matrices.step(self.t_s)

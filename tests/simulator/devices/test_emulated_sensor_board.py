@@ -17,7 +17,7 @@ from drivers.sensor_board.codec import (
     encode,
 )
 from drivers.sensor_board.framing import BoardFrameDecoder, frame
-from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from simulator.devices.sensor_board import EmulatedSensorBoard
 from tests.unit.drivers.sensor_board.conftest import PERIOD_S, Source
 
 ACCELERATION, FORCE, PERIOD = 0, 1, 2
@@ -28,7 +28,7 @@ class Line:
 
     def __init__(self, **settings: Any) -> None:
         self.source = Source()
-        self.board = EmulatedSensorBoard(EmulatedSensorBoardSettings(**settings), self.source)
+        self.board = EmulatedSensorBoard(self.source, **settings)
         self.decoder = BoardFrameDecoder()
         self.decoder.feed(b"\0")
         self.t_s = 0.0
@@ -147,7 +147,7 @@ def test_a_stream_that_stays_in_the_mask_is_not_disturbed() -> None:
 
 
 def test_a_tare_takes_the_mean_of_the_latest_samples_as_zero(monkeypatch: pytest.MonkeyPatch) -> None:
-    line = Line(tare_samples=100)
+    line = Line()
     monkeypatch.setattr(line.source, "sample", lambda stream, times_s: np.where(times_s < 0.2, 1.0, 3.0))
     assert line.status(BoardCode.TARE, FORCE) == ReplyStatus.REFUSED
     line.status(BoardCode.START, 1 << FORCE)

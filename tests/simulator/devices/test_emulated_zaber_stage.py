@@ -7,14 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.zaber_stage.codec import MICROSTEP_M
-from simulator.devices.zaber_stage import CONSTANTS, EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.devices.zaber_stage import CONSTANTS, EmulatedZaberStage
 from simulator.physics.stage_axis import StageAxis
 
 
 def stage(*, homed: bool = True, plans: list[float] | None = None) -> EmulatedZaberStage:
     axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
     on_plan = plans.append if plans is not None else lambda t_s: None
-    return EmulatedZaberStage(EmulatedZaberStageSettings(homed=homed), axis, on_plan)
+    return EmulatedZaberStage(axis, on_plan, homed=homed)
 
 
 def ask(device: EmulatedZaberStage, command: str, t_s: float = 0.0, axis: int = 1) -> str:
@@ -151,7 +151,7 @@ def test_a_refusal_befalls_one_movement() -> None:
 )
 def test_a_move_goes_with_the_velocity_and_the_acceleration_that_it_carries(command: str) -> None:
     axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
-    device = EmulatedZaberStage(EmulatedZaberStageSettings(homed=True), axis)
+    device = EmulatedZaberStage(axis, homed=True)
     speed_m_s = 10_000 * MICROSTEP_M
     for t_s, accel in ((0.0, 16), (20.0, 33)):
         assert " OK BUSY " in ask(device, f"move {command.format(accel)}", t_s)

@@ -1,5 +1,6 @@
 """The table of what each device can show is true: its mock asks for just these faults, its emulated twin takes them."""
 
+import json
 from contextlib import suppress
 from typing import Any, get_args
 
@@ -9,7 +10,7 @@ from config import assemble
 from config.profile import load_profile
 from config.source import ProfileError
 from controller.own_modules import found
-from controller.registry import KINDS
+from controller.registry import KINDS, find
 from controller.rig import TrialScene
 from drivers.core.messages import Ask, Home, Listen, MoveTo, Release, Tone
 from simulator.devices.faults import INJECTED, OF_THE_BENCH, FaultSchedule, Kind
@@ -84,12 +85,14 @@ TWINS = [name for name in BENCH if KINDS["driver"][name].emulated and name != "u
 def test_an_emulated_twin_takes_the_faults_of_its_own_that_the_table_gives_it_and_no_others(
     driver: str,
 ) -> None:
-    plant: Any = load_profile(BENCH[driver], {}).plant
+    profile: Any = load_profile(BENCH[driver], {})
+    (mock,) = [one.settings for one in profile.devices.values() if one.kind == driver]
+    real = find("driver", driver).settings
+    address = dict.fromkeys({"port", "host"} & real.model_fields.keys(), "emulated")
+    shared = mock.model_dump(mode="json", include=set(real.model_fields))
+    settings = real.model_validate_json(json.dumps({**shared, **address}))
     made = found(KINDS["driver"][driver].emulated)
-    (settings,) = [
-        one.settings for one in load_profile(BENCH[driver], {}).devices.values() if one.kind == driver
-    ]
-    device = made(settings.model_dump(mode="json"), plant.made(plant.settings))
+    device = made(settings, profile.plant.made(profile.plant.settings))
     own = set()
     for kind in INJECTED:
         with suppress(ValueError):

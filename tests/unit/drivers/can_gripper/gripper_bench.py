@@ -7,7 +7,7 @@ from drivers.can_gripper.codec import Order, decode_order
 from drivers.can_gripper.driver import CanGripper, CanGripperSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.can_link import ReceivedFrame
-from simulator.devices.can_gripper import EmulatedCanGripper, EmulatedCanGripperSettings
+from simulator.devices.can_gripper import EmulatedCanGripper
 from simulator.physics.jaws_drive import JawsDrive
 from tests.contracts.gripper_suite import SCENE, GripperBench
 from tests.unit.drivers.far_end import FarClock, FarEnd
@@ -55,7 +55,7 @@ class Bench(GripperBench):
 
     def __init__(self, drive: JawsDrive, **driver: Any) -> None:
         self.drive = drive
-        self.bus = GripperBus(EmulatedCanGripper(EmulatedCanGripperSettings(), drive))
+        self.bus = GripperBus(EmulatedCanGripper(drive))
         settings = {"port": "can0", "closed_width_m": SCENE.closed_width_m, **driver}
         clock = FarClock(self.bus)
         gripper = CanGripper("gripper", CanGripperSettings(**settings), clock, self.bus.connect)

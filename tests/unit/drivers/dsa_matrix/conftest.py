@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
-from simulator.devices.dsa_matrix import EmulatedDsaMatrix, EmulatedDsaMatrixSettings
+from simulator.devices.dsa_matrix import EmulatedDsaMatrix
 from simulator.physics.fingertip_settings import Matrix
 from tests.contracts.matrix_suite import MatrixBench
 from tests.steady import SteadyTexels
@@ -32,7 +32,7 @@ class Bench(MatrixBench):
 
     def __init__(self, source: Any, emulated: dict[str, Any] | None = None, **driver: Any) -> None:
         self.source = source
-        self.far = FarEnd(EmulatedDsaMatrix(EmulatedDsaMatrixSettings(**(emulated or {})), source))
+        self.far = FarEnd(EmulatedDsaMatrix(source, 115_200, **(emulated or {})))
         self.far.device.step(self.far.t_s)
         clock = FarClock(self.far)
         settings = DsaMatrixSettings(port="/dev/dsa", **driver)

@@ -41,11 +41,9 @@ class TestDsaMatrix(MatrixContract):
 
 
 def test_identity_cells_and_the_rate_that_the_line_carries_come_from_the_controller(make_bench: Make) -> None:
-    bench = make_bench(
-        [Matrix(2, 3, 0.0034), Matrix(1, 4, 0.0034)], emulated={"serial": 17, "software": 301}, baud=57_600
-    )
+    bench = make_bench([Matrix(2, 3, 0.0034), Matrix(1, 4, 0.0034)], baud=57_600)
     info = bench.device.open()
-    assert (info.device, info.serial, info.version, info.clock) == ("dsa", "17", "301", "dsa milliseconds")
+    assert (info.device, info.serial, info.version, info.clock) == ("dsa", "9210", "290", "dsa milliseconds")
     texel_m = pytest.approx((0.0034, 0.0034))
     assert info.details == {
         "port": "/dev/dsa",
@@ -99,7 +97,7 @@ def test_times_are_the_controllers_and_not_those_of_arrival(bench: Bench) -> Non
 
 
 def test_run_length_encoding_brings_quiet_matrices_to_100_frames_a_second(make_bench: Make) -> None:
-    bench = make_bench([Matrix(14, 5, 0.0034)], emulated={"threshold_counts": 60}, frame_hz=100, rle=True)
+    bench = make_bench([Matrix(14, 5, 0.0034)], threshold_counts=60, frame_hz=100, rle=True)
     bench.device.open()
     bench.device.apply(ALL)
     bench.turn(2.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.core.messages import SampleBlock
 from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
-from simulator.devices.sensor_board import EmulatedSensorBoard, EmulatedSensorBoardSettings
+from simulator.devices.sensor_board import EmulatedSensorBoard
 from tests.contracts.crank import Crank
 from tests.unit.drivers.far_end import BEGIN_S, FarClock, FarEnd
 
@@ -87,7 +87,7 @@ class Bench(Crank):
 
     def __init__(self, board: dict[str, Any], driver: dict[str, Any]) -> None:
         self.source = Source(BEGIN_S)
-        self.board = EmulatedSensorBoard(EmulatedSensorBoardSettings(**board), self.source)
+        self.board = EmulatedSensorBoard(self.source, **board)
         self.host = FarEnd(self.board, partial(Random(4).uniform, 0.2e-3, 1.2e-3))
         settings = SensorBoardSettings(port="/dev/board", **driver)
         clock = FarClock(self.host)

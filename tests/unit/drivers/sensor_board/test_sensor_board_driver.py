@@ -71,12 +71,12 @@ def answer(bench: Bench, code: BoardCode, status: int) -> None:
 
 
 def test_what_the_board_has_comes_from_its_hello(make_bench: MakeBench) -> None:
-    info = make_bench(board={"board": "Teensy", "serial": "S9", "firmware": "2.1"}).device.open()
+    info = make_bench().device.open()
     assert (info.device, info.model, info.serial, info.version, info.mover) == (
         "board",
-        "Teensy",
-        "S9",
-        "2.1",
+        "emulated sensor board",
+        "E1",
+        "1.0",
         False,
     )
     assert set(info.streams) == {FORCE, ACCELERATION, PERIOD}

@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 from drivers.core.messages import Command, SampleBlock, Sent, Status
 from drivers.zaber_stage.driver import ZaberStage
-from simulator.devices.zaber_stage import EmulatedZaberStage, EmulatedZaberStageSettings
+from simulator.devices.zaber_stage import EmulatedZaberStage
 from simulator.physics.stage_axis import StageAxis
 
 S = TypeVar("S", bound=Status)
@@ -34,7 +34,7 @@ class Wire:
 
     def __init__(self, **settings: Any) -> None:
         self.axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
-        self.device = EmulatedZaberStage(EmulatedZaberStageSettings(**settings), self.axis)
+        self.device = EmulatedZaberStage(self.axis, **settings)
         self.received = b""
         self.deaf_to = b"\0"
         self.spoils = ""
