@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from drivers.can_gripper import units
 from drivers.can_gripper.codec import (
@@ -16,7 +17,6 @@ from drivers.can_gripper.codec import (
     decode_order,
     encode_answer,
 )
-from drivers.can_gripper.driver import CanGripperSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
 from drivers.gripper.state import GripperState
@@ -208,7 +208,7 @@ class EmulatedCanGripper:
         )
 
 
-def emulated(settings: CanGripperSettings, bench: object) -> EmulatedSlcan:
+def emulated(settings: Any, bench: object) -> EmulatedSlcan:
     """An adapter with the gripper on its bus, and the bench's jaws on the gripper.
 
     Raises:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from drivers.core.errors import CodecError
 from drivers.dsa_matrix import codec
-from drivers.dsa_matrix.driver import DsaMatrixSettings
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
 from simulator.devices.faults import break_by
 from simulator.physics.bench import Bench, part
@@ -211,7 +210,7 @@ class EmulatedDsaMatrix:
         return codec.MatrixInfo(error, size_mm, size_mm, matrix.columns, matrix.rows, uid)
 
 
-def emulated(settings: DsaMatrixSettings, bench: Any) -> EmulatedDsaMatrix:
+def emulated(settings: Any, bench: Any) -> EmulatedDsaMatrix:
     """The matrices' controller, on a line as fast as the driver's.
 
     Raises:

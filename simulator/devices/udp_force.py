@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from drivers.udp_force.codec import (
     decode_request,
     encode_record,
 )
-from drivers.udp_force.driver import UdpForceSettings
 from simulator.physics.bench import Bench
 
 BOX = BoxSettings(1e6, 1e6, 1000.0, 7000.0)
@@ -44,7 +43,7 @@ class EmulatedUdpForce:
     datagram = RECORD_BYTES
     """Bytes of each datagram that it sends."""
 
-    def __init__(self, settings: UdpForceSettings, bench: Bench) -> None:
+    def __init__(self, settings: Any, bench: Bench) -> None:
         given = dict(settings)
         self.box = BoxSettings(*(given.get(key) or own for key, own in zip(BOX._fields, BOX, strict=True)))
         normal = settings.normal
