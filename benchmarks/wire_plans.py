@@ -39,7 +39,7 @@ EXPERIMENTS = ("transient", "transient_arm", "static", "first_contact")
 
 VICTIMS = ("program", "emulator", "arm")
 ACTS = ("SIGKILL", "SIGSTOP", "no memory")
-NO_MEMORY = ("MemoryError", "failed to map segment", "Cannot allocate memory", "bad_alloc")
+NO_MEMORY = ("MemoryError", "failed to map segment", "seems to be broken", "new thread", "bad_alloc")
 """How Python, the loader and the system say so."""
 
 STOPPED_S = 2.0
