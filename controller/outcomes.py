@@ -38,11 +38,11 @@ def successes_in(manifest: Mapping[str, Any]) -> Sequence[str] | None:
 
 
 def counted(outcomes: Mapping[str, int], successes: Collection[str] | None) -> str:
-    """How often each outcome was, and where not all succeeded how many did: `1 dropped, 5 held: 5 of 6 succeeded`."""
-    counts = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in sorted(outcomes.items()))
+    """How often each outcome was, and where not all succeeded how many did: `dropped: 1, held: 5; 5 of 6 succeeded`."""
+    counts = ", ".join(f"{name.replace('_', ' ')}: {number}" for name, number in sorted(outcomes.items()))
     total = sum(outcomes.values())
     good = sum(number for name, number in outcomes.items() if is_success(name, successes))
-    return counts if good == total else f"{counts}: {good} of {total} succeeded"
+    return counts if good == total else f"{counts}; {good} of {total} succeeded"
 
 
 def exit_of(manifest: Mapping[str, Any]) -> tuple[int, str]:

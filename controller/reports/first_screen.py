@@ -69,7 +69,7 @@ def headline_of(
     count += (
         f" ({named.pop()})" if len(named) == 1 and not lines else ""
     )  # of an experiment that nobody knows
-    count += f" ({', '.join(f'{n} {name}' for name, n in bad.most_common())})" if bad else ""
+    count += f" ({', '.join(f'{name}: {n}' for name, n in bad.most_common())})" if bad else ""
     found = given or listed(lines, rows, set(map(_kind, runs))) or _measured(runs, rows)
     if found is None and rows:
         found = rated("trials that ended as meant", good, len(rows))._replace(verdict="")

@@ -77,7 +77,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "chosen": chosen,
             "onset": f"{ONSET_N:g}",
             "approaches": _counted(approaches),
-            "outcomes": ", ".join(f"{count} {title(name)}" for name, count in outcomes),
+            "outcomes": ", ".join(f"{title(name)}: {count}" for name, count in outcomes),
             "table_1": [_table_row(row, other) for row in rows],
             "foot": _foot(plain, other),
             "asterisk": any(row.fitted(bound) for row in rows for bound in BOUNDS),

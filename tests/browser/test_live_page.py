@@ -86,7 +86,7 @@ def test_it_shows_the_state_the_signals_the_margins_the_trials_and_the_events(wa
     assert page.locator("#now").inner_text().startswith("Now trial 3, location f, speed 3.785 mm/s: ")
     assert page.locator("#state").inner_text() == "APPROACH"
     assert page.locator("#verdict").inner_text() == "1 of 42 done: none failed"
-    assert page.locator("#counts").inner_text() == "So far: 1 contact"
+    assert page.locator("#counts").inner_text() == "So far, contact: 1"
     assert "left" in page.locator("#now").inner_text()
     assert "contact 2" in page.locator("#thresholds").inner_text()
     assert page.locator("#thresholds .bar.idle").count() == 1, (

@@ -86,7 +86,7 @@ def test_a_signal_keeps_its_times_and_unit_in_pandas_and_xarray(folder):
 def test_a_run_and_a_signal_are_short_in_a_notebook(folder):
     run = open_run("latest")
     assert len(repr(run)) < 200
-    assert "2 contact" in repr(run)
+    assert "contact: 2" in repr(run)
     assert len(repr(run.signal(1, "board.load_cell"))) < 120
     assert "<table" in run._repr_html_()
     assert "board.load_cell" in run._repr_html_()

@@ -88,7 +88,7 @@ def test_what_never_leaves_the_table_is_no_success(tmp_path):
     outcome, row, _ = grasped(tmp_path, row, **about)
     assert (outcome.exit_code, outcome.line) == (
         EXIT_FAILED,
-        "no trial succeeded (1 not lifted: 0 of 1 succeeded)",
+        "no trial succeeded (not lifted: 1; 0 of 1 succeeded)",
     )
     assert row["lifted_m"] == pytest.approx(0.015, abs=1e-4), "the tool's"
     assert row["rise_m"] == 0.0

@@ -58,7 +58,7 @@ def test_a_detector_is_added_as_the_page_says(follow):
     checked, run, replayed = follow("add_a_detector.md")
     assert 'kind = "my_lab.edge:Edge"' in checked
     assert "detectors.contact: keeps the contract" in checked
-    assert "3 contact" in run
+    assert "contact: 3" in run
     events = [json.loads(line)["event"] for line in replayed.splitlines()]
     assert events[:2] == ["BaselineReady", "Contact"]
 
@@ -67,7 +67,7 @@ def test_a_device_is_added_as_the_page_says(follow, tmp_path):
     checked, run, wired, wired_run = follow("add_a_device.md")
     assert 'driver = "my_lab.device:ForceSensor"' in checked
     assert "devices.scale: keeps the contract" in checked
-    assert "3 contact" in run
+    assert "contact: 3" in run
     assert "scale: FS1, serial 0042, port /dev/pts/" in wired
     assert "devices.scale: keeps the contract" in wired
     assert "1 stopped at a contact" in wired_run
@@ -85,7 +85,7 @@ def test_a_device_is_added_as_the_page_says(follow, tmp_path):
 def test_an_experiment_is_added_as_the_page_says(follow, tmp_path):
     checked, run, _ = follow("add_an_experiment.md")
     assert 'experiment = "my_lab.tap:Tap"' in checked
-    assert "6 contact" in run
+    assert "contact: 6" in run
     (folder,) = tmp_path.glob("runs/*")
     header, *rows = (folder / "trials.csv").read_text().splitlines()
     assert header == "trial,outcome,speed_m_s,force_mean_n,force_peak_n"

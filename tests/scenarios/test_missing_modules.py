@@ -71,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     profile = "mock/transient"
     checked, ran = without(EXTRAS, ["check", profile], ["run", profile, *short], folder=folder).split(NEXT)
     assert 'experiment = "transient"' in checked
-    assert "1 contact" in ran
+    assert "contact: 1" in ran
     return folder
 
 

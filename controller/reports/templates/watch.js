@@ -70,10 +70,10 @@
   };
   const verdict = () => {
     const counts = now.counts ?? [], done = counts.reduce((sum, [, number]) => sum + number, 0);
-    const said = counts.map(([name, number, good]) => part(`${number} ${words(name)}`, good ? "good" : "missed"));
+    const said = counts.map(([name, number, good]) => part(`${words(name)}: ${number}`, good ? "good" : "missed"));
     const bad = counts.reduce((sum, [, number, good]) => sum + (good ? 0 : number), 0);
     large("verdict", `${done} of ${now.run?.trials ?? "–"}${done ? " done" : ""}`, ...(done ? [": ", bad ? part(`${bad} failed`, "missed") : part("none failed", "good")] : [" trials"]));
-    if (done && !now.ended) said[0].prepend("So far: ");
+    if (done && !now.ended) said[0].prepend("So far, ");
     at("counts").replaceChildren(...said.flatMap((each, place) => place ? [", ", each] : [each]));
   };
   const large = (id, ...content) => {  // on one line whatever its length: narrower letters, as high as the others

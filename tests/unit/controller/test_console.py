@@ -251,7 +251,7 @@ def test_off_a_terminal_each_trial_is_one_line(plain):
     console.trial_started(7, {"location": "f", "speed_m_s": 0.004843})
     console.state("APPROACH", 92.0)
     console.trial_ended(7, "false_contact", ROW)
-    console.campaign_ended("2 contact")
+    console.campaign_ended("contact: 2")
     assert lines == [
         "mock/transient: 2 trials into runs/x",
         "[1/2] trial 7 location f, speed 4.843 mm/s: false contact, delay 0.21 s, extent 1 mm, force 0.05 N",
@@ -415,7 +415,7 @@ def test_the_view_shows_trial_state_results_and_counts(screen):
     assert " ".join(lines[3].split()) == "trial location speed, mm/s outcome delay, s extent, mm force, N"
     assert [line.split()[0] for line in lines[4:12]] == [str(trial) for trial in range(4, 12)]
     assert lines[13].startswith("trial 12  APPROACH since 92.25 s, for 0 s  location a  speed 3.785 mm/s")
-    assert lines[14] == "10 contact, 1 false contact: 10 of 11 succeeded"
+    assert lines[14] == "contact: 10, false contact: 1; 10 of 11 succeeded"
     assert lines[15] == "Ctrl+C pauses"
     screen.campaign_ended("11 trials")
     assert screen.text()[-1].startswith("   11"), "what is left is the table; the line of the outcome follows"

@@ -74,10 +74,10 @@ def test_an_own_experiment_declares_its_words_or_gets_those_of_the_fragments(tmp
 
 
 def test_the_counts_say_how_many_succeeded_where_not_all_did():
-    assert counted({"held": 6}, ["held"]) == "6 held"
+    assert counted({"held": 6}, ["held"]) == "held: 6"
     assert (
         counted({"not_found": 1, "held": 4, "fault": 1}, ["held"])
-        == "1 fault, 4 held, 1 not found: 4 of 6 succeeded"
+        == "fault: 1, held: 4, not found: 1; 4 of 6 succeeded"
     )
 
 

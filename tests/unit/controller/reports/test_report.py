@@ -355,7 +355,7 @@ def test_several_runs_are_pooled_by_experiment(tmp_path):
     path = build_report(runs, out=tmp_path)
     text = text_of(path)
     assert path == tmp_path / "report.html"
-    assert "7 approaches: 7 contact" in text
+    assert "7 approaches (contact: 7)" in text
     assert (
         "plant.noise scale detectors.contact.sample, Hz delay, mean (σ), s false contacts 0.5 10 0.20 (–)"
         in text
