@@ -13,6 +13,9 @@ from simulator.physics.finger_settings import LOCATIONS, FingerSettings
 _REAL = 1e-20
 """An eigenvalue whose imaginary part is smaller is real, 1/s: what is left of it is the digits' own rounding."""
 
+_GONE = 1e-32
+"""A mode that has died down to it, in units of the state, turns no guard: times 1e9 N/m it is 1e-23 N."""
+
 Switch = tuple[float, str]
 TH, OM, B, BE, A, G1, G2, V = range(8)
 
@@ -32,13 +35,12 @@ class _Modes:
         self.right = right
         self.left = right**-1
         self.inverse = m**-1
-        self.fastest = float(max(abs(mp.im(value)) for value in self.values))
         self.stiffest = float(max(abs(value) for value in self.values))
 
     def start(
         self, x: Sequence[mpf], p0: list[mpf], p1: list[mpf], p2: list[mpf]
-    ) -> Callable[[mpf], list[mpf]]:
-        """The solution from `x` at time 0 on."""
+    ) -> tuple[Callable[[mpf], list[mpf]], Callable[[mpf], mpf]]:
+        """The solution from `x` at time 0 on, and how far apart it is to be looked at, by time."""
         q2 = -(self.inverse * mp.matrix(p2))
         q1 = self.inverse * (2 * q2 - mp.matrix(p1))
         q0 = self.inverse * (q1 - mp.matrix(p0))
@@ -74,7 +76,19 @@ class _Modes:
             ]
             return [mp.fdot(weight, basis) for weight in weights]
 
-        return at
+        lasting = []
+        for j in kept:
+            size = max(abs(self.right[i, j]) for i in range(len(x))) * abs(amplitudes[j])
+            decay = -mp.re(self.values[j])
+            lasting.append((mp.log(size / _GONE) / decay if decay and size else mp.inf, mp.im(self.values[j])))
+
+        def apart(t: mpf) -> mpf:
+            alive = [turn for until, turn in lasting if t < until]
+            fastest = max([mpf(150), *alive])
+            # where what is fast has died, the force on what is stiff follows the rest
+            return mpf("0.15") / (fastest if len(alive) == len(lasting) else max(fastest, mpf(1500)))
+
+        return at, apart
 
 
 def modal(
@@ -106,8 +120,9 @@ def modal(
         reference = _Reference(s, pieces, gap_m, location, start_s, excited)
         wanted, thetas, switches = [mpf(t) for t in samples_s], [], []
         while reference.now < until_s:
-            at, guards, limit = reference.piece(mpf(until_s))
-            elapsed, name = _first(at, guards, limit, reference.modes[reference.mode == "touching"])
+            at, apart, guards, limit = reference.piece(mpf(until_s))
+            stiffest = reference.modes[reference.mode == "touching"].stiffest
+            elapsed, name = _first(at, apart, guards, limit, stiffest)
             inside = [t for t in wanted if t <= reference.now + elapsed]
             thetas += [float(at(t - reference.now)[TH]) for t in inside]
             wanted = wanted[len(inside) :]
@@ -199,7 +214,7 @@ class _Reference:
             guards["made"] = push
         self._turned = turned
         limit = min([end, *(piece[0] for piece in self.pieces if piece[0] > self.now)]) - self.now
-        return self.modes[mode == "touching"].start(self.x, p0, p1, p2), guards, limit
+        return *self.modes[mode == "touching"].start(self.x, p0, p1, p2), guards, limit
 
     def go(self, at, elapsed: mpf) -> None:  # type: ignore[no-untyped-def]
         """On to the end of the piece."""
@@ -241,18 +256,16 @@ class _Reference:
         return ""
 
 
-def _first(at, guards, limit, modes):  # type: ignore[no-untyped-def]
+def _first(at, apart, guards, limit, stiffest):  # type: ignore[no-untyped-def]
     """Scan for the first guard that rises through zero: steps that grow from the fastest time scale, then bisection."""
     tiny = mpf(10) ** -20
-    fine = mpf("0.15") / modes.fastest if modes.fastest else limit
     # flights after a bounce can be very short, and begin at the level itself
-    step = min(mpf("0.05") / modes.stiffest, mpf("1e-8"))
-    coarse = min(fine, mpf("1e-3"))
+    step = min(mpf("0.05") / stiffest, mpf("1e-8"))
     t = mpf(0)
     before = {name: guard(t, at(t)) for name, guard in guards.items()}
     while t < limit:
         t_next = min(t + step, limit)
-        step = min(step * 2, coarse)
+        step = min(step * 2, apart(t))
         y = at(t_next)
         after = {name: guard(t_next, y) for name, guard in guards.items()}
         found = [
