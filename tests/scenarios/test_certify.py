@@ -24,7 +24,7 @@ from simulator.mocks.zaber_stage import MockZaberStage
 BENCHES = (
     *("mock/first_contact", "mock/flexion", "mock/locating", "mock/transient_arm", "mock/weights"),
     *("mock/slip_calm", "mock/pointer"),
-    *("mock/chirp", "mock/pretouch", "mock/centering_turned", "mock/grasp"),
+    *("mock/chirp", "mock/centering_turned", "mock/grasp"),
 )
 """Profiles that have every device and every limit of the mock benches between them."""
 
@@ -42,12 +42,37 @@ BOX = {
 }
 
 
+SLOWLY = {"loop.rate_hz": "50.0"}
+"""Fewer turns than shipped are computed: what acts is the same, within the same times."""
+
+
 def proved(name, consent=lambda text: None, **sets):
-    return list(certifier_of(load_profile(name, sets), consent).proofs())
+    return list(certifier_of(load_profile(name, SLOWLY | sets), consent).proofs())
+
+
+CASES = ("_streams", "_forces", "_travel", "_asked", "_of_device", "_alone", "_watchdogs", "_ended")
 
 
 def of(proofs, limit):
     return [proof for proof in proofs if proof.limit == limit]
+
+
+@pytest.fixture
+def only(monkeypatch):
+    """Leaves out all cases but the first ones, lateness, and those of one kind."""
+
+    def leave(kind=""):
+        for cases in CASES:
+            if cases != kind:
+                monkeypatch.setattr(Certifier, cases, lambda *_: ())
+
+    return leave
+
+
+@pytest.fixture(scope="module")
+def touch():
+    """A bench with an arm and a gripper."""
+    return proved("mock/touch")
 
 
 def profiles(bench):
@@ -99,19 +124,16 @@ FURTHER = {
 """What no shipped bench has."""
 
 
-def test_no_setting_of_the_guard_is_left_out():
-    proofs = [
-        *proved("mock/transient_arm", **BOX, **FURTHER),
-        *proved("mock/touch"),
-    ]
+def test_no_setting_of_the_guard_is_left_out(touch):
+    proofs = [*proved("mock/transient_arm", **BOX, **FURTHER), *touch]
     assert certified(proofs)
     shown = {key for proof in proofs for key in proof.limit.split(".")}
     assert set(GuardSettings.model_fields) - shown - INPUTS == set()
     assert shown >= set(MoverLimits.model_fields) - INPUTS
 
 
-def test_stop_and_pause_come_before_anything_else_goes_wrong():
-    limits = [proof.limit for proof in proved("mock/touch")]
+def test_stop_and_pause_come_before_anything_else_goes_wrong(touch):
+    limits = [proof.limit for proof in touch]
     first = next(place for place, limit in enumerate(limits) if "." in limit)
     assert {limit.partition(" ")[0] for limit in limits[:first]} == {"home", "stop", "pause"}
     assert {limit.rpartition(" ")[2] for limit in limits[:first]} == {"arm", "gripper"}
@@ -151,7 +173,8 @@ def test_a_limit_that_does_not_act_fails_the_certificate(monkeypatch, name, kind
     assert {proof.limit for proof in proofs if proof.verdict == "failed"} == limits
 
 
-def test_what_kept_a_command_from_being_refused_is_named(monkeypatch):
+def test_what_kept_a_command_from_being_refused_is_named(only, monkeypatch):
+    only("_asked")
     admit = Bounds.admit_speed
 
     def silent(*given):
@@ -166,7 +189,10 @@ def test_what_kept_a_command_from_being_refused_is_named(monkeypatch):
     assert "board.period is silent" in failed.acted
 
 
-def test_a_device_that_fails_while_a_command_is_refused_is_named_and_the_guard_is_not_blamed(monkeypatch):
+def test_a_device_that_fails_while_a_command_is_refused_is_named_and_the_guard_is_not_blamed(
+    only, monkeypatch
+):
+    only("_asked")
     admit, poll, refused = Bounds.admit_speed, MockZaberStage.poll, []
 
     def then_unplugged(*given):
@@ -199,9 +225,8 @@ def test_silence_and_lateness_that_nobody_notices_fail_it(monkeypatch):
     assert failed == {"limits.stale_s", "limits.late_s"}
 
 
-def test_a_late_loop_is_seen_by_the_guard_before_the_movers_own_process_acts(monkeypatch):
-    for cases in ("_streams", "_forces", "_travel", "_asked", "_of_device", "_alone", "_watchdogs", "_ended"):
-        monkeypatch.setattr(Certifier, cases, lambda *_: ())
+def test_a_late_loop_is_seen_by_the_guard_before_the_movers_own_process_acts(only):
+    only()
     settings = {"limits.late_s": "0.4", "devices.arm.loop_timeout_s": "0.5"}
     (done,) = [proof.done for proof in of(proved("mock/transient_arm", **settings), "limits.late_s")]
     (away_s,) = re.findall(r"away for (\S+) s", done)
@@ -254,7 +279,9 @@ def test_the_verb_writes_a_certificate_and_its_exit_code_says_it(verb, tmp_path,
 
 
 @pytest.mark.parametrize(("went_m", "verdict"), [(0.001, "acted"), (0.0025, "failed"), (None, "not shown")])
-def test_a_program_that_is_killed_leaves_a_mover_that_stops_or_fails_the_certificate(went_m, verdict):
+def test_a_program_that_is_killed_leaves_a_mover_that_stops_or_fails_the_certificate(only, went_m, verdict):
+    only("_ended")
+
     @contextmanager
     def abandoned(mover, frozen):
         if went_m is None:
