@@ -49,6 +49,7 @@ SHORTER = {
         "behavior.hold_s": "0.5",
         "behavior.lift_speed_m_s": "0.06",
         "behavior.shake_s": "0.8",
+        "loop.rate_hz": "50.0",
     },
 }
 """Settings with which a trial of a shipped profile passes through all its states, and is short."""

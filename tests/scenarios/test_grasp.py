@@ -4,11 +4,14 @@ import json
 
 import pytest
 
+from config.assemble import build_rig, plan_campaign
+from config.profile import load_profile
 from config.script import run_trials
-from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_FAILED
+from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_FAILED, Campaign
+from controller.recording.reader import open_run
 from simulator.physics.gripper_part import GripperPart
 from simulator.physics.pad_part import PadPart
-from tests.scenarios.conftest import SHORTER
+from tests.scenarios.conftest import SHORTER, Script
 
 WAY = [
     *("CENTERING", "RESTING", "CLOSING", "LOADING", "LIFTING", "SHAKING", "HOLDING"),
@@ -106,9 +109,12 @@ def test_what_slides_while_the_jaws_press_less_hard_is_held(tmp_path):
     plant |= {"object_width_m": 0.03916706459467771, "object_n_m": 36569.068959723365}
     plant |= {"pad_roughness": 0.06933705104113826}
     rows = [{"object_x_m": 0.0} | {f"plant.{name}": value for name, value in plant.items()}] * 3
-    _, run = run_trials("mock/grasp", rows, settings=AT_ONCE, seed=1, out=tmp_path, say=lambda line: None)
-    assert [row["outcome"] for row in run.trials] == ["held"] * 3
-    assert run.trials[2]["arrested_m"] > 0.001
+    profile = load_profile("mock/grasp", AT_ONCE, rows=rows, labels=["the first", "the second", "the third"])
+    third = [trial for trial in profile.trials(1) if trial.id == 3]
+    outcome = Campaign(plan_campaign(profile, third, 1), build_rig(profile), Script(), tmp_path).run()
+    (row,) = open_run(outcome.folder).trials
+    assert row["outcome"] == "held"
+    assert row["arrested_m"] > 0.001
 
 
 def test_what_the_grip_crushes_is_no_success(tmp_path):

@@ -84,7 +84,8 @@ def made(profile):
 def test_the_truth_is_the_same_with_every_detector_taken_away(name, tmp_path):
     exact = EXACT if name in ("mock/transient", "mock/flexion") else {}
     profile = load_profile(
-        name, {"trials.order": '"listed"', **SHORTER.get(name, {}), **exact, **KNOWN[name]}
+        name,
+        {"trials.order": '"listed"', **SHORTER.get(name, {}), "loop.rate_hz": "50.0", **exact, **KNOWN[name]},
     )
     plan, trial, rig = made(profile)
     seen, acts = [], []
