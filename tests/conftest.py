@@ -1,5 +1,7 @@
 """What all tests share: the examples that hypothesis tries, and the order."""
 
+import gc
+
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -15,6 +17,17 @@ collect_ignore = ["hardware"]
 
 LONG = ("scenarios", "stability")
 """Folders whose modules take long, the longest first."""
+
+
+def pytest_sessionstart():
+    """What is imported stays: to look for garbage meanwhile took a quarter of the time."""
+    gc.disable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop():
+    """From here on there is garbage."""
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

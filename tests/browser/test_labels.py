@@ -49,7 +49,7 @@ def wrong(browser):
 def test_no_label_of_a_report_is_clipped_or_over_another(experiment, wrong, tmp_path):
     """Of each experiment, whose profiles share one section: a trial in virtual time, shortened."""
     name = f"mock/{OF.get(experiment, experiment)}"
-    profile = load_profile(name, SHORTER.get(name, {}))
+    profile = load_profile(name, SHORTER.get(name, {}) | {"loop.rate_hz": "50.0"})
     plan = assemble.plan_campaign(profile, profile.trials(1)[:1], 1)
     outcome = Campaign(plan, assemble.build_rig(profile), Script(), tmp_path).run()
     assert wrong(build_report([open_run(outcome.folder)])) == {}

@@ -27,10 +27,12 @@ class Case(NamedTuple):
 
 
 SLIP = SHORTER["mock/slip"]
-SONIC = {"behavior.clear_m": "0.01", "behavior.handling_speed_m_s": "0.06", "loop.rate_hz": "50"}
+SLOWLY = {"loop.rate_hz": "50"}
+SONIC = {"behavior.clear_m": "0.01", "behavior.handling_speed_m_s": "0.06"}
 REST = {"behavior.settle_s": "1.0", "behavior.rest_s": "0.1", "behavior.record_s": "2.0"}
 WEIGHTS = {"behavior.cycles": "1", "behavior.preloads": "0", "behavior.weights_x_n": "[1.0, 2.0]"}
-EIGHT = {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0"}
+EIGHT = {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0", "loop.rate_hz": "200"}
+"""With fewer turns the guard refuses its fastest approach."""
 
 CASES = {
     "static": Case("mock/static", 1, REST, "board RECORDING silent, stuck, corrupt, losing"),
@@ -97,7 +99,7 @@ class Bench(NamedTuple):
 def run(name: str, folder: Path, faults: Sequence[dict[str, Any]] = ()) -> Bench:
     case = CASES[name]
     profile = replace(
-        load_profile(case.profile, case.settings), faults=tuple(Fault(**each) for each in faults)
+        load_profile(case.profile, SLOWLY | case.settings), faults=tuple(Fault(**each) for each in faults)
     )
     trials = [trial for trial in profile.trials(1) if trial.id == case.trial]
     plan = assemble.plan_campaign(profile, trials, 1)

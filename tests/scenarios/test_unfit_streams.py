@@ -165,7 +165,7 @@ def groups_of(printed):
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_a_run_arms_and_subscribes_to_what_plan_prints(name, script, tmp_path, monkeypatch):
-    profile = load_profile(name, SHORTER.get(name, {}))
+    profile = load_profile(name, SHORTER.get(name, {}) | {"loop.rate_hz": "50.0"})
     trials = profile.trials(0)
     printed = list(planned(profile, trials, plan_campaign(profile, distinct(trials), 0), 1))
     arrange, seen = Loop._arrange, []

@@ -80,7 +80,9 @@ class _Modes:
         for j in kept:
             size = max(abs(self.right[i, j]) for i in range(len(x))) * abs(amplitudes[j])
             decay = -mp.re(self.values[j])
-            lasting.append((mp.log(size / _GONE) / decay if decay and size else mp.inf, mp.im(self.values[j])))
+            lasting.append(
+                (mp.log(size / _GONE) / decay if decay and size else mp.inf, mp.im(self.values[j]))
+            )
 
         def apart(t: mpf) -> mpf:
             alive = [turn for until, turn in lasting if t < until]

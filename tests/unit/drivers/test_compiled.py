@@ -127,8 +127,8 @@ def test_a_kernel_of_the_program_follows_an_edit_of_the_file_that_it_calls_into(
 
     def echoed(folder):
         code = (
-            "import numpy as np; from simulator.physics.aura_kernel import echoed; out = np.zeros(1);"
-            "echoed(1, 2, 3, np.array([4]), np.array([1.0]), out); print(out[0])"
+            "import numpy as np; from simulator.physics.aura_kernel import echoed; out = np.zeros(1000);"
+            "echoed(1, 2, 3, np.arange(1000), np.array([1.0, 0.7, 0.4, 0.1]), out); print(out.tolist())"
         )
         done = subprocess.run(
             [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True, timeout=100,
@@ -138,7 +138,7 @@ def test_a_kernel_of_the_program_follows_an_edit_of_the_file_that_it_calls_into(
 
     first, printed = echoed(copied("first"))
     assert "compiling what this machine has not compiled before" in printed
-    assert echoed(copied("second")) == (first, ""), "loaded: nothing is compiled"
+    assert echoed(copied("second")) == (first, ""), "loaded: nothing is compiled, and no digit differs"
     noise = tmp_path / "second" / "simulator" / "physics" / "noise.py"
     noise.write_text(noise.read_text().replace("_ROUNDS = 10", "_ROUNDS = 9"))
     assert echoed(tmp_path / "second")[0] != first
