@@ -165,6 +165,11 @@ def _worlds(
 
 
 @cache
+def parsed(path: Path) -> ast.Module:
+    """A source file; many are asked for again and again."""
+    return ast.parse(path.read_text("utf-8"))
+
+
 def _trees() -> list[tuple[Path, ast.Module]]:
     """The program's sources."""
     paths = [
@@ -172,7 +177,7 @@ def _trees() -> list[tuple[Path, ast.Module]]:
         for room in ROOMS
         for path in ([ROOT / room] if room.endswith(".py") else (ROOT / room).rglob("*.py"))
     ]
-    return [(path, ast.parse(path.read_text())) for path in paths]
+    return [(path, parsed(path)) for path in paths]
 
 
 @cache

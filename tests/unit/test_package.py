@@ -61,7 +61,7 @@ def test_what_is_imported_is_named_and_what_is_named_is_imported():
     named = {re.split(r"[<>=[]", each)[0] for each in wanted}
     ours = {"run", *(path.name for path in ROOT.iterdir() if (path / "__init__.py").exists())}
     files = [ROOT / "run.py", *(path for room in ours - NOT_INSTALLED for path in files_of(room))]
-    trees = [ast.parse(path.read_text("utf-8")) for path in files if path.suffix == ".py"]
+    trees = [messages.parsed(path) for path in files if path.suffix == ".py"]
     nodes = [node for tree in trees for node in statements(tree)]
     modules = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     modules |= {str(node.module) for node in nodes if isinstance(node, ast.ImportFrom) and node.level == 0}
@@ -86,7 +86,7 @@ def test_messages_call_the_program_by_its_present_name(monkeypatch):
         assert "run.py" not in printed
     packages = {pattern.rstrip("*") for pattern in SETUPTOOLS["packages"]["find"]["include"]}
     for path in (path for package in packages for path in (ROOT / package).rglob("*.py")):
-        nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+        nodes = list(ast.walk(messages.parsed(path)))
         prose = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}  # docstrings
         prose |= {id(node.value) for node in nodes if isinstance(node, ast.keyword) and node.arg == "help"}
         texts = [node for node in nodes if isinstance(node, ast.Constant) and id(node) not in prose]
