@@ -48,7 +48,7 @@ class ArmCarrier(ToolTrack):
         self._placed = False
 
     def wrench(self, pose: Array, twist: Array, t_s: float) -> tuple[float, ...]:
-        """What the bench does to the tool; see `simulator.physics.arm_motion.Surroundings`."""
+        """What the bench does to the tool; see `simulator.devices.ur_controller.controller.Wrench`."""
         offset = np.concatenate((pose[:3] - self._start_m, self._turn(pose[3:])))
         place, velocity = self.split(offset), self.split(twist)
         if self._placed:
@@ -100,4 +100,4 @@ def emulated(settings: UrArmSettings, bench: Bench) -> UrServer:
     carrier = ArmCarrier(axis, bench)
     bench.mount(carrier)
     there = usual.model_copy(update={"joints_rad": tuple(joints_rad.tolist())})
-    return UrServer(UrController(there, carrier))
+    return UrServer(UrController(there, carrier.wrench))

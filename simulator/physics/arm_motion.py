@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -38,39 +36,6 @@ _SPEED_SLACK = 1.0 + 1e-9
 
 class LimitError(RuntimeError):
     """The commanded motion exceeds a limit: the arm stops itself."""
-
-
-class Surroundings(Protocol):
-    """What the tool may touch."""
-
-    def wrench(self, pose: Array, twist: Array, t_s: float) -> Sequence[float] | Array:
-        """What acts on the tool, at its point, base frame, shape (6,): N and N m.
-
-        Args:
-            pose: Of the tool, shape (6,): metres and rotation vector.
-            twist: Of the tool, shape (6,): m/s and rad/s.
-            t_s: Time of the surroundings at the end of this cycle; it never goes back.
-        """
-
-
-@dataclass(frozen=True, slots=True)
-class StiffPlane:
-    """A plane that pushes back along its normal, without friction or damping.
-
-    Attributes:
-        height_m: Distance of the plane from the base's origin along `normal`.
-        normal: Unit vector out of the plane, base frame.
-        stiffness_n_m: Force per depth (assumption: a stiff pad on a table).
-    """
-
-    height_m: float = -math.inf
-    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    stiffness_n_m: float = 10_000.0
-
-    def wrench(self, pose: Array, twist: Array, t_s: float) -> Array:
-        """See `Surroundings.wrench`."""
-        depth_m = max(0.0, self.height_m - float(np.dot(self.normal, pose[:3])))
-        return np.concatenate((self.stiffness_n_m * depth_m * np.asarray(self.normal), np.zeros(3)))
 
 
 class ArmMotion(ABC):

@@ -10,6 +10,7 @@ or at Ctrl+C. Keys it obeys:
 """
 
 import json
+import math
 import os
 import select
 import sys
@@ -21,8 +22,8 @@ from pydantic import Field, ValidationError
 from drivers.core.settings import Settings
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
 from simulator.devices.ur_controller.server import UrServer
-from simulator.physics.arm_motion import StiffPlane
 from simulator.wiring.bench_clock import BenchClock, Pace
+from tests.simulator.devices.ur_desk import plane
 
 
 class Order(Settings):
@@ -75,7 +76,7 @@ def obey(server: UrServer, order: Order) -> dict[str, object]:
         server.close()
     return {
         "t_s": controller.t_s,
-        "runtime": controller.runtime.name,
+        "playing": controller.playing,
         "safety": controller.safety.name,
         "pose": controller.arm.pose.tolist(),
         "twist": controller.arm.twist.tolist(),
@@ -89,8 +90,7 @@ def obey(server: UrServer, order: Order) -> dict[str, object]:
 def main(settings: str, plane_m: float | None) -> None:
     """Serve one emulated controller until standard input ends."""
     found = UrControllerSettings.model_validate_json(settings)
-    plane = StiffPlane() if plane_m is None else StiffPlane(height_m=plane_m)
-    server = UrServer(UrController(found, plane))
+    server = UrServer(UrController(found, plane(-math.inf if plane_m is None else plane_m)))
     pace = Pace()
     server.clock = BenchClock(pace.page)
     server.open()

@@ -6,7 +6,7 @@ was at hand.
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from typing import Annotated
 
@@ -18,8 +18,8 @@ from drivers.core.settings import Settings
 from drivers.ur_arm.tool import NO_TOOL
 from simulator.devices.ur_controller.registers import registers
 from simulator.devices.ur_controller.rtde import Value
-from simulator.devices.ur_controller.script import STEP_S, ControlScript, ScriptError
-from simulator.physics.arm_motion import Arm, LimitError, StiffPlane, Surroundings
+from simulator.devices.ur_controller.script import STEP_S, ControlScript
+from simulator.physics.arm_motion import Arm, LimitError
 from simulator.physics.rigid import Array, matrix
 
 VERSION = "5.11.1.108318"
@@ -36,6 +36,16 @@ FORCE_LIMIT_N = 150.0
 
 LOG_LINES = 200
 """Lines of the controller's log that are kept (assumption)."""
+
+
+Wrench = Callable[[Array, Array, float], Sequence[float] | Array]
+"""What acts on the tool at its point, base frame, shape (6,), N and N m: of its pose (m and rotation vector), its twist
+(m/s and rad/s), shape (6,) each, and the surroundings' time at the end of this cycle, which never goes back."""
+
+
+def free(pose: Array, twist: Array, t_s: float) -> Array:
+    """A `Wrench`: of an arm that touches nothing."""
+    return np.zeros(6)
 
 
 class UrControllerSettings(Settings):
@@ -64,13 +74,6 @@ class UrControllerSettings(Settings):
     """Standard deviation of each force channel, N (assumption; the data sheet's precision is 3.5 N)."""
     torque_noise_n_m: float = Field(0.02, ge=0.0, le=2.0)
     """Standard deviation of each torque channel, N m (assumption; the data sheet's precision is 0.2 N m)."""
-
-
-class Runtime(IntEnum):
-    """`runtime_state` (RTDE guide)."""
-
-    STOPPED = 1
-    PLAYING = 2
 
 
 class Safety(IntEnum):
@@ -102,7 +105,7 @@ class UrController:
         payload: Mass in kg and centre of gravity in m, as the pendant or a program set them.
     """
 
-    def __init__(self, settings: UrControllerSettings, surroundings: Surroundings | None = None) -> None:
+    def __init__(self, settings: UrControllerSettings, wrench: Wrench = free) -> None:
         self.settings = settings
         self.arm = Arm(settings.joints_rad)
         self.arm.mount(matrix(settings.tcp_offset))
@@ -113,7 +116,7 @@ class UrController:
         self.accepts_scripts = True
         self.log: deque[str] = deque(maxlen=LOG_LINES)
         self.payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_cog_m)
-        self.surroundings = surroundings or StiffPlane()
+        self.wrench = wrench
         self.epoch_s = 0.0
         self._noise = np.random.Generator(np.random.Philox(0))
         self._sigma = np.array([settings.force_noise_n] * 3 + [settings.torque_noise_n_m] * 3)
@@ -133,9 +136,9 @@ class UrController:
         return self._steps * STEP_S
 
     @property
-    def runtime(self) -> Runtime:
+    def playing(self) -> bool:
         """Whether a program runs."""
-        return Runtime.STOPPED if self._script is None else Runtime.PLAYING
+        return self._script is not None
 
     @property
     def force(self) -> Array:
@@ -160,7 +163,7 @@ class UrController:
             try:
                 if not self._script.step():
                     self.stop_program("the program ended")
-            except (ScriptError, ValueError, ArithmeticError, LookupError, TypeError) as error:
+            except (RuntimeError, ValueError, ArithmeticError, LookupError, TypeError) as error:
                 self.stop_program(f"runtime exception: {error}")
         try:
             self.arm.step(STEP_S)
@@ -237,7 +240,7 @@ class UrController:
 
     def _feel(self) -> None:
         now_s = self.epoch_s + self.t_s
-        wrench = self.surroundings.wrench(self.arm.pose, self.arm.twist, now_s)
+        wrench = self.wrench(self.arm.pose, self.arm.twist, now_s)
         self._touch = np.asarray(wrench, dtype=np.float64)
         self._measured = self._touch + self._sigma * self._noise.standard_normal(6)
 

@@ -34,10 +34,6 @@ _NOWHERE = (0.0,) * 6
 Thread = Generator[None, None, None]
 
 
-class ScriptError(RuntimeError):
-    """The program did what the controller does not allow, and stops."""
-
-
 class ControlScript:
     """One run of the script.
 
@@ -70,7 +66,7 @@ class ControlScript:
         """Run every thread to its next `sync`; False when the script has ended.
 
         Raises:
-            ValueError, ArithmeticError, LookupError, TypeError, ScriptError: it is at fault, and ends.
+            ValueError, ArithmeticError, LookupError, TypeError, RuntimeError: it is at fault, and ends.
         """
         ran: set[str] = set()
         while pending := [name for name in self._threads if name not in ran]:
@@ -103,7 +99,7 @@ class ControlScript:
 
     def _obey(self, command: int) -> Thread:
         if command not in self._handlers:
-            raise ScriptError(f"command {command} is not emulated")
+            raise RuntimeError(f"command {command} is not emulated")
         rest = self._handlers[command]()
         if rest is not None:
             yield from rest
@@ -111,7 +107,7 @@ class ControlScript:
     def _drive(self, thread: str, motion: ArmMotion, duration_s: float | None = None) -> Thread:
         """Move until the motion is done, or for a time; one thread alone may do so."""
         if self._mover not in (None, thread):
-            raise ScriptError("another thread is already controlling the robot")
+            raise RuntimeError("another thread is already controlling the robot")
         self._mover = thread
         self._controller.arm.motion = motion
         steps = 0
@@ -169,7 +165,7 @@ class ControlScript:
         else:
             self._stop_async_move()
         if self._r.i(1) != 1:
-            raise ScriptError("`stopL` without `async`, which stops joints, is not emulated")
+            raise RuntimeError("`stopL` without `async`, which stops joints, is not emulated")
         self._threads["stop"] = self._in_background("stop", ToolSpeed(_NOWHERE, self._r.f(0)))
 
     def _set_payload(self) -> None:

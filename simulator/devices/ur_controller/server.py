@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from drivers.core.clock import Clock, WallClock
+from drivers.core.errors import CodecError
 from simulator.devices.tcp_clients import TcpClients
 from simulator.devices.ur_controller.controller import UrController
 from simulator.devices.ur_controller.primary import PrimarySession
-from simulator.devices.ur_controller.rtde import PackageError
 from simulator.devices.ur_controller.script import STEP_S
 from simulator.devices.ur_controller.session import GREETING, DashboardSession, RtdeSession, ScriptSession
 
@@ -116,7 +116,7 @@ class UrServer:
         """Switch the controller off and on: every connection is gone, and time is zero."""
         for connection in list(self._sessions):
             self._clients.drop(connection)
-        self.controller = UrController(self.controller.settings, self.controller.surroundings)
+        self.controller = UrController(self.controller.settings, self.controller.wrench)
         self.deaf, self.streams, self.silent_until_s = False, True, 0.0
 
     def turn(self, wait_s: float = 0.0, now_s: float | None = None) -> None:
@@ -185,7 +185,7 @@ class UrServer:
             return
         try:
             self._clients.send(connection, session.feed(data))
-        except PackageError as error:
+        except CodecError as error:
             self._clients.drop(connection, str(error))
         except Exception as error:  # a defect, and this client's alone: the others are served
             traceback.print_exc(file=sys.stderr)

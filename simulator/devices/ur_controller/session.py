@@ -9,10 +9,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from drivers.core.errors import CodecError
 from simulator.devices.ur_controller import rtde
-from simulator.devices.ur_controller.controller import SERIAL, VERSION, Runtime, Safety, UrController
+from simulator.devices.ur_controller.controller import SERIAL, VERSION, Safety, UrController
 from simulator.devices.ur_controller.registers import registers
-from simulator.devices.ur_controller.rtde import PackageError, PackageKind, Recipe, Value
+from simulator.devices.ur_controller.rtde import PackageKind, Value
 from simulator.devices.ur_controller.script import STEP_S
 from simulator.physics import arm, rigid
 
@@ -44,7 +45,7 @@ class RtdeSession:
         self._taken = taken
         self._own: set[str] = set()
         self._buffer = bytearray()
-        self._inputs: list[Recipe] = []
+        self._inputs: list[tuple[list[str], list[str]]] = []
         self._outputs: list[Piece] = []
         self._every_steps = 1
         self._steps = 0
@@ -58,7 +59,7 @@ class RtdeSession:
         """Take bytes, answer with bytes.
 
         Raises:
-            PackageError: these are no RTDE packages, or none that can be answered.
+            CodecError: these are no RTDE packages, or none that can be answered.
         """
         self._buffer += data
         return b"".join(self._handle(kind, body) for kind, body in rtde.take(self._buffer))
@@ -109,7 +110,7 @@ class RtdeSession:
             return rtde.setup_reply(PackageKind.INPUTS, 0, types)
         self._own.update(names)
         self._taken.update(names)
-        self._inputs.append(Recipe(len(self._inputs) + 1, names, types))
+        self._inputs.append((names, types))
         return rtde.setup_reply(PackageKind.INPUTS, len(self._inputs), types)
 
     def _input_type(self, name: str) -> str:
@@ -122,8 +123,8 @@ class RtdeSession:
             self._controller.log.append(f"data for recipe {number}, which does not exist")
             return
         try:
-            self._controller.write_inputs(self._inputs[number - 1].decode(body))
-        except rtde.PackageError as error:
+            self._controller.write_inputs(rtde.decode_row(*self._inputs[number - 1], body))
+        except CodecError as error:
             self._controller.log.append(str(error))
 
 
@@ -149,7 +150,7 @@ class ScriptSession:
         """Take a piece of a program, and start the program when its last line is there.
 
         Raises:
-            PackageError: longer than a program may be.
+            CodecError: longer than a program may be.
         """
         looked = max(0, len(self._text) - len(_END))
         self._text += data
@@ -159,7 +160,7 @@ class ScriptSession:
             looked = 0
             self._start(lines)
         if len(self._text) > PROGRAM_BYTES:
-            raise rtde.PackageError(f"a program of more than {PROGRAM_BYTES} bytes")
+            raise CodecError(f"a program of more than {PROGRAM_BYTES} bytes")
         return b""
 
     def close(self) -> None:
@@ -179,6 +180,9 @@ class ScriptSession:
 
 POWERED_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1
 """`robot_status_bits`."""
+
+STOPPED, PLAYING = 1, 2
+"""`runtime_state` (RTDE guide)."""
 
 
 Output = tuple[str, Value | Callable[[UrController], Value]]
@@ -224,9 +228,9 @@ OUTPUTS: dict[str, Output] = {
     "safety_status_bits": ("UINT32", lambda c: c.safety.bits),
     "robot_status_bits": (
         "UINT32",
-        lambda c: POWERED_ON | (PROGRAM_RUNNING if c.runtime is c.runtime.PLAYING else 0),
+        lambda c: POWERED_ON | PROGRAM_RUNNING * c.playing,
     ),
-    "runtime_state": ("UINT32", lambda c: int(c.runtime)),
+    "runtime_state": ("UINT32", lambda c: PLAYING if c.playing else STOPPED),
     **{
         name: (kind, _register(way, name))
         for way in ("input", "output")
@@ -254,10 +258,6 @@ def _unlock(controller: UrController) -> str:
     return "Protective stop releasing" if free else TOO_EARLY
 
 
-def _playing(controller: UrController) -> bool:
-    return controller.runtime is Runtime.PLAYING
-
-
 _ANSWERS: dict[str, Callable[[UrController], str]] = {
     "polyscopeversion": lambda c: f"URSoftware {VERSION} (Sep 30 2021)",
     "get serial number": lambda c: SERIAL,
@@ -265,8 +265,8 @@ _ANSWERS: dict[str, Callable[[UrController], str]] = {
     "is in remote control": lambda c: str(c.remote).lower(),
     "robotmode": lambda c: "Robotmode: RUNNING",
     "safetystatus": lambda c: f"Safetystatus: {c.safety.name}",
-    "running": lambda c: f"Program running: {str(_playing(c)).lower()}",
-    "programstate": lambda c: f"{'PLAYING' if _playing(c) else 'STOPPED'} <unnamed>",
+    "running": lambda c: f"Program running: {str(c.playing).lower()}",
+    "programstate": lambda c: f"{'PLAYING' if c.playing else 'STOPPED'} <unnamed>",
     "stop": _stop,
     "unlock protective stop": _unlock,
     "close safety popup": lambda c: "closing safety popup",
@@ -291,11 +291,11 @@ class DashboardSession:
         """Take bytes, answer each whole line with a line.
 
         Raises:
-            PackageError: longer than a line may be.
+            CodecError: longer than a line may be.
         """
         *lines, rest = (self._buffer + data).split(b"\n")
         if max(map(len, [*lines, rest])) > LINE_BYTES:
-            raise PackageError(f"a line of more than {LINE_BYTES} bytes")
+            raise CodecError(f"a line of more than {LINE_BYTES} bytes")
         self._buffer = rest
         return b"".join(
             self._answer(line.decode("utf-8", "replace").strip()).encode() + b"\n" for line in lines

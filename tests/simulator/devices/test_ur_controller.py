@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from simulator.devices.ur_controller.controller import Runtime, Safety, UrController
+from simulator.devices.ur_controller.controller import Safety, UrController
 from simulator.devices.ur_controller.session import DashboardSession
 from tests.simulator.devices.ur_desk import Desk, desk
 
@@ -24,7 +24,7 @@ def test_a_second_mover_during_a_tool_speed_ends_the_program(make: Callable[...,
     desk.run(50)
     desk.write(MOVE_L, [*desk.pose, 0.05, 0.5])
     desk.run(50)
-    assert desk.controller.runtime is Runtime.STOPPED
+    assert not desk.controller.playing
     assert "another thread is already controlling the robot" in desk.controller.log[-1]
     assert desk.controller.arm.resting
 
@@ -34,9 +34,9 @@ def test_the_watchdog_stops_an_arm_whose_client_is_gone(make: Callable[..., Desk
     desk.call(WATCHDOG, [10.0])
     desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
     desk.run(45)
-    assert desk.controller.runtime is Runtime.PLAYING
+    assert desk.controller.playing
     desk.run(20)
-    assert desk.controller.runtime is Runtime.STOPPED
+    assert not desk.controller.playing
     assert desk.controller.arm.resting
     assert "watchdog" in desk.controller.log[-1]
 
@@ -47,7 +47,7 @@ def test_a_client_that_kicks_the_watchdog_keeps_its_program(make: Callable[..., 
     for _ in range(20):
         desk.write(0)
         desk.run(40)
-    assert desk.controller.runtime is Runtime.PLAYING
+    assert desk.controller.playing
 
 
 def test_a_speed_that_was_left_in_the_registers_moves_the_arm_when_the_script_starts_again(
@@ -96,12 +96,12 @@ def test_a_protective_stop_keeps_programs_away_until_it_is_unlocked(make: Callab
     desk.run(5)
     assert desk.controller.safety.bits & 0b111 == 0b100
     desk.controller.start_program(0)
-    assert desk.controller.runtime is Runtime.STOPPED
+    assert not desk.controller.playing
     assert not desk.controller.unlock()
     desk.run(60)
     assert desk.controller.unlock()
     desk.controller.start_program(0)
-    assert desk.controller.runtime is Runtime.PLAYING
+    assert desk.controller.playing
 
 
 def test_an_emergency_stop_cannot_be_unlocked_from_afar(make: Callable[..., Desk]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from simulator.devices.ur_controller.controller import HALT_M_S2, Runtime, Safety
+from simulator.devices.ur_controller.controller import HALT_M_S2, Safety
 from simulator.devices.ur_controller.script import STEP_S
 from tests.simulator.devices.ur_desk import Desk, desk, down
 
@@ -45,7 +45,7 @@ def test_a_protective_stop_stops_the_arm_in_every_motion(motion: str) -> None:
     where = one.controller.arm.joints_rad.copy()
     one.run(500)
     assert (one.controller.arm.joints_rad == where).all()
-    assert one.controller.runtime is Runtime.STOPPED
+    assert not one.controller.playing
 
 
 def test_an_arm_that_is_led_gives_way_until_nothing_pushes() -> None:
@@ -73,7 +73,7 @@ def test_what_makes_no_sense_ends_the_program_with_a_reason_and_the_arm_at_rest(
     one = desk()
     order(one)
     one.run(50)
-    assert one.controller.runtime is Runtime.STOPPED
+    assert not one.controller.playing
     assert reason in one.log
     assert one.controller.arm.resting
 

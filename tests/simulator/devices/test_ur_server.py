@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from simulator.devices.ur_controller import rtde
-from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
+from simulator.devices.ur_controller.controller import Safety, UrController, UrControllerSettings
 from simulator.devices.ur_controller.rtde import PackageKind
 from simulator.devices.ur_controller.server import (
     DASHBOARD_PORT,
@@ -175,5 +175,5 @@ def test_no_command_ends_the_controller_or_takes_its_arm_to_nowhere(seed: int) -
             assert np.isfinite(controller.arm.twist).all(), one.log
             if controller.safety is not Safety.NORMAL:
                 controller.unlock()
-            if controller.runtime is Runtime.STOPPED:
+            if not controller.playing:
                 controller.start_program(0)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from simulator.devices.ur_controller.controller import Runtime, UrController, UrControllerSettings
-from simulator.physics.arm_motion import StiffPlane
+from simulator.devices.ur_controller.controller import UrController, UrControllerSettings, Wrench
+from simulator.physics.rigid import Array
 
 READY, DONE = 1, 2
 
@@ -38,7 +38,7 @@ class Desk:
         self.write(command, numbers, flag)
         for step in range(steps):
             self.controller.step()
-            if self.controller.runtime is Runtime.STOPPED:
+            if not self.controller.playing:
                 pytest.fail(f"the program stopped: {self.controller.log}")
             if self.controller.outputs["output_int_register_0"] == DONE:
                 self.write(0)
@@ -56,10 +56,19 @@ class Desk:
         return " | ".join(self.controller.log)
 
 
+def plane(height_m: float) -> Wrench:
+    """A level plane above the base's origin, that pushes back with 10 N a millimetre (a stiff pad on a table)."""
+
+    def wrench(pose: Array, twist: Array, t_s: float) -> Array:
+        return np.array([0.0, 0.0, 1e4 * max(0.0, height_m - pose[2]), 0.0, 0.0, 0.0])
+
+    return wrench
+
+
 def desk(plane_m: float = -math.inf, **settings: object) -> Desk:
     """A quiet controller in front of a plane, with its program running."""
     quiet = {"force_noise_n": 0.0, "torque_noise_n_m": 0.0, "unlock_s": 0.1, **settings}
-    return Desk(UrController(UrControllerSettings.model_validate(quiet), StiffPlane(height_m=plane_m)))
+    return Desk(UrController(UrControllerSettings.model_validate(quiet), plane(plane_m)))
 
 
 def down(desk: Desk, by_m: float) -> list[float]:

@@ -14,7 +14,6 @@ from simulator.physics.arm_motion import (
     Arm,
     ArmMotion,
     LimitError,
-    StiffPlane,
     ToolMove,
     ToolSpeed,
 )
@@ -116,13 +115,6 @@ def test_another_tool_moves_the_point_and_not_the_joints() -> None:
     arm.mount(rigid.matrix([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]))
     assert arm.transform[:3, 3] == pytest.approx(flange[:3, 3] + 0.1 * flange[:3, 2])
     assert arm.joints_rad == pytest.approx(START)
-
-
-def test_a_plane_pushes_back_by_its_stiffness_and_never_pulls() -> None:
-    plane = StiffPlane(height_m=0.1, stiffness_n_m=1000.0)
-    below = plane.wrench(np.array([0.0, 0.0, 0.098, 0.0, 0.0, 0.0]), np.zeros(6), 0.0)
-    assert below == pytest.approx([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
-    assert not plane.wrench(np.array([0.0, 0.0, 0.102, 0.0, 0.0, 0.0]), np.zeros(6), 0.0).any()
 
 
 angles = st.floats(-3.0, 3.0)

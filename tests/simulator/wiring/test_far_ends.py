@@ -8,7 +8,7 @@ import pytest
 
 from drivers.core.clock import WallClock
 from simulator.devices.faults import Fault, FaultSchedule
-from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
+from simulator.devices.ur_controller.controller import Safety, UrController, UrControllerSettings
 from simulator.devices.ur_controller.server import DASHBOARD_PORT, UrServer
 from simulator.wiring.far_ends import Line, Network
 
@@ -152,16 +152,16 @@ def test_a_stall_is_a_protective_stop(network):
     one, server = network(Fault(device="arm", kind="stall", at_s=1.0))
     server.controller.start_program(0)
     one.exchange((), NOW_S, 0.9)
-    assert server.controller.runtime is Runtime.PLAYING
+    assert server.controller.playing
     one.exchange((), NOW_S, 1.0)
-    assert (server.controller.safety, server.controller.runtime) == (Safety.PROTECTIVE_STOP, Runtime.STOPPED)
+    assert (server.controller.safety, server.controller.playing) == (Safety.PROTECTIVE_STOP, False)
 
 
 def test_a_refusal_is_local_control(network):
     one, server = network(Fault(device="arm", kind="refuse", at_s=1.0))
     server.controller.start_program(0)
     one.exchange((), NOW_S, 1.0)
-    assert (server.controller.remote, server.controller.runtime) == (False, Runtime.STOPPED)
+    assert (server.controller.remote, server.controller.playing) == (False, False)
 
 
 def test_a_controller_without_a_plug_answers_no_client(network):

@@ -27,7 +27,7 @@ from drivers.core.messages import (
 )
 from drivers.ur_arm.client import fault_of
 from drivers.ur_arm.settings import UrArmSettings
-from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
+from simulator.devices.ur_controller.controller import Safety, UrController, UrControllerSettings
 from simulator.physics.rigid import difference
 
 EPOCH_S = 1000.0
@@ -91,7 +91,7 @@ class DirectClient:
 
     def _stream(self, name: str, command: int, numbers: Sequence[float]) -> bool:
         self.calls.append(name)
-        if self.deaf or self._rig.controller.runtime is Runtime.STOPPED:
+        if self.deaf or not self._rig.controller.playing:
             return False
         self._write(command, numbers, 0)
         return True
@@ -103,7 +103,7 @@ class DirectClient:
         controller = self._rig.controller
         for _ in range(2000):
             self._rig.advance(1)
-            if controller.runtime is Runtime.STOPPED:
+            if not controller.playing:
                 return False
             if controller.outputs["output_int_register_0"] == 2:
                 self._write(0, [], 0)
@@ -158,7 +158,7 @@ class Rig:
 
     def _row(self) -> ArmRow:
         controller = self.controller
-        running = controller.runtime is Runtime.PLAYING
+        running = controller.playing
         return ArmRow(
             self.now(),
             controller.t_s,
@@ -273,7 +273,7 @@ def test_an_arm_is_led_by_hand_until_a_stop() -> None:
     arm.order(Lead("arm"))
     arm.run(0.5)
     assert arm.client.calls.count("lead") == 1
-    assert arm.controller.runtime is arm.controller.runtime.PLAYING, "its watchdog is fed"
+    assert arm.controller.playing, "its watchdog is fed"
     arm.order(Stop("arm"))
     arm.run_until(Standstill)
     assert arm.kinds() == ["Sent", "Sent", "Standstill"]
