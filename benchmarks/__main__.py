@@ -4,7 +4,7 @@ import sys
 from importlib import import_module
 
 STUDIES = (
-    "physics tip chain grasp slip slip_thresholds pretouch pretouch_rooms level_stops centering centering_rooms plates "
+    "physics grasp slip slip_thresholds pretouch pretouch_rooms level_stops centering centering_rooms plates "
     "contact contact_steps onset curves table_1 campaigns costs"
 )
 MODULES = {"stop": "stop_latency"}

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from behaviors.events import BaselineRefused, Contact, ContactLost
+from behaviors.events import Contact, ContactLost
 from benchmarks.results import ROOT, in_parallel, kept, save, workers
 from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
@@ -357,20 +357,15 @@ def felt_s(scene: ApproachScene) -> Floats:
 
 
 def held(name: str, count: int) -> dict[str, float]:
-    """False contacts, gaps in contact while the load cell feels it, and delay of the end; with default settings."""
-    false = refused = again = 0
-    delays, gaps, ends = [], [], []
+    """Gaps in contact while the load cell feels it, and delay of the end; with default settings."""
+    gaps, ends = [], []
     for trial in range(count):
         scene = approach(level(name), SEED_HELD, trial, rows()[trial % len(rows())])
         values, begin_s = scene.accelerometer[:, None], float(scene.times_s[0])
         block = SampleBlock("board.accelerometer", 0, begin_s, values, rate_hz=RATE_HZ, unit="m/s2")
         events = ResonanceDetector("contact", ResonanceSettings()).push(block)
-        refused += isinstance(events[0], BaselineRefused)
         begun = [event.t_s for event in events if isinstance(event, Contact)]
         lost = [event.t_s for event in events if isinstance(event, ContactLost)]
-        false += bool(begun and begun[0] < scene.touch_s)
-        true = [t_s for t_s in begun if t_s >= scene.touch_s]
-        delays.append(true[0] - scene.touch_s if true else np.inf)
         felt = felt_s(scene)
         left_s = max(t_s for t_s, made in scene.contacts if not made)
         spans = np.split(felt, np.flatnonzero(np.diff(felt) > FELT_S) + 1)
@@ -378,15 +373,8 @@ def held(name: str, count: int) -> dict[str, float]:
         lasting = (min(to, span[-1]) - max(since, span[0]) for since, to in off for span in spans)
         gaps.append(max(lasting, default=0.0))
         ends.append(lost[-1] - left_s if lost and lost[-1] > left_s else np.inf)
-        again += any(t_s > left_s + FELT_S for t_s in begun)
-    known = np.sort(delays)
     return {
         "approaches": count,
-        "refused": refused,
-        "false": false,
-        "again": again,
-        "in_time": float(np.mean(known <= 0.07)),
-        "p95_s": float(known[int(np.ceil(0.95 * count)) - 1]),
         "held": float(np.mean(np.asarray(gaps) <= 0.1)),
         "longest_gap_s": float(max(0.0, *gaps)),
         "end_median_s": float(np.median(ends)),

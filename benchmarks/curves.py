@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import contact, pretouch, slip
+from benchmarks import pretouch, slip
 from benchmarks.contact_steps import BAND_HZ, MOTOR_S, TRACKERS, steps
 from benchmarks.contact_steps import RATE_HZ as BEAM_HZ
 from benchmarks.pretouch_rooms import commanded
@@ -212,60 +212,6 @@ def on_simulated(sensor: str, nuisance: str, hours: float, count: int) -> dict[s
     return {name: list(curve(groups)) for name, groups in found.items()}
 
 
-SEED_CONTACT = 71
-
-
-def on_finger(count: int) -> dict[str, list[dict[str, Any]]]:
-    """Approaches of the hard finger in two folds: the largest value of the free part of each counts, and alarms are
-    counted by the time that the probe moves free."""
-    hard, places = contact.level("hard"), contact.rows()
-    scenes = [
-        contact.approach(hard, SEED_CONTACT, trial, places[trial % len(places)], hold_s=0.0)
-        for trial in range(count)
-    ]
-    free_s = sum(scene.touch_s - scene.starts_s for scene in scenes)
-    found = {}
-    chosen: Mapping[str, Callable[[contact.ApproachScene], contact.Trace]] = {
-        "resonance": contact.ours,
-        "AR(6) of the periods, innovations": partial(contact.period_innovations, order=6),
-        **{
-            f"the paper's, {samples} periods": partial(contact.average, samples=samples, sample_hz=None)
-            for samples in (2, 10)
-        },
-    }
-    for name, trace in chosen.items():
-        before, courses = [], []
-        for scene in scenes:
-            times_s, s = trace(scene)
-            free = (times_s > scene.starts_s) & (times_s < scene.touch_s)
-            before.append(float(s[free].max()) if free.any() else 0.0)
-            # what is above before the touch is a false contact of its own, counted there
-            late = times_s >= scene.touch_s
-            courses.append((times_s[late] - scene.touch_s, s[late]))
-        rows = []
-        for an_hour in AN_HOUR:
-            share, joined, alarms = an_hour * free_s / count / 3600.0, [], 0
-            for fold in (0, 1):
-                limit = contact.threshold(before[1 - fold :: 2], share)
-                alarms += int(np.sum(np.array(before[fold::2]) > limit))
-                joined += [(since, s / limit) for since, s in courses[fold::2]]
-            delays = delays_at(joined, 1.0)
-            hours = free_s / 3600.0
-            ends = (alarms, *poisson_interval(alarms))
-            rows.append(
-                {
-                    "an_hour": an_hour,
-                    "extrapolated": share * count / 2.0 < 5.0,
-                    "quiet_s": free_s,
-                    "alarms": alarms,
-                    "alarms_an_hour": [end / hours for end in ends],
-                    **delays._asdict(),
-                }
-            )
-        found[name] = rows
-    return found
-
-
 SEED_SONIC = 81_000
 KINDS: Sequence[pretouch.Kind] = ("nothing", "near", "touch")
 
@@ -404,7 +350,6 @@ def main(quick: bool = False) -> None:
             part = partial(on_simulated, sensor, nuisance, hours, count)
             add(f"simulated {sensor}, {nuisance}", kept(f"curves_{sensor}_{nuisance}_{count}", part))
     some = 20 if quick else 400
-    add("simulated hard finger, approaches", kept(f"curves_finger_{some}", partial(on_finger, some)))
     add("simulated sonic finger, passages", kept(f"curves_sonic_{some}", partial(on_sonic, some // 2)))
     asked = [{"detector": name, **row} for name, judge in slip.judges().items() for row in on_splits(judge)]
     save("curves", {"within_s": DELAY_S, "band_hz": BAND_HZ, "rows": rows, "asked": asked}, quick=quick)

@@ -92,7 +92,7 @@ def skipped(figures: Figures) -> str:
     with figures.figure(3.4) as drawing:
         (axes,) = drawing.axes
         for place, name in enumerate(names):
-            whole = 1e3 / float(np.mean(loop["cycle_by_cycle_virtual_s_per_s"][name]))
+            whole = 1e3 / float(np.mean(loop["earlier"]["cycle_by_cycle_virtual_s_per_s"][name]))
             now = 1e3 / loop["campaigns"][name]["virtual_s_per_s"]
             axes.plot([now, whole], [place, place], color=FAINT, lw=1.0, zorder=1)
             axes.plot(whole, place, "s", color=RIVAL, ms=5, label="" if place else "cycle by cycle")

@@ -73,6 +73,11 @@ def ringing(way_m: Floats, rng: np.random.Generator) -> Complexes:
     return found
 
 
+def on_top(rung: Rung) -> bool:
+    """Whether the finger's top goes ahead."""
+    return SIDES[rung.number // 2 % 5] == "top"
+
+
 def judged(given: tuple[Rung, Mapping[str, float]]) -> dict[str, tuple[float, bool, bool]]:
     """Of each detector: the largest statistic of a passage without a touch; whether there was no contact; whether the
     touch was felt, no sooner than it and within 0.5 s."""
@@ -117,13 +122,8 @@ def main(quick: bool = False) -> None:
                             for kind in KINDS[:2]
                         },
                         "touch": rate(one[name][2] for rung, one in found if rung.kind == "touch"),
-                        **{
-                            side: rate(
-                                one[name][2]
-                                for rung, one in found
-                                if rung.kind == "touch" and SIDES[rung.number // 2 % 5] == side
-                            )
-                            for side in SIDES
-                        },
+                        "top": rate(
+                            one[name][2] for rung, one in found if rung.kind == "touch" and on_top(rung)
+                        ),
                     }
     save("level_stops", {"rows": rows, "wall_s": time.perf_counter() - started_s}, quick=quick)

@@ -3,7 +3,6 @@
 `python -m benchmarks loop [--quick]`. A trial or a few of each profile; start of Python and compiling are left out.
 """
 
-import json
 import statistics
 import tempfile
 import time
@@ -13,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.results import FOLDER, save
+from benchmarks.results import save
 from config import assemble
 from config.profile import load_profile
 from controller.arrivals import Arrivals
@@ -148,9 +147,8 @@ def measured(name: str, trials: int, goal: float, repeats: int) -> dict[str, Any
 
 
 def main(quick: bool = False) -> None:
-    """Measure, print, save; figures from before turns were combined stay in the file."""
+    """Measure, print, save."""
     found: dict[str, Any] = {}
-    before = json.loads((FOLDER / "loop.json").read_text("utf-8"))["before"]
     for name, (trials, goal) in CAMPAIGNS.items():
         found[name] = measured(name, min(trials, 2) if quick else trials, goal, 1 if quick else REPEATS)
-        save("loop", {"campaigns": found, "before": before}, quick=quick)
+        save("loop", {"campaigns": found}, quick=quick)

@@ -1,13 +1,15 @@
 """Run time against error of the finger, beside its strong rivals, heyoka and compiled RK4 with event location.
 
-`python -m benchmarks physics`. heyoka is not among the requirements: `pip install heyoka`. The reference is the tests'
+`python -m benchmarks physics` writes results/physics_strongest.json. heyoka is not among the requirements: `pip install
+heyoka`, or it is left out. The reference is the tests'
 (`tests/stability/finger_oracles.py`: eigenvectors to 40 digits, nothing of the plant's). results/physics.md keeps an
-earlier run with more rivals: a method of order 8, scipy's and MuJoCo.
+earlier run with more rivals: a method of order 8, scipy's and MuJoCo (physics.json).
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -711,7 +713,9 @@ def compare(*, quick: bool = False) -> Iterator[Point]:
         for scene in scenes(closed=closed, duration_s=1.2 if quick else DURATION_S):
             truth, steps = reference(scene), [2**k for k in range(FINEST + 1)]
             rivals = [(RK4, f"{1e3 / n:g} us", compiled_rk4(scene, n)) for n in steps]
-            every = [(EXACT, "", exact(scene)), (TAYLOR, "", taylor(scene)), *rivals]
+            if find_spec("heyoka"):
+                rivals.append((TAYLOR, "", taylor(scene)))
+            every = [(EXACT, "", exact(scene)), *rivals]
             taken_s = side_by_side_s([(solver.begin, solver.run) for _, _, solver in every])
             for (name, setting, solver), run_s in zip(every, np.median(taken_s, axis=0), strict=True):
                 off = difference(truth, solver.result())
@@ -755,4 +759,4 @@ def main(quick: bool = False) -> None:
         about = f"{p.scene:13} {p.solver:20} {p.setting:>10} {p.us_per_s:12,.0f} us/s"
         print(f"{about}  {p.error:.0e} {lost}", flush=True)
     rows = [{**p._asdict(), "off": p.off._asdict()} for p in points]
-    save("physics", {"ratios": ratios(points), "points": rows}, quick=quick)
+    save("physics_strongest", {"ratios": ratios(points), "points": rows}, quick=quick)

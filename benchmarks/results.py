@@ -113,11 +113,16 @@ def progress(what: str) -> None:
 
 def save(name: str, result: Mapping[str, Any], *, quick: bool = False) -> None:
     """Write one benchmark's figures as JSON, and print them; those of a quick run to build/quick. The page beside them
-    is written by hand."""
+    is written by hand. What the file has and the study measures no more goes under `earlier`."""
     folder = Path("build/quick") if quick else FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
-    path.write_text(json.dumps({"machine": machine(), **result}, indent=2) + "\n", encoding="utf-8")
+    there = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    earlier = {key: value for key, value in there.items() if key not in ("machine", "earlier")}
+    earlier = {k: v for k, v in {**there.get("earlier", {}), **earlier}.items() if k not in result}
+    kept_too = {"earlier": earlier} if earlier else {}
+    text = json.dumps({"machine": machine(), **result, **kept_too}, indent=2)
+    path.write_text(text + "\n", encoding="utf-8")
     print("\n".join(shown(result)))
 
 

@@ -348,12 +348,6 @@ def resampled(delays: Floats, share: float) -> Floats:
     return found
 
 
-def mean_95(shares: Floats) -> list[float]:
-    """The 95 % interval of the mean of pieces resampled."""
-    found: list[float] = np.quantile(shares[_picks(len(shares))].mean(axis=1), EDGES).tolist()
-    return found
-
-
 def first_above(statistic: Floats, threshold: float) -> float:
     """Samples to the first value above; infinite without."""
     above = np.flatnonzero(np.nan_to_num(statistic, nan=-math.inf) > threshold)
@@ -436,9 +430,6 @@ INTERVAL_S = 3600.0
 CONTACTS = ("impacts", "rolling, 0.6 N", "rolling, 1 N", "rolling, 2 N")
 """Contact without slip."""
 
-PIECE_S = 5.0
-"""Pieces of contact that are resampled: an impact comes every five seconds."""
-
 
 def on_steps(kind: str, rate_hz: float) -> Iterator[dict[str, Any]]:
     """How often each detector calls a step of the noise a slip, and for how long: at one false alarm an hour where
@@ -481,10 +472,8 @@ def in_contact(sensor: str, nuisance: str, thresholds: Thresholds) -> Iterator[d
                 called(name, values, statistic, rate_hz, threshold)[touch:]
                 for values, statistic in zip(recordings, statistics, strict=True)
             ]
-            pieces = np.reshape(slipping, (-1, round(PIECE_S * rate_hz))).mean(axis=1)
             about = {"sensor": sensor, "nuisance": nuisance, "detector": name, "from": source}
-            share = {"share": float(pieces.mean()), "share_95": mean_95(pieces)}
-            yield {**about, "threshold": threshold, **share}
+            yield {**about, "threshold": threshold, "share": float(np.mean(slipping))}
 
 
 def at_simulated_reset(sensor: str, thresholds: Thresholds) -> Iterator[dict[str, Any]]:

@@ -1,5 +1,7 @@
 """What a benchmark prints of what it saves."""
 
+import json
+
 from benchmarks import results
 
 
@@ -20,3 +22,11 @@ def test_a_quick_run_leaves_the_kept_results_alone(tmp_path, monkeypatch, capsys
     results.save("chain", {"n": 1}, quick=True)
     assert (tmp_path / "build" / "quick" / "chain.json").is_file()
     assert "n: 1" in capsys.readouterr().out
+
+
+def test_what_a_study_measures_no_more_stays_under_earlier(tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "FOLDER", tmp_path)
+    for found in ({"n": 1, "waits": 2}, {"n": 3}, {"n": 4, "other": 5}):
+        results.save("study", found)
+    kept = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
+    assert {**kept, "machine": None} == {"machine": None, "n": 4, "other": 5, "earlier": {"waits": 2}}
