@@ -152,14 +152,8 @@ def _followed(profile: Profile, streams: Collection[str], parts: set[Part]) -> s
         section, name = part
         entry = profile.signals.get(name) if section == SIGNALS else profile.detectors.get(name)
         if section != "devices" and entry is not None:
-            waiting += [_sender(stream) for stream in inputs_of(name, entry)]
+            waiting += [_sender(stream) for stream in entry.made(name, entry.settings).inputs]
     return found
-
-
-def inputs_of(name: str, entry: Entry) -> Sequence[str]:
-    """What a signal or a detector subscribes to."""
-    inputs: Sequence[str] = entry.made(name, entry.settings).inputs
-    return inputs
 
 
 def _sender(stream: str) -> Part:

@@ -14,7 +14,6 @@ from drivers.core.errors import CommandError, DeviceError
 from drivers.core.messages import Command, MoveAt, MoveTo
 
 if TYPE_CHECKING:
-    from behaviors.machine import Behavior
     from config.profile import Profile
     from controller.campaign import TrialPlan
     from controller.rig import TrialScene
@@ -34,7 +33,9 @@ def refusals(
             scene_check(trial.scene)
         except DeviceError as error:
             met.setdefault(str(error), []).append(trial.trial)
-        for state, command in rehearsed(trial.behavior):
+        behavior = trial.behavior
+        commanded = [(state, command) for state in behavior.states for command in behavior.rehearse(state)]
+        for state, command in (each for each in commanded if _is_settled(each[1])):
             try:
                 trial.guard.admit(command)
                 _bounded(profile, command)
@@ -43,12 +44,6 @@ def refusals(
     for reason, (first, *others) in met.items():
         more = f" and {len(others)} more" if others else ""
         yield f"{profile.name}: trial {first}{more}: a run would be refused: {reason}"
-
-
-def rehearsed(behavior: Behavior) -> Iterator[tuple[str, Command]]:
-    """What each state commands when it is entered, as far as that is settled before the trial has seen anything."""
-    for state in behavior.states:
-        yield from ((state, command) for command in behavior.rehearse(state) if _is_settled(command))
 
 
 def _is_settled(command: Command) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit  # a third of what all of scipy.stats takes to load
 
-from controller.measures import columns_of
+from controller.measures import meanings_of
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.reports.counts import Row, mean_of
@@ -92,7 +92,8 @@ def _tables(first: Run, second: Run) -> tuple[list[Row], list[Row]]:
     both = {name: (name, f"{name}{SECOND}") for name in columns}
     found = {name: [pd.to_numeric(pairs[each], errors="coerce") for each in both[name]] for name in columns}
     numbers = [name for name in columns if all(values.notna().any() for values in found[name])]
-    numbers = [name for name in numbers if not is_instant(name, _meanings(first).get(name, ""))]
+    meanings = meanings_of(first)
+    numbers = [name for name in numbers if not is_instant(name, meanings.get(name, ""))]
     scales = {name: shown_as(name, list(pd.concat(found[name]).dropna())) for name in numbers}
     rows: list[Row] = []
     for name in numbers:
@@ -116,10 +117,6 @@ def _tables(first: Run, second: Run) -> tuple[list[Row], list[Row]]:
 
 def _cell(scale: Scale, value: Any) -> str:
     return "" if pd.isna(value) else scale.cell(value)
-
-
-def _meanings(run: Run) -> dict[str, str]:
-    return {name: each.meaning for name, each in columns_of(str(run.manifest.get("experiment"))).items()}
 
 
 def _difference(scale: Scale, one: pd.Series[Any], other: pd.Series[Any]) -> str:

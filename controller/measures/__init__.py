@@ -2,9 +2,12 @@
 
 from collections.abc import Mapping
 from importlib import import_module
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from controller.registry import EXPERIMENTS
+
+if TYPE_CHECKING:
+    from controller.recording.reader import Run
 
 
 class Column(NamedTuple):
@@ -18,6 +21,11 @@ class Column(NamedTuple):
 
     meaning: str
     digits: int | None = None
+
+
+def meanings_of(run: "Run") -> dict[str, str]:
+    """What a run's experiment declares of its columns, by name."""
+    return {name: each.meaning for name, each in columns_of(str(run.manifest.get("experiment"))).items()}
 
 
 def columns_of(experiment: str) -> Mapping[str, Column]:

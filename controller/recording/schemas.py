@@ -168,7 +168,7 @@ def encode_block(schema: Schema, block: SampleBlock) -> bytes:
     """Serialise a block exactly: raw values in their own type, little-endian."""
     values = np.ascontiguousarray(block.values)
     values = values.astype(values.dtype.newbyteorder("<"), copy=False)
-    message = schema.message(
+    return schema.pack(
         seq=block.seq,
         t0_s=block.t0_s,
         channels=values.shape[1],
@@ -181,7 +181,6 @@ def encode_block(schema: Schema, block: SampleBlock) -> bytes:
         device_t0_s=block.device_t0_s,
         arrival_s=block.arrival_s,
     )
-    return bytes(message.SerializeToString())
 
 
 def decode_block(schema: Schema, stream: str, data: bytes) -> SampleBlock:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -69,6 +70,11 @@ class Series:
         span = f", {self.times_s[0]:.3f} to {self.times_s[-1]:.3f} s" if len(self) else ""
         gaps = f", {len(self.gaps)} gaps" if self.gaps else ""
         return f"Series({self.name}, {self.unit}: {len(self)} samples of {self.values.shape[1]}{span}{gaps})"
+
+    @property
+    def rate_hz(self) -> float:
+        """Of the usual step in time between two samples; NaN of fewer."""
+        return 1.0 / float(np.median(np.diff(self.times_s))) if len(self) > 1 else math.nan
 
     @property
     def channels(self) -> list[str]:

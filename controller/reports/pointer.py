@@ -12,7 +12,7 @@ from controller.measures.pointer import Touch, errors_of, touches_of
 from controller.reports.counts import Row, number, signed, under
 from controller.reports.figures import FAINT, FALSE, GOOD, PAPER, Figures
 from controller.reports.run_account import acting_of, recorded, setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Kind, Result, Section, kind_of
 from controller.scales import scale_of
 
 if TYPE_CHECKING:
@@ -78,8 +78,6 @@ def _touches(run: Run, trial: int, recording: TrialRecording) -> list[Touch]:
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and figure of all sweeps of some runs on one kind of bench."""
     sweeps = read_sweeps(runs)
-    simulated = all(run.simulated for run in runs)
-    kind = Kind.ASSUMED if simulated else Kind.MEASURED
     return Section(
         title="Angle of the contact (B7)",
         content={
@@ -90,7 +88,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         },
         template="pointer",
         paper="fernandez",
-        summary=[Result(kind, _sentence(sweeps))] if sweeps else [],
+        summary=[Result(kind_of(runs, Kind.ASSUMED), _sentence(sweeps))] if sweeps else [],
         shows_trials=not sweeps,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -267,7 +267,10 @@ def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[SectionPart]) 
 
 
 def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: Figures) -> SectionPart:
-    section = _section(experiment, runs, figures)
+    own = _experiment(runs[-1]).report
+    section: Section = (
+        import_module(own).section(runs, figures) if own else generic.section(experiment, runs, figures)
+    )
     results = [Result(None, lost)] if lost else []
     results += [each._replace(met=None) if lost else each for each in section.summary]
     printed = {**settings_in(section.paper, runs[0]), **section.printed}
@@ -277,19 +280,7 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     body = Markup(FIGURE.sub("", body))  # figures stand before what is said about them
     headline = headline_of(experiment, runs, results, section.headline)
     settings, differs = settings_table(runs[0], printed), _set_differently(runs[0], printed)
-    return SectionPart(
-        name,
-        runs,
-        section,
-        results,
-        settings,
-        body,
-        ours,
-        headline,
-        drawn,
-        pictures,
-        differs,
-    )
+    return SectionPart(name, runs, section, results, settings, body, ours, headline, drawn, pictures, differs)
 
 
 def _set_differently(run: Run, printed: Mapping[str, Printed]) -> list[Any]:
@@ -304,13 +295,6 @@ def _set_differently(run: Run, printed: Mapping[str, Printed]) -> list[Any]:
 
 def _experiment(run: Run) -> ExperimentKind:
     return experiment_of(str(run.manifest.get("experiment", "")), own_folders(run.manifest))
-
-
-def _section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
-    if module := _experiment(runs[-1]).report:
-        own: Callable[[Sequence[Run], Figures], Section] = import_module(module).section
-        return own(runs, figures)
-    return generic.section(experiment, runs, figures)
 
 
 FIGURE = re.compile(r"<figure>.*?</figure>\s*", re.DOTALL)

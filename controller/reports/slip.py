@@ -281,7 +281,7 @@ def _signal_scale(runs: Sequence[Run], sensor: str) -> tuple[str, float, str]:
     if run is None or recording is None:
         return "signal", 1.0, "unknown: no trial in slip is recorded"
     series = recording.stream(str(setting_of(run, "behavior", "sensors", sensor, "stream")))
-    rate_hz = 1.0 / float(np.median(np.diff(series.times_s))) if len(series) > 1 else paper["rate_hz"]
+    rate_hz = series.rate_hz if len(series) > 1 else paper["rate_hz"]
     unit, factor = drawn_in(sensor, series.unit)
     if unit != paper["signal"]:
         return unit, factor, f"no: the paper's signal is in {paper['signal']}"
@@ -469,7 +469,7 @@ def draw_fingertip_spectra(figures: Figures, run: Run, row: Row, recording: Tria
     series = recording.stream(str(settings.get("stream")))
     if len(series) < 2:
         return ""
-    rate_hz = 1.0 / float(np.median(np.diff(series.times_s)))
+    rate_hz = series.rate_hz
     size = round(BLOCK_S * rate_hz)
     instants = {
         "before contact": touch_s - 0.3,

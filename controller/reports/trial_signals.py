@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.measures import columns_of
+from controller.measures import meanings_of
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
@@ -214,10 +214,7 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
     names = list(dict.fromkeys(name for _, row in trials for name in row)) or ["trial"]
     names = [name for name in names if any(row.get(name) is not None for _, row in trials)]
     names.sort(key=lambda name: "." in name)  # varied settings last: what was measured fits a screen
-    declared: dict[str, str] = {}
-    for run in runs:
-        columns_here = columns_of(str(run.manifest.get("experiment")))
-        declared |= {name: column.meaning for name, column in columns_here.items()}
+    declared = {name: meaning for run in runs for name, meaning in meanings_of(run).items()}
     instants = {name for name in names if is_instant(name, declared.get(name, ""))}
     scales = {name: shown_as(name, [row.get(name) for _, row in trials]) for name in names}
     rows = []

@@ -18,7 +18,7 @@ from controller.reports.counts import Comparison, Row, number, quantity
 from controller.reports.figures import OURS, PAPER, Figures
 from controller.reports.papers import as_printed
 from controller.reports.run_account import recorded, setting_of
-from controller.reports.section import Kind, Result, Section
+from controller.reports.section import Kind, Result, Section, kind_of
 from controller.scales import scale_of
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and figures of all calibrations of some runs on one kind of bench."""
     uncertainties = {float(setting_of(run, "behavior", "weight_uncertainty") or 0.0) for run in runs}
     bridges = read_bridges(runs)
-    simulated = all(run.simulated for run in runs)
     tops = [
         f"{own.top_n:g} N on {paper['force']} (the paper {paper['top_n']} N)" for paper, _, own in bridges
     ]
@@ -60,7 +59,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         },
         template="weights",
         paper="fernandez",
-        summary=[_sentence(paper, own, simulated) for paper, _, own in bridges],
+        summary=[_sentence(paper, own, kind_of(runs, Kind.FITTED)) for paper, _, own in bridges],
     )
 
 
@@ -95,7 +94,7 @@ def compared(paper: Mapping[str, str], own: BridgeCalibration, name: str) -> Com
     return Comparison(ours.value, printed, met, ours.low, ours.high)
 
 
-def _sentence(paper: Mapping[str, str], own: BridgeCalibration, simulated: bool) -> Result:
+def _sentence(paper: Mapping[str, str], own: BridgeCalibration, kind: Kind) -> Result:
     missed = [name.partition("_")[0] for name in FIGURES if not compared(paper, own, name).met]
     verdict = "the paper's gain, hysteresis and resolution agree with our 95 % intervals"
     if missed:
@@ -104,7 +103,7 @@ def _sentence(paper: Mapping[str, str], own: BridgeCalibration, simulated: bool)
     gain = compared(paper, own, "gain_v_n")
     text = f"{paper['force']}: gain {number(100.0 * abs(gain.ours / gain.paper - 1.0), 1)} % {gain.side} the paper's "
     text += f"{quantity('gain_v_n', gain.paper, 4)}, {quantity('gain_v_n', gain.ours, 4)}; {verdict}."
-    return Result(Kind.FITTED if simulated else Kind.MEASURED, text, not missed)
+    return Result(kind, text, not missed)
 
 
 def _rows(bridge: Bridge) -> Iterator[Row]:
