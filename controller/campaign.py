@@ -27,7 +27,7 @@ from controller.guard import Guard, GuardRefusal
 from controller.live_view import LiveView
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
-from controller.outcomes import counted, exit_of, successes_in
+from controller.outcomes import counted, exit_of
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
 from controller.rig import Rig, TrialScene, streams_of
@@ -530,10 +530,9 @@ def _measured(
 
 def _going_on(resumed: ResumedRun, started: datetime) -> dict[str, Any]:
     """The manifest of a run that goes on: of what was done its outcomes, and when it was resumed."""
-    before = {**resumed.manifest, "successes": successes_in(resumed.manifest)}
-    since = [*before.get("resumed_utc", ()), started.isoformat()]
+    since = [*resumed.manifest.get("resumed_utc", ()), started.isoformat()]
     running = {"status": "running", "code": None, "reason": ""}
-    return {**before, "outcomes": dict(resumed.outcomes), "resumed_utc": since, "exit": running}
+    return {**resumed.manifest, "outcomes": dict(resumed.outcomes), "resumed_utc": since, "exit": running}
 
 
 def _check_devices(before: Mapping[str, Any], infos: Mapping[str, DeviceInfo]) -> None:

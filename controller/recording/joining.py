@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from controller.outcomes import UNMEASURED, word_of
+from controller.outcomes import UNMEASURED
 from controller.recording.ledger import read_ledger
 from controller.recording.mcap_file import Topic, topics
 from controller.recording.reader import RecordedTrial, RecordingIndex
@@ -58,16 +58,10 @@ class EndedRun:
                 recorded = index.trials.get(number)
                 if recorded is None or recorded.length_s is None:
                     raise ValueError(f"the recording of trial {number} is not whole")
-                if recorded.base_ns is None:
-                    raise RunFolderError(
-                        f"{folder.path}: recorded by an older program (no 'base_ns'); run it anew with this one"
-                    )
                 own = events.get(number, ())
                 self.trials[number] = EndedTrial(
                     number, outcome.strip(), row, own, recorded, known[recorded.path]
                 )
-        except RunFolderError:
-            raise
         except (OSError, KeyError, ValueError) as error:
             raise RunFolderError(f"{folder.path}: damaged or cut off ({error}); resume it first") from None
 
@@ -99,7 +93,7 @@ def broken_off(folder: RunFolder) -> ResumedRun:
     manifest = folder.read_manifest()
     try:
         rows, _ = read_ledger(folder.trials_path)
-        whole = [(int(row["trial"]), word_of(manifest, row)) for row in rows]  # type: ignore[arg-type]
+        whole = [(int(row["trial"]), str(row["outcome"])) for row in rows]  # type: ignore[arg-type]
     except (ValueError, KeyError, TypeError) as error:
         raise RunFolderError(
             f"{folder.trials_path}: damaged ({error}); mend that line, or run it anew"

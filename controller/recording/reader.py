@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mcap.records import Channel, Footer, Metadata
 
-from controller.outcomes import counted, is_success, successes_in, word_of
+from controller.outcomes import counted, is_success
 from controller.recording.ledger import Cell, read_ledger
 from controller.recording.mcap_file import CLOSED_AFTERWARDS, ChunkPlace, close_cut, messages, records, topics
 from controller.recording.run_folder import RunFolder, RunFolderError
@@ -130,7 +130,8 @@ class Run:
     @cached_property
     def successes(self) -> Sequence[str] | None:
         """The outcomes that are success; None where the experiment declares none."""
-        return successes_in(self.manifest)
+        successes: Sequence[str] | None = self.manifest.get("successes")
+        return successes
 
     def succeeded(self, row: Mapping[str, Any]) -> bool:
         """Whether a trial succeeded."""
@@ -210,7 +211,6 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
     with _reading(folder.trials_path):
         trials, row_cut = read_ledger(folder.trials_path)
         _check(trials, {"trial": int, "outcome": str})
-        trials = [{**row, "outcome": word_of(manifest, row)} for row in trials]
     with _reading(folder.events_path):
         events, event_cut = _read_events(folder.events_path)
         _check(events, {"trial": int, "event": str, "t_s": int | float})
@@ -272,7 +272,7 @@ class RecordedTrial:
 
     path: Path
     factors: dict[str, object]
-    base_ns: int | None
+    base_ns: int
     length_s: float | None = None
     chunks: list[ChunkPlace] = field(default_factory=list)
 
@@ -305,8 +305,8 @@ class RecordingIndex:
             elif isinstance(record, Metadata):
                 noted = record.metadata
                 if record.name == TRIAL:
-                    base_ns = int(noted["base_ns"]) if "base_ns" in noted else None
-                    present = RecordedTrial(path, dict(json.loads(noted["factors"])), base_ns)
+                    factors = dict(json.loads(noted["factors"]))
+                    present = RecordedTrial(path, factors, int(noted["base_ns"]))
                     self.trials[int(noted["trial"])] = present  # run again: in place of its first attempt
                 elif record.name == TRIAL_END and present is not None:
                     present.length_s = float(noted.get("length_s", 0.0))
@@ -361,11 +361,11 @@ class RecordingIndex:
         return SampleBlock(stream, several[0][0], float(times_s[0]), table[:, 1:], times_s=times_s, unit=unit)
 
     def _wanted(self, path: Path) -> Mapping[int, Channel]:
-        """The channels that are read: blocks, detectors' readings where these are no blocks, and skipped spans."""
+        """The channels that are read: blocks, detectors' readings, and skipped spans."""
         if path not in self._channels:
             found = {number: channel for number, (channel, _) in topics(path).items()}
-            names = {each.topic for each in found.values()}
-            wanted = {name for name in names if name == SKIPPED or name.startswith(RAW)}
-            wanted |= {name for name in names if name.startswith(READ) and f"/raw{name}" not in names}
-            self._channels[path] = {number: each for number, each in found.items() if each.topic in wanted}
+            read = (SKIPPED, RAW, READ)
+            self._channels[path] = {
+                number: one for number, one in found.items() if one.topic.startswith(read)
+            }
         return self._channels[path]

@@ -178,17 +178,6 @@ def test_shards_of_different_files_of_the_users_own_are_not_merged(verb, one, tm
     assert f"own.my_lab: {'a' * 64} → {'b' * 64}" in err
 
 
-def test_a_recording_of_an_older_program_is_distinguished_from_a_damaged_one(verb, one, tmp_path):
-    old = shutil.copytree(one, tmp_path / "old")
-    change_manifest(old, lambda manifest: manifest["profile"].pop("asked"))
-    assert verb("merge", old, "--out", tmp_path / "merged")[0] == 0
-    recording = old / "recording.mcap"
-    recording.write_bytes(recording.read_bytes().replace(b"base_ns", b"foot_ns"))
-    code, _, err = verb("merge", old)
-    assert code == 2
-    assert "recorded by an older program (no 'base_ns'); run it anew with this one" in err
-
-
 class Killer(Script):
     """Kills a worker when the first trial is done."""
 

@@ -9,7 +9,7 @@ import pytest
 
 from behaviors.events import Contact, GuardStopped
 from behaviors.machine import Behavior
-from controller.outcomes import UNMEASURED, counted, exit_of, is_success, successes_in, word_of
+from controller.outcomes import UNMEASURED, counted, exit_of, is_success
 from controller.own_modules import found
 from controller.registry import EXPERIMENTS, experiment_of
 from controller.scales import as_text
@@ -23,7 +23,7 @@ def concluded(behavior):
         if not issubclass(made, Behavior) or made is Behavior:
             continue
         for node in ast.walk(ast.parse(inspect.getsource(sys.modules[made.__module__]))):
-            if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "conclude":
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("conclude", "concluding")):
                 words |= texts(node.args[0])
             if isinstance(node, ast.Assign) and getattr(node.targets[0], "attr", "") == "outcome":
                 words |= texts(node.value)
@@ -86,44 +86,6 @@ def test_the_counts_say_how_many_succeeded_where_not_all_did():
 )
 def test_a_run_in_which_no_trial_succeeded_failed(outcomes, code):
     assert exit_of({"successes": ["held"], "outcomes": outcomes})[0] == code
-
-
-OLD = [
-    ("weights", "contact", {}, "calibrated"),
-    ("chirp", "no_contact", {}, "swept"),
-    ("static", "no_contact", {}, "recorded"),
-    ("tradeoff", "contact", {}, "recorded"),
-    ("centering", "contact", {"search_s": 7.0, "gripped": 1}, "centered"),
-    ("centering", "no_contact", {"search_s": 7.0, "gripped": None}, "centered"),
-    ("centering", "no_contact", {"search_s": 7.0, "gripped": 0}, "not_gripped"),
-    ("centering", "contact", {"search_s": None}, "touched"),
-    ("centering", "no_contact", {"search_s": None}, "not_found"),
-    ("grasp", "contact", {"search_s": 7.0, "gripped": 1}, "felt"),
-    ("aura", "no_contact", {"object": "pipe"}, "approached"),
-    ("transient", "no_contact", {}, "no_contact"),
-    ("weights", "fault", {}, "fault"),
-    ("my_lab.tap:Tap", "contact", {}, "contact"),
-]
-
-
-@pytest.mark.parametrize(("experiment", "said", "row", "now"), OLD)
-def test_the_words_of_older_runs_are_read_as_todays(experiment, said, row, now):
-    manifest = {"experiment": experiment, "profile": {"resolved": {"behavior": {}}}}
-    assert word_of(manifest, {"outcome": said, **row}) == now
-    assert word_of(manifest, {"outcome": now, **row}) == now, "a run that was resumed has both"
-
-
-def test_an_older_approach_that_was_to_touch_and_did_not_is_no_success():
-    manifest = {"experiment": "aura", "profile": {"resolved": {"behavior": {"touch": True}}}}
-    successes = successes_in(manifest)
-    words = [word_of(manifest, {"outcome": "no_contact", "object": thing}) for thing in ("pipe", "none")]
-    assert [is_success(word, successes) for word in words] == [False, True]
-
-
-def test_the_words_of_success_are_the_runs_own():
-    assert successes_in({"experiment": "weights", "successes": ["hung"]}) == ["hung"]
-    assert successes_in({"experiment": "weights"}) == ["calibrated"]
-    assert successes_in({"experiment": "my_lab.tap:Tap"}) is None
 
 
 MOVE = MoveTo("stage", 0.003, 0.005)

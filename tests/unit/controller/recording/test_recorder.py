@@ -18,7 +18,6 @@ from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
-from controller.recording.schemas import encode_block, reading_schema, schema_of
 from controller.recording.series import BIN_S, PLOT_S
 from controller.recording.stream_writer import StreamWriter
 from drivers.core.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
@@ -381,23 +380,6 @@ def test_what_a_detector_holds_against_its_threshold_is_a_topic_and_a_stream(fol
     assert series.gaps == ()
     plotted = [content for _, _, content in messages_of(folder, "/detector/near")]
     assert [(d.t_s, d.statistic, d.threshold) for d in plotted] == readings
-
-
-def test_of_an_older_recording_which_has_readings_as_blocks_too_these_are_read(folder):
-    recorder_in(folder).close()
-    block = SampleBlock("detector.near", 0, 1.0, np.array([[0.5, 7.0]]), times_s=np.array([1.0]))
-    writer = McapWriter(folder.recordings[0])
-    writer.add_metadata("trial", {"trial": "1", "factors": "{}"})
-    (reading,) = reading_schema().encode(np.array([1.0]), np.array([[0.5, 7.0]]))
-    for topic, schema, data in (
-        ("/raw/detector/near", schema_of("Block"), encode_block(schema_of("Block"), block)),
-        ("/detector/near", reading_schema(), reading),
-    ):
-        described = {"stream": block.stream, "unit": ""}
-        number = writer.topic(topic, schema.name, schema.descriptors, described)
-        writer.add(number, 10**9, data)
-    writer.finish()
-    assert len(open_run(folder.path).trial(1).stream("detector.near")) == 1
 
 
 @pytest.mark.parametrize("size", [1, 64, 1000])
