@@ -180,8 +180,8 @@ class UrController:
             self.inputs[name] = value
             self._written_s[name] = self.t_s
 
-    def start_program(self, offset: int) -> None:
-        """Run the client's control script, whose registers begin at `offset`.
+    def start_program(self) -> None:
+        """Run the client's control script.
 
         A script that comes while another runs ends it [E]. A protective stop or local control runs nothing.
         """
@@ -191,7 +191,7 @@ class UrController:
         if self._script is not None:
             self.stop_program("replaced by another program")
         self._watched = None
-        self._script = ControlScript(self, offset)
+        self._script = ControlScript(self)
 
     def stop_program(self, reason: str) -> None:
         """End the program; the arm comes to rest."""

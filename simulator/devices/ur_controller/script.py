@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING
 
-from simulator.devices.ur_controller.registers import Registers
+from simulator.devices.ur_controller.registers import COMMAND, Registers
 from simulator.physics import rigid
 from simulator.physics.arm_motion import ArmMotion, ToolMove, ToolSpeed, Yielding
 
@@ -35,15 +35,11 @@ Thread = Generator[None, None, None]
 
 
 class ControlScript:
-    """One run of the script.
+    """One run of the script."""
 
-    Args:
-        offset: Number of its first register: 0 or 24.
-    """
-
-    def __init__(self, controller: UrController, offset: int) -> None:
+    def __init__(self, controller: UrController) -> None:
         self._controller = controller
-        self._r = Registers(controller.inputs, controller.outputs, offset)
+        self._r = Registers(controller.inputs, controller.outputs)
         self._threads: dict[str, Thread] = {"main": self._main()}
         self._mover: str | None = None
         self._kept: dict[str, tuple[Callable[[], ArmMotion], float]] = {}
@@ -57,7 +53,7 @@ class ControlScript:
             19: lambda: self._end("lead", END_LEAD_M_S2),  # endTeachMode
             29: lambda: controller.arm.mount(rigid.matrix(self._r.vector())),  # setTcp
             33: self._stop_move,  # stopL
-            35: lambda: controller.set_watchdog(self._r.command, self._r.f(0)),
+            35: lambda: controller.set_watchdog(COMMAND, self._r.f(0)),
             40: lambda: self._r.report(rigid.pose(controller.arm.tool)),  # getTCPOffset
             65: self._set_payload,
         }

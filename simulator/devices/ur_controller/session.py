@@ -15,7 +15,7 @@ from simulator.devices.ur_controller.controller import SERIAL, VERSION, Safety, 
 from simulator.devices.ur_controller.registers import registers
 from simulator.devices.ur_controller.rtde import PackageKind, Value
 from simulator.devices.ur_controller.script import STEP_S
-from simulator.physics import arm, rigid
+from simulator.physics import rigid
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 500.0
 """Rates of the stream on an e-Series; requests beyond are clipped to them (RTDE guide)."""
@@ -170,12 +170,12 @@ class ScriptSession:
         # The client writes the offset at the head of the line after the one that requests it.
         heads = [after for line, after in pairwise(lines) if line.endswith("# int register offset")]
         digits = heads[0].split()[0] if heads and heads[0].split() else ""
-        if lines[0] != "def rtde_control():" or digits not in ("0", "24"):
+        if lines[0] != "def rtde_control():" or digits != "0":
             self._controller.log.append(
                 f"program refused: {lines[0][:60]!r} is not the client's control script"
             )
             return
-        self._controller.start_program(int(digits))
+        self._controller.start_program()
 
 
 POWERED_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1
@@ -218,8 +218,6 @@ OUTPUTS: dict[str, Output] = {
     "target_TCP_speed": ("VECTOR6D", lambda c: c.arm.twist),
     "tcp_force_scalar": ("DOUBLE", lambda c: math.hypot(*c.force[:3])),
     "tcp_offset": ("VECTOR6D", lambda c: rigid.pose(c.arm.tool)),
-    "elbow_position": ("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[0]),
-    "elbow_velocity": ("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[1]),
     "ft_raw_wrench": ("VECTOR6D", lambda c: c.raw_force),
     "payload": ("DOUBLE", lambda c: c.payload[0]),
     "payload_cog": ("VECTOR3D", lambda c: c.payload[1:]),

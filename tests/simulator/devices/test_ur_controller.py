@@ -59,7 +59,7 @@ def test_a_speed_that_was_left_in_the_registers_moves_the_arm_when_the_script_st
     desk.controller.stop_program("asked for")
     desk.run(50)
     assert desk.controller.arm.resting
-    desk.controller.start_program(0)
+    desk.controller.start_program()
     desk.run(50)
     assert not desk.controller.arm.resting
 
@@ -95,12 +95,12 @@ def test_a_protective_stop_keeps_programs_away_until_it_is_unlocked(make: Callab
     desk.controller.protective_stop("asked for")
     desk.run(5)
     assert desk.controller.safety.bits & 0b111 == 0b100
-    desk.controller.start_program(0)
+    desk.controller.start_program()
     assert not desk.controller.playing
     assert not desk.controller.unlock()
     desk.run(60)
     assert desk.controller.unlock()
-    desk.controller.start_program(0)
+    desk.controller.start_program()
     assert desk.controller.playing
 
 

@@ -9,7 +9,6 @@ from simulator.devices.ur_controller import rtde
 from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
 from simulator.devices.ur_controller.rtde import PackageKind
 from simulator.devices.ur_controller.session import OUTPUTS, RtdeSession, ScriptSession
-from simulator.physics.arm import elbow
 
 PROTOCOL = bytes.fromhex("0005 56 0002")
 PROTOCOL_ACCEPTED = bytes.fromhex("0004 56 01")
@@ -115,13 +114,6 @@ def test_a_script_that_arrives_in_pieces_starts_with_its_last_line(controller: U
     assert controller.playing
 
 
-def test_a_script_for_the_upper_registers_answers_there(controller: UrController) -> None:
-    ScriptSession(controller).feed(program("24"))
-    controller.step()
-    assert controller.outputs["output_int_register_24"] == 1
-    assert controller.outputs["output_int_register_0"] == 0
-
-
 def test_a_program_of_another_kind_is_left_alone(controller: UrController) -> None:
     ScriptSession(controller).feed(program(name="mine"))
     assert not controller.playing
@@ -203,20 +195,6 @@ def test_every_variable_of_the_guide_has_a_value_of_its_type(
         assert session.feed(outputs(name))[3] == 1
         session.feed(START)
         assert len(session.step()) == 3 + 1 + rtde.size([kind]), name
-
-
-def test_the_elbow_follows_from_the_joints(controller: UrController) -> None:
-    arm = controller.arm
-    controller.start_program(0)
-    speeds = {f"input_double_register_{k}": v for k, v in enumerate([0.1, 0.1, 0.1, 0.0, 0.0, 0.0, 1.0, 0.0])}
-    controller.write_inputs({"input_int_register_0": 10, **speeds})
-    for _ in range(100):
-        controller.step()
-    place, velocity = elbow(arm.joints_rad, arm.joint_speeds_rad_s)
-    controller.step()
-    moved = (elbow(arm.joints_rad, arm.joint_speeds_rad_s)[0] - place) / 0.002
-    assert moved == pytest.approx(velocity, abs=1e-3)
-    assert abs(velocity).max() > 0.02
 
 
 def test_a_script_as_long_as_none_is_refused_without_being_searched_again_and_again(

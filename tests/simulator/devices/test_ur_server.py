@@ -176,4 +176,4 @@ def test_no_command_ends_the_controller_or_takes_its_arm_to_nowhere(seed: int) -
             if controller.safety is not Safety.NORMAL:
                 controller.unlock()
             if not controller.playing:
-                controller.start_program(0)
+                controller.start_program()

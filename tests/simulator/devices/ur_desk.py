@@ -21,7 +21,7 @@ class Desk:
 
     def __init__(self, controller: UrController) -> None:
         self.controller = controller
-        controller.start_program(0)
+        controller.start_program()
         self.run(2)
 
     def run(self, steps: int) -> None:

@@ -150,7 +150,7 @@ def test_a_silent_controller_sends_and_receives_nothing_for_a_while(network):
 
 def test_a_stall_is_a_protective_stop(network):
     one, server = network(Fault(device="arm", kind="stall", at_s=1.0))
-    server.controller.start_program(0)
+    server.controller.start_program()
     one.exchange((), NOW_S, 0.9)
     assert server.controller.playing
     one.exchange((), NOW_S, 1.0)
@@ -159,7 +159,7 @@ def test_a_stall_is_a_protective_stop(network):
 
 def test_a_refusal_is_local_control(network):
     one, server = network(Fault(device="arm", kind="refuse", at_s=1.0))
-    server.controller.start_program(0)
+    server.controller.start_program()
     one.exchange((), NOW_S, 1.0)
     assert (server.controller.remote, server.controller.playing) == (False, False)
 

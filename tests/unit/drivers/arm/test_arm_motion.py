@@ -85,7 +85,7 @@ class DirectClient:
         self._rig.advance(100)
         controller.unlock()
         controller.write_inputs({"input_int_register_0": 0})
-        controller.start_program(0)
+        controller.start_program()
         self._rig.advance(2)
         return ""
 
@@ -128,7 +128,7 @@ class Rig:
             {"host": "127.0.0.2", "start_pose": tuple(self.controller.arm.pose), **LIMITS}
         )
         self.axis = Axis(self.settings)
-        self.controller.start_program(0)
+        self.controller.start_program()
         self.statuses: list[Status] = []
         self.positions_m: list[float] = []
         self._seen = Seen(self._row(), EPOCH_S)
