@@ -227,6 +227,8 @@ def tables(sources: Sources) -> str:
                 SOURCE.sub(lambda found: f"{sources.values(found[1])[0]:{found[2]}}", item[side])
                 for side in ("theirs", "ours", "why")
             )
+            if (item["kind"], item["mark"]) == ("setting", "●"):
+                continue  # checked with the others, and counted
             place = item["where"] and (f"`{item['where']}`" if "/" in item["where"] else _link(item["where"]))
             cells = (item["mark"], item["place"], item["item"], theirs, ours, place, why)
             lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
@@ -237,7 +239,8 @@ def tables(sources: Sources) -> str:
     ):
         marks = [item["mark"] for item in items if item["kind"] == kind]
         said.append(f"{len(marks)} {names}: {', '.join(f'{marks.count(mark)} {mark}' for mark in '●◐○')}")
-    return "\n".join([f"{said[0]}. {said[1]}.", *lines, ""])
+    listed = f"{said[0]}. {said[1]}; those that are as printed stand in [papers.csv](papers.csv) alone."
+    return "\n".join([listed, *lines, ""])
 
 
 def _link(page: str) -> str:
