@@ -354,7 +354,7 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
             each
             for each in possible()
             if each[0] in scenes and (each[1] in MOVING or not moves)
-            if moves or each[3] not in BRIEF
+            if moves or not _passed(each)
         ]
         cell = cells[seed // 4 * STRIDE % len(cells)]
         experiment = cell[0]
@@ -399,6 +399,14 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
             device = dice.choice([device for device, each in could if each == kind])
             faults.append(_fault(dice, device, kind, dice.choice(of.states[:-2] or of.states), count))
     return Plan(seed, experiment, settings, rows, faults[:EVENTS_MAX])
+
+
+def _passed(cell: Cell) -> bool:
+    """Whether a trial that is led elsewhere has it on its way: a brief fault, in a state that any trial enters, and not
+    its first one, which may be over at once."""
+    name, state, _, kind = cell
+    way = SCENES[name].ways.get(state, Way())
+    return kind in BRIEF and not (way.settings or way.faults) and state != known(name).states[0]
 
 
 BRIEF: Mapping[str, Settings] = {
