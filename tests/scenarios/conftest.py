@@ -25,6 +25,7 @@ FINGER = ("static", "stiffness", "locating", "transient", "flexion", "proximal",
 SHORTER = {
     "mock/slip": {
         "plant.surface_m": "0.0012",
+        "loop.rate_hz": "50.0",
         **{f"behavior.sensors.{sensor}.steps": STEPS for sensor in SENSORS},
     },
     "mock/chirp": {"behavior.duration_s": "0.6"},
@@ -34,6 +35,7 @@ SHORTER = {
         "behavior.rest_s": "0.1",
         "behavior.record_s": "0.2",
         "detectors.touch.baseline_s": "0.2",
+        "loop.rate_hz": "50.0",
     },
     "mock/weights": {"behavior.cycles": "1", "behavior.preloads": "0"},
     **{f"mock/{name}": {"behavior.settle_s": "2.0"} for name in FINGER},
@@ -43,7 +45,7 @@ SHORTER = {
         "behavior.sweep_m_s": "0.004",
         "detectors.following.baseline_s": "8.0",
     },
-    "mock/centering": {"behavior.open_speed_m_s": "0.05", "behavior.hold_s": "0.2"},
+    "mock/centering": {"behavior.open_speed_m_s": "0.05", "behavior.hold_s": "0.2", "loop.rate_hz": "50.0"},
     "mock/grasp": {
         "behavior.open_speed_m_s": "0.05",
         "behavior.hold_s": "0.5",

@@ -1,19 +1,17 @@
 """A detector, a signal, an experiment and a driver of the user's own, found beside the profile."""
 
 import json
-import subprocess
 import sys
-from pathlib import Path
+from contextlib import closing
 
 import pytest
 
 from config.assemble import plan_campaign
-from config.jobs import JobsError, Order, order_of, run_batch
+from config.jobs import JobsError, Order, cores, in_batches, order_of, run_batch
 from config.profile import load_profile
+from controller.console import Console
 from controller.own_modules import forget_own
 from tests.refusals import check_refusal
-
-ROOT = Path(__file__).resolve().parents[2]
 
 DETECTOR = '''
 """Contact above a fixed force."""
@@ -269,7 +267,7 @@ def test_a_file_is_replayed_by_a_detector_that_is_found_in_the_present_folder(ve
     assert json.loads(out.splitlines()[-1])["t_s"] == pytest.approx(0.05)
 
 
-def test_an_experiment_of_the_users_own_is_checked_run_and_reported(verb, lab):
+def test_an_experiment_of_the_users_own_is_checked_run_and_reported(verb, lab, monkeypatch):
     assert verb("check", lab / "rest.toml")[0] == 0
     code, _, err = verb("run", lab / "rest.toml", "--out", "runs")
     assert code == 0, err
@@ -277,22 +275,20 @@ def test_an_experiment_of_the_users_own_is_checked_run_and_reported(verb, lab):
     header, *rows = (run / "trials.csv").read_text().splitlines()
     assert header == "trial,outcome,number,force_n"
     assert len(rows) == 2
-    # in a program that has not run it
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "run.py"), "report", str(run)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    forget_own()  # as a program that has not run it
+    monkeypatch.undo()  # whose figures are drawn
+    code, _, err = verb("report", run)
+    assert code == 0, err
     assert "Mean ± standard deviation" in (run / "report.html").read_text("utf-8")
     assert "force, N" in (run / "figures" / "measured.svg").read_text("utf-8")
 
 
-def test_workers_find_what_the_profile_names(verb, lab, run_of):
+def test_a_worker_finds_what_the_profile_names(lab, run_of):
     alone = run_of("rest.toml", out="alone")
-    assert verb("run", lab / "rest.toml", "--out", "shared", "--no-report", "--jobs", "2")[0] == 0
-    (shared,) = lab.parent.glob("shared/*")
+    profile = load_profile(lab / "rest.toml")
+    plan = plan_campaign(profile, profile.trials(0), 0)
+    with closing(cores(1)) as crew:
+        shared = in_batches(crew, profile, plan, Console(), lab.parent / "shared").run().folder
     assert (shared / "trials.csv").read_bytes() == (alone / "trials.csv").read_bytes()
 
 

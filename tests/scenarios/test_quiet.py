@@ -15,6 +15,9 @@ extends = "mock/slip"
 touch_fingertip.threshold = "? run.py quiet"
 fingertip_ours.threshold = 3.0      # a guess
 
+[loop]
+rate_hz = 50.0
+
 [trials]
 list = [{ sensor = "fingertip" }]   # what the tip carries
 """
@@ -74,13 +77,14 @@ def test_a_dry_run_shows_and_writes_nothing(verb, lab):
 
 
 def test_what_rest_alone_cannot_set_is_named_with_what_can(verb):
-    code, out, _ = verb("quiet", "mock/touch", "--seconds", "10", "--dry-run")
+    slowly = ("--dry-run", "--set", "loop.rate_hz=50.0")
+    code, out, _ = verb("quiet", "mock/touch", "--seconds", "10", *slowly)
     assert code == 0
     for name in ("pretouch_paper", "pretouch_ours"):
         (line,) = [line for line in out.splitlines() if line.startswith(name)]
         check_refusal(line, "no threshold from rest", "moves", "calibrate")
     code, out, _ = verb(
-        "quiet", "mock/transient", "--seconds", "20", "--dry-run", "--set", "behavior.settle_s=30.0"
+        "quiet", "mock/transient", "--seconds", "20", *slowly, "--set", "behavior.settle_s=30.0"
     )
     assert code == 0
     (line,) = [line for line in out.splitlines() if line.startswith("contact:")]

@@ -29,7 +29,8 @@ def slips(verb, folder):
     """The page's command on two trials of `mock/slip`: where the set is."""
     where = folder / "slips"
     if not where.exists():
-        given = ("--only", 1, "--only", 2, "--no-report", "--out", folder / "runs")
+        slowly = ("--set", "loop.rate_hz=50.0")
+        given = ("--only", 1, "--only", 2, *slowly, "--no-report", "--out", folder / "runs")
         assert verb("run", "mock/slip", *given)[0] == 0
         publish = ("--licence", "CC-BY-4.0", "--by", "A lab")
         code, _, err = verb("record-set", "latest", "--out", folder / "runs", "--into", where, *publish)

@@ -25,7 +25,8 @@ def refused(verb, *arguments):
 
 def run(tmp_path_factory, profile, rows, **settings):
     out = tmp_path_factory.mktemp("runs")
-    outcome, made = run_trials(profile, rows, settings=settings, out=out, say=lambda line: None)
+    slowly = {"loop.rate_hz": "50.0"} | settings
+    outcome, made = run_trials(profile, rows, settings=slowly, out=out, say=lambda line: None)
     assert outcome.exit_code == EXIT_DONE, outcome.line
     return made
 

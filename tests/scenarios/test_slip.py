@@ -21,7 +21,7 @@ def run_slip(out, factors, profile="mock/slip", seed=1, **settings):
 
 @pytest.fixture(scope="module")
 def every_sensor(tmp_path_factory):
-    outcome, run = run_slip(tmp_path_factory.mktemp("runs"), SENSORS)
+    outcome, run = run_slip(tmp_path_factory.mktemp("runs"), SENSORS, **{"loop.rate_hz": "50.0"})
     assert outcome.exit_code == EXIT_DONE, outcome.line
     return run
 

@@ -133,13 +133,13 @@ def test_a_quick_row_never_turns_the_time_of_samples_back(streams: Streams) -> N
 
 
 def test_a_controller_s_clock_that_drifts_is_followed(streams: Streams) -> None:
-    for cycle in range(100_000):
+    for cycle in range(20_000):
         # 100 ppm slow, and every arrival 0.2 ms late but for one in ten.
         late_s = cycle * 0.002 * 100e-6 + (0.0 if cycle % 10 == 0 else 2e-4)
         streams.take([row(cycle, late_s)])
         if cycle % 5 == 4:
             (block,) = streams.blocks()
-    assert block.t0_s == pytest.approx(99_995 * 0.002 * (1 + 100e-6), abs=1e-5)
+    assert block.t0_s == pytest.approx(19_995 * 0.002 * (1 + 100e-6), abs=1e-5)
 
 
 @pytest.mark.parametrize("rate_hz", [500.0, 250.0, 125.0])
