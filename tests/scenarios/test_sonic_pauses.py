@@ -14,7 +14,9 @@ from config.profile import load_profile
 from controller.campaign import EXIT_DONE, EXIT_FAILED, Campaign
 from controller.recording.reader import open_run
 
-PAUSE_AFTER = 15
+SLOWLY = {"loop.rate_hz": "50.0"}
+
+PAUSE_AFTER = 8
 """Turns from a state's beginning to the pause: the arm is under way by then."""
 
 START_X_M = 0.4
@@ -22,7 +24,7 @@ START_X_M = 0.4
 
 
 def run_one(out, operator, name, row, code=EXIT_DONE, **sets):
-    profile = load_profile(name, {"trials.repeats": "1"} | sets, rows=[row], labels=["the trial"])
+    profile = load_profile(name, SLOWLY | {"trials.repeats": "1"} | sets, rows=[row], labels=["the trial"])
     plan = assemble.plan_campaign(profile, profile.trials(0), 1)
     rig = replace(assemble.build_rig(profile), ahead=None)  # turn by turn: the operator counts them
     outcome = Campaign(plan, rig, operator, out).run()
@@ -46,8 +48,7 @@ def alive(behavior):
 def test_a_touch_that_is_paused_everywhere_is_made_and_goes_no_deeper_than_its_path(tmp_path, script):
     pause_everywhere(script, Aura)
     row = {"side": "back", "speed_m_s": 0.01}
-    sets = {"loop.rate_hz": "100.0", "behavior.cycles": "2"}
-    run = run_one(tmp_path, script, "mock/touch", row, **sets)
+    run = run_one(tmp_path, script, "mock/touch", row, **{"behavior.cycles": "2"})
     assert paused_in(script) >= alive(Aura) - {"STOPPING"}, "it stands within fewer turns"
     (measured,) = run.trials
     assert (measured["outcome"], measured["approaches"]) == ("contact", 2), measured
