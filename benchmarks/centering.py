@@ -29,7 +29,7 @@ from drivers.core.messages import SampleBlock
 from drivers.ur_arm.settings import CYCLES_HZ as ENCODER_HZ
 from simulator.physics.aura import BOTH, ENVELOPE_HZ, LEFT, RIGHT, AuraMotion, AuraPlant
 from simulator.physics.aura_settings import NOTHING, OBJECTS, SIX, RoomSettings
-from simulator.physics.gripper_part import AuraBenchSettings, jaws_settings
+from simulator.physics.gripper_part import AuraBenchSettings
 from simulator.physics.tool_motion import ToolMotion
 
 Complexes = NDArray[np.complex128]
@@ -106,8 +106,7 @@ class CenteringScene:
         for plant in {self._plant, self._right}:
             plant.begin((place.seed, place.number), thing, self._top_m, "normal")
         self._push_n = settings.push_n
-        jaws = jaws_settings(settings.closed_width_m)
-        self._width_m = jaws.closed_width_m + STROKE_M
+        self._width_m = settings.closed_width_m + STROKE_M
         self._half_m = 0.5 * (self._width_m - thing.width_m)
         self._touching = np.zeros(2, bool)
         self.turned = False

@@ -13,7 +13,7 @@ from simulator.physics.aura import ENVELOPE_HZ, FINGERS
 from simulator.physics.aura_scene import FORCE, LOAD, TOOL, WIDTH, AuraScene, Layout, Lift, Weight
 from simulator.physics.aura_settings import NOTHING, OBJECTS, AuraObject, AuraPlantSettings, Side
 from simulator.physics.bench import Bench, BenchPart, Floats
-from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
+from simulator.physics.jaws_drive import JawsDrive
 
 
 class AuraBenchSettings(AuraPlantSettings):
@@ -99,7 +99,7 @@ class GripperPart(BenchPart):
 
     def __init__(self, bench: Bench, settings: AuraBenchSettings) -> None:
         super().__init__(bench)
-        self.jaws = JawsDrive(jaws_settings(settings.closed_width_m), bench.advance)
+        self.jaws = JawsDrive(settings.closed_width_m, bench.advance)
         self._begin(settings)
 
     def restart(self) -> None:
@@ -137,10 +137,10 @@ class GripperPart(BenchPart):
             settings.weight,
         )
         jaws = self.jaws.jaws
-        jaws.place(None)
-        fitting = self.thing is not None and jaws.settings.fits(self.thing.width_m)
+        jaws.clear()
+        fitting = self.thing is not None and jaws.fits(self.thing.width_m)
         if self.thing is not None and fitting:
-            jaws.show(GripObject(width_m=self.thing.width_m, stiffness_n_m=self.thing.stiffness_n_m))
+            jaws.show(self.thing.width_m, self.thing.stiffness_n_m)
         tick = last_tick(self.bench.t_s, ENVELOPE_HZ)
         tool_m = self.bench.places(np.array([self.bench.t_s]))[0, :3]
         self.track = AuraScene(layout, fitting, tick, tool_m, jaws.width_m)
@@ -202,11 +202,6 @@ class GripperPart(BenchPart):
     def account(self) -> Mapping[str, Any]:
         """What stands there."""
         return {"object": self._settings.object}
-
-
-def jaws_settings(closed_width_m: float) -> JawsSettings:
-    """Jaws on their brackets."""
-    return JawsSettings(closed_width_m=closed_width_m)
 
 
 def ticks_of(times_s: Floats) -> NDArray[np.int64]:

@@ -3,101 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
 
 from drivers.can_gripper.units import MOST_MA, STROKE_M, TICKS_PER_M
 from drivers.core.clock import last_tick
-from drivers.core.settings import Settings
 from drivers.gripper.state import GripFinding
 from simulator.physics import jaws_kernel as kernel
 from simulator.physics.stage_axis import sane
 
 STIFFEST_N_M = 1e6
-"""Stiffest object: a tenth of what is unstable with the jaws' own mass (`_can_be_computed`)."""
+"""Stiffest object. With its stiffness k and damping d, k T^2 / m + 2 d T / m is 0.5: the semi-implicit step of T on the
+jaws' mass m is unstable from 4 on, and gives a spring 1 / (1 - k T^2 / 4 m) of its energy back."""
 
-LONGEST_STEP = 1.25
-"""Most that k T^2 / m + 2 d T / m of an object with stiffness k and damping d may be: the semi-implicit step is
-unstable from 4 on, and gives a spring 1 / (1 - k T^2 / 4 m) of its energy back, 1.45 at the most then."""
+OBJECT_N_S_M = 20.0
+"""Damping of what the jaws squeeze (assumption: a fifth of critical with the jaws' mass)."""
+
+MASS_KG = 0.1
+"""What the motor moves, as seen at the opening. Assumption: rotor of 1e-5 kg m2 on a 6 mm pinion, jaws of 50 g."""
+
+FRICTION_N = 0.5
+"""Of racks and pinion, as seen at the opening (assumption: a tenth of the least grip, 5 N)."""
 
 CLEARANCE_M = 0.001
 """By how much an object must clear the open and the closed jaws, to be let in and to be held (assumption)."""
-
-
-class GripObject(Settings):
-    """Something that can stand between the jaws."""
-
-    width_m: float = Field(gt=0.0, le=0.2)
-    """Along the jaws' travel."""
-    stiffness_n_m: float = Field(default=2e4, gt=0.0, le=STIFFEST_N_M)
-    """Force for each metre by which the jaws squeeze it, finger pads included (assumption: 1 mm at 20 N)."""
-    damping_n_s_m: float = Field(default=20.0, ge=0.0, le=200.0)
-    """The same for each m/s (assumption: a fifth of critical with the jaws' mass)."""
-
-
-class JawsSettings(Settings):
-    """Jaws and scene."""
-
-    closed_width_m: float = Field(default=0.008, ge=0.008, le=0.085 - STROKE_M)
-    """Opening of the closed jaws, set by the brackets (the bench's page: openings of 8 to 85 mm)."""
-    objects: dict[str, GripObject] = Field(default={})
-    """What there is to grip, by name."""
-    object: str | None = None
-    """Which of them is between the jaws when a trial begins."""
-    start_width_m: float | None = None
-    """Where the jaws stand at power-up; None is fully open."""
-    mass_kg: float = Field(default=0.1, gt=0.01, le=10.0)
-    """What the motor moves, as seen at the opening. Assumption: rotor of 1e-5 kg m2 on a 6 mm pinion, jaws of 50 g."""
-    friction_n: float = Field(default=0.5, ge=0.0, le=5.0)
-    """Of racks and pinion, as seen at the opening (assumption: a tenth of the least grip, 5 N)."""
-
-    @model_validator(mode="after")
-    def _can_be_computed(self) -> Self:
-        for name, thing in self.objects.items():
-            step = thing.stiffness_n_m * kernel.TICK_S**2 + 2.0 * thing.damping_n_s_m * kernel.TICK_S
-            if self.mass_kg * LONGEST_STEP < step:
-                raise ValueError(
-                    f"{name} is too stiff or too damped for jaws of {self.mass_kg:g} kg, which would be thrown off it;"
-                    f" mass_kg = {step / LONGEST_STEP:.3g} is the least for it"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _object_fits(self) -> Self:
-        self.check(self.object)
-        return self
-
-    def check(self, name: str | None) -> None:
-        """See whether an object can be gripped.
-
-        Raises:
-            ValueError: it is not in the scene, or does not fit between the jaws on these brackets.
-        """
-        if name is None:
-            return
-        if name not in self.objects:
-            raise ValueError(
-                f"there is no object {name!r}; there is: {', '.join(sorted(self.objects)) or 'none'}"
-            )
-        width_m = self.objects[name].width_m
-        lowest_m, highest_m = self._reach_m
-        if not self.fits(width_m):
-            raise ValueError(
-                f"{name} is {width_m * 1e3:g} mm wide and does not fit: on these brackets the jaws hold"
-                f" {lowest_m * 1e3:g} to {highest_m * 1e3:g} mm; choose closed_width_m to suit"
-            )
-
-    @property
-    def _reach_m(self) -> tuple[float, float]:
-        return self.closed_width_m + CLEARANCE_M, self.closed_width_m + STROKE_M - CLEARANCE_M
-
-    def fits(self, width_m: float) -> bool:
-        """Whether the jaws on these brackets close on an object of this width at all."""
-        lowest_m, highest_m = self._reach_m
-        return lowest_m <= width_m <= highest_m
 
 
 def _number(place: int) -> Any:
@@ -118,52 +49,39 @@ class Jaws:
     Attributes:
         x: State, as the kernel has it; the drive's numbers are there as well.
         flags: The same of what is counted.
-        width_m: Opening.
+        closed_width_m: Opening of the closed jaws, set by the brackets.
+        width_m: Opening: at first all that there is.
         rate_m_s: Its rate; positive opens.
     """
 
     width_m: float = _number(kernel.WIDTH)
     rate_m_s: float = _number(kernel.RATE)
 
-    def __init__(self, settings: JawsSettings) -> None:
-        self.settings = settings
+    def __init__(self, closed_width_m: float) -> None:
+        self.closed_width_m = closed_width_m
         self.x = np.zeros(kernel.NUMBERS)
         self.flags = np.zeros(kernel.FLAGS, dtype=np.int64)
-        closed_m, open_m = settings.closed_width_m, settings.closed_width_m + STROKE_M
-        start_m = open_m if settings.start_width_m is None else settings.start_width_m
-        self.x[[kernel.CLOSED_M, kernel.OPEN_M]] = closed_m, open_m
-        self.x[[kernel.MASS, kernel.FRICTION]] = settings.mass_kg, settings.friction_n
-        self.width_m = min(max(start_m, closed_m), open_m)
-        self.place(settings.object)
+        self.x[[kernel.CLOSED_M, kernel.OPEN_M]] = closed_width_m, closed_width_m + STROKE_M
+        self.x[[kernel.MASS, kernel.FRICTION]] = MASS_KG, FRICTION_N
+        self.width_m = closed_width_m + STROKE_M
 
     @property
     def contact_n(self) -> float:
         """How hard the jaws press on what is between them; compression is positive."""
         return float(kernel.contact_n(self.x, self.flags))
 
-    def place(self, name: str | None) -> None:
-        """Put an object between the jaws, or take away what is there.
+    def fits(self, width_m: float) -> bool:
+        """Whether the jaws on these brackets close on an object of this width at all."""
+        clear_m = width_m - self.closed_width_m
+        return CLEARANCE_M <= clear_m <= STROKE_M - CLEARANCE_M
 
-        Raises:
-            ValueError: it is not in the scene, does not fit, or the jaws are not open wide enough.
-        """
-        self.settings.check(name)
+    def clear(self) -> None:
+        """Take away what is between them."""
         self.flags[kernel.PRESENT] = False
-        if name is None:
-            return
-        thing = self.settings.objects[name]
-        if self.width_m < thing.width_m:
-            raise ValueError(
-                f"{name} is {thing.width_m * 1e3:g} mm wide and the jaws are open {self.width_m * 1e3:.1f} mm:"
-                " open them first"
-            )
-        self.show(thing)
-        self.flags[kernel.PRESENT] = True
 
-    def show(self, thing: GripObject) -> None:
+    def show(self, width_m: float, stiffness_n_m: float, damping_n_s_m: float = OBJECT_N_S_M) -> None:
         """Let this object be the one that the jaws may meet."""
-        places = [kernel.THING, kernel.STIFFNESS, kernel.DAMPING]
-        self.x[places] = thing.width_m, thing.stiffness_n_m, thing.damping_n_s_m
+        self.x[[kernel.THING, kernel.STIFFNESS, kernel.DAMPING]] = width_m, stiffness_n_m, damping_n_s_m
 
 
 Floats = NDArray[np.float64]
@@ -182,9 +100,9 @@ class JawsDrive:
         states: Its polled states, in order: parts of shape (m, 6), see `jaws_kernel.look`.
     """
 
-    def __init__(self, settings: JawsSettings, follow: Callable[[float], None] | None = None) -> None:
-        self.jaws = Jaws(settings)
-        self._follow, self._start_m = follow, self.jaws.width_m
+    def __init__(self, closed_width_m: float, follow: Callable[[float], None] | None = None) -> None:
+        self.jaws = Jaws(closed_width_m)
+        self._follow = follow
         self._x, self._flags = self.jaws.x, self.jaws.flags
         self._tick: int | None = None
         self.poll_at(0.0)
@@ -199,8 +117,8 @@ class JawsDrive:
 
     def renew(self) -> None:
         """Be as on the first day: open, without power, at time zero."""
-        self.jaws.place(None)
-        self.jaws.width_m, self.jaws.rate_m_s = self._start_m, 0.0
+        self.jaws.clear()
+        self.jaws.width_m, self.jaws.rate_m_s = self.jaws.closed_width_m + STROKE_M, 0.0
         self._flags[:] = 0
         self.power_up()
 

@@ -21,19 +21,28 @@ from drivers.core.messages import (
     Standstill,
     Stop,
 )
-from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
+from simulator.physics.jaws_drive import Jaws, JawsDrive
+from simulator.physics.jaws_kernel import PRESENT
 from tests.contracts.crank import Crank
 
-SCENE = JawsSettings(
-    closed_width_m=0.020, objects={"mug": GripObject(width_m=0.040), "worn mug": GripObject(width_m=0.038)}
-)
+CLOSED_M = 0.020
+
+OBJECTS_M = {"mug": 0.040, "worn mug": 0.038}
 
 GRIP = Grip("gripper", 0.030, 0.1, 20.0)
 
 
+def put(jaws: Jaws, width_m: float | None, stiffness_n_m: float = 2e4, damping_n_s_m: float = 20.0) -> None:
+    """Put an object between jaws, or take away what is there."""
+    jaws.clear()
+    if width_m is not None:
+        jaws.show(width_m, stiffness_n_m, damping_n_s_m)
+        jaws.flags[PRESENT] = True
+
+
 def calibrated_jaws() -> JawsDrive:
     """Jaws that know their ends and stand open, at rest."""
-    drive = JawsDrive(SCENE)
+    drive = JawsDrive(CLOSED_M)
     drive.advance(0.0)
     drive.calibrate()
     drive.advance(3.0)
@@ -61,7 +70,7 @@ class GripperBench(Crank):
 
     def place(self, name: str | None) -> None:
         def scene(drive: JawsDrive) -> None:
-            drive.jaws.place(name)
+            put(drive.jaws, None if name is None else OBJECTS_M[name])
             drive.disturb()
 
         self.change(scene)
@@ -74,7 +83,7 @@ class GripperBench(Crank):
 
 
 class GripperContract:
-    """Subclasses give a fixture `bench` whose jaws know their ends, stand open and are `SCENE`'s."""
+    """Subclasses give a fixture `bench` whose jaws know their ends, stand open and close to `CLOSED_M`."""
 
     feels: ClassVar[bool] = True
     """Whether it tells a force."""

@@ -11,7 +11,7 @@ from simulator.mocks.can_gripper import MockCanGripper, MockCanGripperSettings
 from simulator.mocks.robotiq import MockRobotiq
 from simulator.physics.jaws_drive import JawsDrive
 from tests.contracts.gripper_suite import (
-    SCENE,
+    CLOSED_M,
     FreshGripperContract,
     GripperBench,
     GripperContract,
@@ -24,7 +24,7 @@ def can_gripper(clock: VirtualClock, drive: JawsDrive) -> MockCanGripper:
 
 
 def robotiq(clock: VirtualClock, drive: JawsDrive) -> MockRobotiq:
-    settings = RobotiqSettings(port="mock", closed_width_m=SCENE.closed_width_m, open_width_m=0.068)
+    settings = RobotiqSettings(port="mock", closed_width_m=CLOSED_M, open_width_m=0.068)
     return MockRobotiq("gripper", settings, clock, SimpleNamespace(jaws=drive))
 
 
@@ -42,7 +42,7 @@ def bench(request: pytest.FixtureRequest) -> Iterator[GripperBench]:
 
 @pytest.fixture
 def fresh(request: pytest.FixtureRequest) -> Iterator[GripperBench]:
-    yield from opened(request, JawsDrive(SCENE))
+    yield from opened(request, JawsDrive(CLOSED_M))
 
 
 class TestMockGripper(GripperContract):

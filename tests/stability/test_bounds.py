@@ -14,7 +14,7 @@ from controller.registry import KINDS, find
 from simulator.physics.aura_drive import AuraDrive
 from simulator.physics.aura_settings import EchoSettings
 from simulator.physics.finger import FingerPlant, FingerSettings
-from simulator.physics.jaws_drive import JawsDrive, JawsSettings
+from simulator.physics.jaws_drive import JawsDrive
 from simulator.physics.piecewise import rising
 from simulator.physics.slip import SENSORS, SlipPlant
 from simulator.physics.stage_axis import StageAxis
@@ -206,7 +206,7 @@ MOVERS: Mapping[str, Callable[[float], Any]] = {
     "tool at": lambda far: tool().move_at(0.0, 0.1, far),
     "tool's pose": lambda far: tool().move_pose(0.0, (0.0, far, 0.0, 0.0, 0.0, 0.0), 0.1),
     "tool's twist": lambda far: tool().twist(0.0, (0.0, far, 0.0, 0.0, 0.0, 0.0), 0.1),
-    "jaws": lambda far: JawsDrive(JawsSettings()).go(far, 40_000.0, 300.0),
+    "jaws": lambda far: JawsDrive(0.008).go(far, 40_000.0, 300.0),
     "drive": lambda far: AuraDrive().tone(0.0, far, 0.5),
     "sweep": lambda far: AuraDrive().sweep(0.0, 39e3, far, 1.0, 0.5),
     "tip": lambda far: SlipPlant(SENSORS["fingertip"]).advance(*np.full((3, 1), far)),

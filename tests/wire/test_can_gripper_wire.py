@@ -7,7 +7,7 @@ from drivers.core.messages import Gripped, Stalled
 from simulator.devices.can_gripper import EmulatedCanGripper
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.jaws_drive import JawsDrive
-from tests.contracts.gripper_suite import GRIP, SCENE, GripperBench, calibrated_jaws
+from tests.contracts.gripper_suite import CLOSED_M, GRIP, GripperBench, calibrated_jaws
 from tests.wire.conftest import Serve, Wired
 
 PATIENT = {"reply_timeout_s": 0.2, "silence_timeout_s": 3.0, "watchdog_s": 5.0}
@@ -17,7 +17,7 @@ PATIENT = {"reply_timeout_s": 0.2, "silence_timeout_s": 3.0, "watchdog_s": 5.0}
 def test_a_host_that_hangs_loses_the_grip(serve: Serve) -> None:
     drive = calibrated_jaws()
     wired = Wired(serve, EmulatedSlcan(EmulatedCanGripper(drive)))
-    settings = CanGripperSettings(port=wired.port, closed_width_m=SCENE.closed_width_m, **PATIENT)
+    settings = CanGripperSettings(port=wired.port, closed_width_m=CLOSED_M, **PATIENT)
     driver = CanGripper("gripper", settings.model_copy(update={"watchdog_s": 0.7}), wired.clock)
 
     def change(scene: Callable[[JawsDrive], object]) -> None:

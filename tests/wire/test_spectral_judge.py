@@ -12,7 +12,8 @@ from can.interfaces.slcan import slcanBus
 
 from simulator.devices.can_gripper import EmulatedCanGripper
 from simulator.devices.slcan import EmulatedSlcan
-from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
+from simulator.physics.jaws_drive import JawsDrive
+from tests.contracts.gripper_suite import put
 from tests.wire.conftest import HURRY, Hurried
 
 spectral = pytest.importorskip("Spectral_BLDC.Spectral_BLDC", reason="the vendor's client is not installed")
@@ -24,7 +25,7 @@ class Judge:
     """The client with the emulated gripper at the other end."""
 
     def __init__(self, serve: Any) -> None:
-        self.drive = JawsDrive(JawsSettings(objects={"mug": GripObject(width_m=0.030)}))
+        self.drive = JawsDrive(0.008)
         self.gripper = EmulatedCanGripper(self.drive, heartbeat_s=math.inf)
         self.clock = serve.clock
         port = serve(Hurried(EmulatedSlcan(self.gripper)))
@@ -86,7 +87,7 @@ def test_it_finds_an_object_and_its_current(judge: Judge) -> None:
     judge.drive_to(0)
     judge.until(lambda: judge.motor.gripper_object_detection == 3)
     with judge.lock:
-        judge.drive.jaws.place("mug")
+        put(judge.drive.jaws, 0.030)
     judge.drive_to(255, 600)
     judge.until(
         lambda: judge.motor.gripper_object_detection in (1, 2) and judge.motor.gripper_current == -600

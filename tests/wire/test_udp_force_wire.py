@@ -19,7 +19,7 @@ from simulator.devices.robotiq import EmulatedRobotiq
 from simulator.devices.udp_force import EmulatedUdpForce
 from simulator.wiring.far_ends import UdpLine
 from tests.contracts.crank import Crank
-from tests.contracts.gripper_suite import GRIP, SCENE, GripperBench, calibrated_jaws
+from tests.contracts.gripper_suite import CLOSED_M, GRIP, GripperBench, calibrated_jaws
 from tests.contracts.test_a_new_sensor import Weighed
 from tests.wire.conftest import Serve
 
@@ -66,7 +66,7 @@ def test_lost_datagrams_are_counted_and_silence_ends_it(serve: Serve) -> None:
 
 def test_an_object_is_gripped_over_tcp_and_a_server_that_hangs_up_is_a_failure() -> None:
     drive, lock, over = calibrated_jaws(), threading.Lock(), threading.Event()
-    widths = {"closed_width_m": SCENE.closed_width_m, "open_width_m": 0.068}
+    widths = {"closed_width_m": CLOSED_M, "open_width_m": 0.068}
     twin = EmulatedRobotiq(RobotiqSettings(port="-", **widths), SimpleNamespace(jaws=drive))
     server = socket.create_server(("127.0.0.1", 0))
 

@@ -6,7 +6,8 @@ import pytest
 
 from drivers.core.can_frame import CanFrame
 from simulator.devices.can_gripper import EmulatedCanGripper
-from simulator.physics.jaws_drive import GripObject, JawsDrive, JawsSettings
+from simulator.physics.jaws_drive import JawsDrive
+from tests.contracts.gripper_suite import put
 
 POLL = CanFrame(0x7A)
 CLEAR = CanFrame(0x02)
@@ -19,7 +20,7 @@ class Bus:
     """One gripper, and time."""
 
     def __init__(self) -> None:
-        self.drive = JawsDrive(JawsSettings(objects={"mug": GripObject(width_m=0.040)}))
+        self.drive = JawsDrive(0.008)
         self.gripper = EmulatedCanGripper(self.drive, heartbeat_s=math.inf)
         self.t_s = 100.0
         self.gripper.step(self.t_s)
@@ -68,7 +69,7 @@ def test_a_grip_ends_in_the_object_bit_that_the_firmware_sets_first(bus: Bus) ->
     bus.send(OPEN)
     bus.wait(1.0)
     assert bus.poll().data == bytes([0, 0, bus.poll().data[2], 0xF1])
-    bus.drive.jaws.place("mug")
+    put(bus.drive.jaws, 0.040)
     bus.send(CLOSE)
     bus.wait(1.0)
     state = bus.poll()
@@ -79,7 +80,7 @@ def test_a_grip_ends_in_the_object_bit_that_the_firmware_sets_first(bus: Bus) ->
 def test_a_silent_host_is_a_watchdog_fault_that_lets_go(bus: Bus) -> None:
     bus.send(OPEN)
     bus.wait(1.0)
-    bus.drive.jaws.place("mug")
+    put(bus.drive.jaws, 0.040)
     bus.send(CLOSE)
     bus.wait(1.0)
     bus.send(CanFrame(0x1E, bytes.fromhex("00 00 01 F4 01")))
@@ -133,7 +134,7 @@ def test_a_drive_breaks_a_calibration_off() -> None:
 
 
 def test_a_heartbeat_comes_when_nothing_else_has_been_sent_for_a_second() -> None:
-    gripper = EmulatedCanGripper(JawsDrive(JawsSettings()), node=2)
+    gripper = EmulatedCanGripper(JawsDrive(0.008), node=2)
     assert gripper.step(0.0) == []
     assert gripper.step(0.9) == []
     assert gripper.step(1.0) == [CanFrame(0x112)]

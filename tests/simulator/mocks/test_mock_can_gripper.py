@@ -21,13 +21,13 @@ from drivers.core.messages import (
 )
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.mocks.can_gripper import MockCanGripper, MockCanGripperSettings
-from tests.contracts.gripper_suite import GRIP, calibrated_jaws
+from tests.contracts.gripper_suite import GRIP, calibrated_jaws, put
 
 
 def run(turn_s: float, *faults: dict[str, Any], seconds: float = 1.0) -> tuple[list[Status], Any, float]:
     """Grip a mug; statuses, the widths received, and the force at the end."""
     drive = calibrated_jaws()
-    drive.jaws.place("mug")
+    put(drive.jaws, 0.040)
     clock = VirtualClock()
     schedule = FaultSchedule([Fault(device="gripper", **fault) for fault in faults])
     gripper = MockCanGripper(
@@ -66,7 +66,7 @@ def test_faults_are_reported(kind: str, status: type[Status]) -> None:
 
 def test_stops_in_the_next_trial_keep_what_was_gripped_in_the_last() -> None:
     drive = calibrated_jaws()
-    drive.jaws.place("mug")
+    put(drive.jaws, 0.040)
     drive.go(0.8, 20_000.0, 433.0)
     drive.advance(3.0)
     drive.restart()

@@ -3,19 +3,12 @@
 import math
 
 import pytest
-from pydantic import ValidationError
 
 from drivers.gripper.state import GripFinding
-from simulator.physics.jaws_drive import GripObject, Jaws, JawsDrive, JawsSettings
+from simulator.physics.jaws_drive import FRICTION_N, Jaws, JawsDrive
+from tests.contracts.gripper_suite import put
 
-OBJECTS = {
-    "mug": GripObject(width_m=0.040),
-    "sponge": GripObject(width_m=0.040, stiffness_n_m=5e3),
-    "steel": GripObject(width_m=0.040, stiffness_n_m=1e6, damping_n_s_m=50.0),
-    "card": GripObject(width_m=0.0005),
-    "door": GripObject(width_m=0.080),
-}
-SCENE = JawsSettings(closed_width_m=0.010, objects=OBJECTS)
+CLOSED_M, OBJECT_M = 0.010, 0.040
 
 
 @pytest.fixture
@@ -25,7 +18,7 @@ def drive() -> JawsDrive:
 
 def ready() -> JawsDrive:
     """Calibrated, open, at time 0."""
-    made = JawsDrive(SCENE)
+    made = JawsDrive(CLOSED_M)
     made.advance(0.0)
     made.calibrate()
     made.advance(3.0)
@@ -37,26 +30,28 @@ def ready() -> JawsDrive:
     return made
 
 
-def grip(drive: JawsDrive, name: str | None, current_ma: float) -> None:
-    drive.jaws.place(name)
+def grip(
+    drive: JawsDrive, current_ma: float, stiffness_n_m: float = 2e4, damping_n_s_m: float = 20.0
+) -> None:
+    put(drive.jaws, OBJECT_M, stiffness_n_m, damping_n_s_m)
     drive.go(1.0, 10_000.0, current_ma)
     drive.advance(2.0)
 
 
-@pytest.mark.parametrize("name", ["mug", "sponge", "steel"])
+@pytest.mark.parametrize(("stiffness_n_m", "damping_n_s_m"), [(2e4, 20.0), (5e3, 20.0), (1e6, 50.0)])
 @pytest.mark.parametrize("current_ma", [150.0, 432.0, 1300.0])
 def test_the_force_is_the_currents_within_the_friction(
-    drive: JawsDrive, name: str, current_ma: float
+    drive: JawsDrive, stiffness_n_m: float, damping_n_s_m: float, current_ma: float
 ) -> None:
-    grip(drive, name, current_ma)
-    assert drive.jaws.contact_n == pytest.approx(0.0462 * current_ma, abs=SCENE.friction_n + 0.01)
-    squeezed_m = OBJECTS[name].width_m - drive.jaws.width_m
-    assert squeezed_m == pytest.approx(drive.jaws.contact_n / OBJECTS[name].stiffness_n_m)
+    grip(drive, current_ma, stiffness_n_m, damping_n_s_m)
+    assert drive.jaws.contact_n == pytest.approx(0.0462 * current_ma, abs=FRICTION_N + 0.01)
+    squeezed_m = OBJECT_M - drive.jaws.width_m
+    assert squeezed_m == pytest.approx(drive.jaws.contact_n / stiffness_n_m)
     assert drive.finding is GripFinding.OBJECT_CLOSING
 
 
 def test_no_current_is_greater_than_1300_ma(drive: JawsDrive) -> None:
-    grip(drive, "mug", 30_000.0)
+    grip(drive, 30_000.0)
     assert drive.current_ma == -1300.0
 
 
@@ -76,15 +71,15 @@ def test_a_motion_has_the_speed_that_was_asked_for(drive: JawsDrive) -> None:
 
 
 def test_a_held_object_is_released_when_the_drive_sleeps(drive: JawsDrive) -> None:
-    grip(drive, "mug", 432.0)
+    grip(drive, 432.0)
     drive.sleep()
     drive.advance(3.0)
-    assert drive.jaws.contact_n <= SCENE.friction_n
+    assert drive.jaws.contact_n <= FRICTION_N
 
 
 def test_an_object_that_is_taken_away_is_felt(drive: JawsDrive) -> None:
-    grip(drive, "mug", 432.0)
-    drive.jaws.place(None)
+    grip(drive, 432.0)
+    put(drive.jaws, None)
     drive.disturb()
     drive.advance(3.0)
     assert drive.finding is GripFinding.AT_POSITION
@@ -92,7 +87,7 @@ def test_an_object_that_is_taken_away_is_felt(drive: JawsDrive) -> None:
 
 
 def test_below_150_ma_a_grip_is_unstable(drive: JawsDrive) -> None:
-    grip(drive, "mug", 120.0)
+    grip(drive, 120.0)
     forces_n, findings = set(), set()
     for step in range(100):
         drive.advance(2.0 + step * 1e-3)
@@ -112,7 +107,8 @@ def test_a_jam_while_opening_is_an_object_while_opening(drive: JawsDrive) -> Non
 
 
 def test_calibration_opens_closes_and_holds_at_each_stop() -> None:
-    drive = JawsDrive(SCENE.model_copy(update={"start_width_m": 0.030}))
+    drive = JawsDrive(CLOSED_M)
+    drive.jaws.width_m = 0.030
     drive.advance(0.0)
     drive.calibrate()
     widths_m = []
@@ -128,7 +124,7 @@ def test_calibration_opens_closes_and_holds_at_each_stop() -> None:
 
 
 def test_without_a_calibration_nothing_moves() -> None:
-    drive = JawsDrive(SCENE)
+    drive = JawsDrive(CLOSED_M)
     drive.advance(0.0)
     drive.go(1.0, 10_000.0, 300.0)
     drive.advance(1.0)
@@ -138,8 +134,8 @@ def test_without_a_calibration_nothing_moves() -> None:
 def test_steps_of_time_change_nothing(drive: JawsDrive) -> None:
     """One advance of two seconds, or two thousand uneven ones: the same to the last bit."""
     other = ready()
-    grip(drive, "mug", 432.0)
-    other.jaws.place("mug")
+    grip(drive, 432.0)
+    put(other.jaws, OBJECT_M)
     other.go(1.0, 10_000.0, 432.0)
     for step in range(2000):
         other.advance((step + 0.37) * 1e-3)
@@ -148,32 +144,14 @@ def test_steps_of_time_change_nothing(drive: JawsDrive) -> None:
 
 
 def test_jaws_at_rest_cost_nothing(drive: JawsDrive) -> None:
-    grip(drive, "mug", 432.0)
+    grip(drive, 432.0)
     drive.advance(1e10)  # 5e13 ticks: some days, if they were computed
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("door", "door is 80 mm wide and does not fit: on these brackets the jaws hold 11 to 57 mm"),
-        ("card", "card is 0.5 mm wide and does not fit"),
-        ("mugg", "there is no object 'mugg'; there is: card, door, mug, sponge, steel"),
-    ],
-)
-def test_an_object_that_does_not_fit_is_refused_by_name(name: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        Jaws(SCENE).place(name)
-    with pytest.raises(ValidationError, match=message):
-        JawsSettings(closed_width_m=0.010, objects=OBJECTS, object=name)
-
-
-def test_nothing_is_put_into_closed_jaws() -> None:
-    jaws = Jaws(SCENE.model_copy(update={"start_width_m": 0.020}))
-    with pytest.raises(ValueError, match="open them first"):
-        jaws.place("mug")
-
-
-@pytest.mark.parametrize("closed_width_m", [0.0079, 0.0371])
-def test_brackets_reach_from_8_to_85_mm(closed_width_m: float) -> None:
-    with pytest.raises(ValidationError):
-        JawsSettings(closed_width_m=closed_width_m)
+def test_what_is_too_wide_or_too_thin_for_the_brackets_does_not_fit() -> None:
+    jaws = Jaws(CLOSED_M)
+    assert [jaws.fits(width_m) for width_m in (0.0005, 0.0109, 0.0111, 0.0569, 0.0571)] == [
+        *(False, False),
+        *(True, True),
+        False,
+    ]

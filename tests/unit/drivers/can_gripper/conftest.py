@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from simulator.physics.jaws_drive import JawsDrive
-from tests.contracts.gripper_suite import SCENE
+from tests.contracts.gripper_suite import CLOSED_M
 from tests.unit.drivers.can_gripper.gripper_bench import Bench
 
 
@@ -15,7 +15,7 @@ def make_bench() -> Callable[..., Bench]:
     """`make_bench(calibrated=…, …driver's settings)`: its jaws are closed; not yet open."""
 
     def made(*, calibrated: bool = True, **driver: Any) -> Bench:
-        drive = JawsDrive(SCENE)
+        drive = JawsDrive(CLOSED_M)
         if calibrated:
             drive.advance(0.0)
             drive.calibrate()

@@ -9,7 +9,7 @@ from drivers.core.can_frame import CanFrame
 from drivers.core.can_link import ReceivedFrame
 from simulator.devices.can_gripper import EmulatedCanGripper
 from simulator.physics.jaws_drive import JawsDrive
-from tests.contracts.gripper_suite import SCENE, GripperBench
+from tests.contracts.gripper_suite import CLOSED_M, GripperBench
 from tests.unit.drivers.far_end import FarClock, FarEnd
 
 DELAY_S = 0.0002
@@ -56,7 +56,7 @@ class Bench(GripperBench):
     def __init__(self, drive: JawsDrive, **driver: Any) -> None:
         self.drive = drive
         self.bus = GripperBus(EmulatedCanGripper(drive))
-        settings = {"port": "can0", "closed_width_m": SCENE.closed_width_m, **driver}
+        settings = {"port": "can0", "closed_width_m": CLOSED_M, **driver}
         clock = FarClock(self.bus)
         gripper = CanGripper("gripper", CanGripperSettings(**settings), clock, self.bus.connect)
         super().__init__(gripper, clock, lambda scene: scene(drive), opens=False)

@@ -27,7 +27,13 @@ from drivers.core.messages import (
     Stop,
 )
 from simulator.physics.jaws_drive import JawsDrive
-from tests.contracts.gripper_suite import GRIP, SCENE, FreshGripperContract, GripperContract, calibrated_jaws
+from tests.contracts.gripper_suite import (
+    CLOSED_M,
+    GRIP,
+    FreshGripperContract,
+    GripperContract,
+    calibrated_jaws,
+)
 from tests.unit.drivers.can_gripper.gripper_bench import DELAY_S, FRAME_S, Bench
 
 OPEN_SLOWLY = Release("gripper", 0.02)
@@ -55,7 +61,7 @@ class TestCanGripper(GripperContract):
 class TestFreshCanGripper(FreshGripperContract):
     @pytest.fixture
     def fresh(self) -> Bench:
-        made = Bench(JawsDrive(SCENE))
+        made = Bench(JawsDrive(CLOSED_M))
         made.info = made.device.open()
         return made
 

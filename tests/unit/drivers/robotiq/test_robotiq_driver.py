@@ -26,7 +26,7 @@ from drivers.robotiq.settings import RobotiqSettings
 from simulator.devices.robotiq import EmulatedRobotiq
 from simulator.mocks.base import MemoryLine
 from simulator.physics.jaws_drive import JawsDrive
-from tests.contracts.gripper_suite import SCENE, GripperBench, calibrated_jaws
+from tests.contracts.gripper_suite import CLOSED_M, GripperBench, calibrated_jaws
 from tests.refusals import refused
 
 
@@ -50,7 +50,7 @@ class Spoken:
 
 
 def gripper(drive: JawsDrive, **settings: Any) -> tuple[GripperBench, Spoken]:
-    given = RobotiqSettings(port="-", closed_width_m=SCENE.closed_width_m, open_width_m=0.068, **settings)
+    given = RobotiqSettings(port="-", closed_width_m=CLOSED_M, open_width_m=0.068, **settings)
     clock = VirtualClock()
     far = Spoken(EmulatedRobotiq(given, SimpleNamespace(jaws=drive)))
     device = Robotiq("gripper", given, clock, MemoryLine(far, clock).connect)
@@ -96,7 +96,7 @@ def test_jaws_that_a_dead_host_left_moving_are_stopped_at_opening(
 
 
 def test_homing_resets_then_activates_and_only_where_it_must() -> None:
-    bench, far = gripper(JawsDrive(SCENE))
+    bench, far = gripper(JawsDrive(CLOSED_M))
     bench.device.open()
     bench.device.apply(Release("gripper", 0.1))
     assert "send Home first" in bench.until(Refused).reason
@@ -109,7 +109,7 @@ def test_homing_resets_then_activates_and_only_where_it_must() -> None:
 
 
 def test_a_stop_while_it_is_activated_takes_its_power_away() -> None:
-    bench, far = gripper(JawsDrive(SCENE))
+    bench, far = gripper(JawsDrive(CLOSED_M))
     bench.device.open()
     bench.device.apply(Home("gripper"))
     bench.turn(0.3)
