@@ -138,40 +138,59 @@ def watched(
     path: Path, folder: Path, emulator: EmulatorProcess, act: Act | None
 ) -> tuple[int | None, str, list[float], list[float]]:
     """Run it: exit code, output, where the mover was, and where from `LEFT_S` after the end."""
-    (folder / "endpoints.json").write_text(json.dumps(emulator.endpoints), encoding="utf-8")
-    command = [sys.executable, "run.py", "run", str(path), "--no-report", "--jobs", "1"]
-    command += ["--out", str(folder / "runs"), "--endpoints", str(folder / "endpoints.json")]
     places: list[float] = []
     after: list[float] = []
-    with (folder / "output").open("w+", encoding="utf-8") as output:
-        program = subprocess.Popen(
+    program = started(folder, emulator, "run", str(path), "--out", str(folder / "runs"))
+    begun_s = acted_s = stands_s = None
+    goes_on = _Patience(folder)
+    while program.poll() is None and goes_on():
+        now_s = time.monotonic()
+        if begun_s is None and list((folder / "runs").glob("*/manifest.json")):
+            begun_s = now_s
+        if act and begun_s is not None and acted_s is None and now_s > begun_s + act.after_s:
+            acted_s = now_s
+            stands_s = _sent(act, program, emulator)
+        if stands_s is not None and now_s > acted_s + STOPPED_S:  # type: ignore[operator]
+            with suppress(ProcessLookupError):
+                os.kill(stands_s, signal.SIGCONT)
+            stands_s = None
+        if not (act and act.victim == "emulator" and acted_s is not None):
+            places += _place(emulator)
+    code = program.poll()
+    said = ended(program, folder)
+    if not (act and act.victim == "emulator" and acted_s is not None):
+        time.sleep(LEFT_S)
+        for _ in range(round(LEFT_S / LOOK_S)):
+            after += _place(emulator)
+            time.sleep(LOOK_S)
+    return code, said, places + after, after
+
+
+def started(folder: Path, emulator: EmulatorProcess, *arguments: str) -> subprocess.Popen[Any]:
+    """The program, on an emulator's devices; what it says is in the folder's file `output`."""
+    endpoints = folder / "endpoints.json"
+    endpoints.write_text(json.dumps(emulator.endpoints), encoding="utf-8")
+    command = [
+        sys.executable,
+        "run.py",
+        *arguments,
+        "--no-report",
+        "--jobs",
+        "1",
+        "--endpoints",
+        str(endpoints),
+    ]
+    with (folder / "output").open("w", encoding="utf-8") as output:
+        return subprocess.Popen(
             command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
         )
-        begun_s = acted_s = stands_s = None
-        goes_on = _Patience(folder)
-        while program.poll() is None and goes_on():
-            now_s = time.monotonic()
-            if begun_s is None and list((folder / "runs").glob("*/manifest.json")):
-                begun_s = now_s
-            if act and begun_s is not None and acted_s is None and now_s > begun_s + act.after_s:
-                acted_s = now_s
-                stands_s = _sent(act, program, emulator)
-            if stands_s is not None and now_s > acted_s + STOPPED_S:  # type: ignore[operator]
-                with suppress(ProcessLookupError):
-                    os.kill(stands_s, signal.SIGCONT)
-                stands_s = None
-            if not (act and act.victim == "emulator" and acted_s is not None):
-                places += _place(emulator)
-        code = program.poll()
-        program.kill()
-        program.wait()
-        if not (act and act.victim == "emulator" and acted_s is not None):
-            time.sleep(LEFT_S)
-            for _ in range(round(LEFT_S / LOOK_S)):
-                after += _place(emulator)
-                time.sleep(LOOK_S)
-        output.seek(0)
-        return code, output.read(), places + after, after
+
+
+def ended(program: subprocess.Popen[Any], folder: Path) -> str:
+    """What it said, once it has ended, or is killed."""
+    program.kill()
+    program.wait()
+    return (folder / "output").read_text(encoding="utf-8")
 
 
 class _Patience:
@@ -299,21 +318,12 @@ def _resumed(profile: Profile, folder: Path) -> str:
     plan.write_text("".join(line for line in lines if not line.startswith("faults")), encoding="utf-8")
     emulator = EmulatorProcess({**assemble.emulator_scene(profile), "faults": []})
     try:
-        (folder / "endpoints.json").write_text(json.dumps(emulator.endpoints), encoding="utf-8")
-        command = [sys.executable, "run.py", "resume", "latest", "--no-report", "--jobs", "1"]
-        command += ["--out", str(folder / "runs"), "--endpoints", str(folder / "endpoints.json")]
-        with (folder / "resumed").open("w+", encoding="utf-8") as output:
-            program = subprocess.Popen(
-                command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
-            )
-            goes_on = _Patience(folder)
-            while program.poll() is None and goes_on():
-                pass
-            code = program.poll()
-            program.kill()
-            program.wait()
-            output.seek(0)
-            last = (output.read().strip().splitlines() or [""])[-1]
+        program = started(folder, emulator, "resume", "latest", "--out", str(folder / "runs"))
+        goes_on = _Patience(folder)
+        while program.poll() is None and goes_on():
+            pass
+        code = program.poll()
+        last = (ended(program, folder).strip().splitlines() or [""])[-1]
     finally:
         emulator.close()
     if code is None:
@@ -338,32 +348,14 @@ BETWEEN_S = (3.0, 30.0)
 def soaked(minutes: float) -> dict[str, Any]:
     """One run that goes on for so long, its trials repeated after faults; memory of program and emulator, MB, and where
     the mover was, m."""
-    sets = {
-        "trials.repeats": "1000",
-        "trials.reconnects": "1000",
-        "behavior.settle_s": "2.0",
-    }
+    sets = {"trials.repeats": "1000", "trials.reconnects": "1000", "behavior.settle_s": "2.0"}
     profile = load_profile("emulated/transient", sets)
     emulator = EmulatorProcess(assemble.emulator_scene(profile))
     memory: dict[str, list[float]] = {"program": [], "emulator": []}
     places: list[float] = []
-    with (
-        tempfile.TemporaryDirectory() as text,
-        (Path(text) / "output").open("w+", encoding="utf-8") as output,
-    ):
-        endpoints = Path(text) / "endpoints.json"
-        endpoints.write_text(json.dumps(emulator.endpoints), encoding="utf-8")
-        command = [sys.executable, "run.py", "run", "emulated/transient", "--no-report", "--jobs", "1"]
-        command += [
-            "--out",
-            text,
-            "--endpoints",
-            str(endpoints),
-            *(f"--set={k}={v}" for k, v in sets.items()),
-        ]
-        program = subprocess.Popen(
-            command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
-        )
+    with tempfile.TemporaryDirectory() as text:
+        given = (f"--set={key}={value}" for key, value in sets.items())
+        program = started(Path(text), emulator, "run", "emulated/transient", "--out", text, *given)
         dice, injected = random.Random("soak"), Counter[str]()
         end_s, look_s, wrong_s = time.monotonic() + 60.0 * minutes, 0.0, time.monotonic() + BETWEEN_S[1]
         while program.poll() is None and time.monotonic() < end_s:
@@ -383,8 +375,7 @@ def soaked(minutes: float) -> dict[str, Any]:
         program.terminate()
         program.wait()
         emulator.close()
-        output.seek(0)
-        said = output.read()
+        said = ended(program, Path(text))
         rows = next(Path(text).glob("*/trials.csv")).read_text(encoding="utf-8").splitlines()[1:]
     return {
         "minutes": minutes,
