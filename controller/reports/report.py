@@ -66,20 +66,7 @@ _OURS = {
 
 
 def build_report(runs: Sequence[Run], out: Path | None = None, also: Sequence[str] = ()) -> Path:
-    """Write `report.html` and `figures/`.
-
-    Args:
-        runs: Of one experiment or several; trials of one experiment on one kind of bench are pooled where
-            their settings are equal, and stand apart where they differ.
-        out: Folder to write to; by default that of the run, or of several `report_A_B` beside the last.
-        also: Formats of figures beside SVG.
-
-    Returns:
-        The page.
-
-    Raises:
-        RecordingError: it cannot be written.
-    """
+    """Write the report as `build_report_with_summary` does, and give the page alone."""
     return build_report_with_summary(runs, out, also=also)[0]
 
 
@@ -90,14 +77,19 @@ def build_report_with_summary(
     paper: Sequence[Mapping[str, str]] = (),
     also: Sequence[str] = (),
 ) -> tuple[Path, list[str]]:
-    """Write the report as `build_report` does; returns the page and its summary in lines for a terminal.
+    """Write `report.html` and `figures/`; returns the page and its summary in lines for a terminal.
 
     Args:
-        out: As in `build_report`.
+        runs: Of one experiment or several; trials of one experiment on one kind of bench are pooled where
+            their settings are equal, and stand apart where they differ.
+        out: Folder to write to; by default that of the run, or of several `report_A_B` beside the last.
         title: Of the page; by default what its parts make of it.
         paper: Tables and figures of a paper: `item`, what it `shows`, the `part` (a profile) that repeats it, why that
             `differs`.
         also: Formats of figures beside SVG.
+
+    Raises:
+        RecordingError: it cannot be written.
     """
     if not runs:
         raise ValueError("a report needs at least one run")
