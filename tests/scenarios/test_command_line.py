@@ -417,7 +417,7 @@ ENDLESS = ["run", "mock/transient", "--set", "trials.repeats=2000", *QUICK]
 
 def test_without_a_terminal_the_first_signal_aborts_with_130(tmp_path):
     streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with started(*ENDLESS, "--no-report", "--out", tmp_path, **streams) as process:
+    with started(*ENDLESS, "--jobs", "1", "--no-report", "--out", tmp_path, **streams) as process:
         while not process.stdout.readline().startswith("[1/"):
             assert process.poll() is None, process.stderr.read()
         process.send_signal(signal.SIGINT)

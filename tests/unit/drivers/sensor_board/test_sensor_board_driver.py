@@ -366,10 +366,10 @@ def test_samples_are_dated_through_clocks_that_drift(make_bench: MakeBench, drif
     bench = make_bench(board={"drift_ppm": drift_ppm})
     bench.device.open()
     bench.device.apply(listen(FORCE))
-    blocks, statuses = bench.run(10.0)
+    blocks, statuses = bench.run(5.0)
     late_s = np.concatenate([block.times - block.physical[:, 0] for block in blocks])
     assert of(Lost, statuses) == []
-    assert late_s.size > 9_900
+    assert late_s.size > 4_900
     # The line is looked at every 0.7 ms: a first arrival may be 1.2 ms late, the quickest of many is not.
     assert np.abs(late_s).max() < 1.3e-3
     assert np.abs(late_s[2000:]).max() < 2e-4
