@@ -112,7 +112,7 @@ def test_only_ports_and_what_signals_are_made_with_must_be_set(verb):
         (
             '[{ device = "board", kind = "full_scale", at_s = 8.0 }]',
             1,
-            ("not at rest", "signals.tip", "range"),
+            ("not at rest", "signals.tip is beyond its range"),
         ),
         ('[{ device = "arm", kind = "silent", at_s = 5.0 }]', 3, ("arm",)),
     ],
