@@ -15,6 +15,9 @@ from drivers.core.messages import MOTION, Grip, Home, Lead, MoveAt, Reached, Rel
 from simulator.devices.faults import Fault
 from tests.refusals import check_refusal
 
+SLOWLY = {"loop__rate_hz": "50.0"}
+"""Where nothing is timed to a turn."""
+
 
 class Hand:
     """A person who interrupts when the test says so."""
@@ -70,7 +73,7 @@ def driven(mover, velocity_m_s=0.002, limit_m=0.01):
     ],
 )
 def test_a_mover_needs_itself_and_what_its_limits_are_watched_by(session, name, mover, opened):
-    one = session(name, mover)
+    one = session(name, mover, **SLOWLY)
     assert one.infos.keys() == opened
     assert by_hand.home(one, mover, 60.0).outcome == "done"
 
@@ -107,7 +110,7 @@ def test_the_last_second_of_a_stream_is_kept_and_no_more(session):
     ],
 )
 def test_what_stops_a_trial_stops_a_hand(session, how, outcome, named):
-    one = session(**how)
+    one = session(**SLOWLY, **how)
     result = one.run(driven("stage"), "stage", deadline_s=60.0)
     assert result.outcome == outcome
     check_refusal(result.reason, *named)
@@ -290,7 +293,7 @@ def test_a_simulated_arm_cannot_be_led_and_says_so(session):
 
 
 def test_a_gripper_opens_and_closes_gently(session):
-    one = session("mock/grasp", "gripper")
+    one = session("mock/grasp", "gripper", **SLOWLY)
     _, sent, _ = jogged(one, "gripper", hold("h", 0.1, 6.0), ("c", [8.0]), ("o", [9.0]), ("q", [10.0]))
     commands = [command for t_s, command in sent if 8.0 <= t_s < 10.0]
     closed_m = one.infos["gripper"].details["closed_width_m"]
