@@ -63,7 +63,7 @@ class Arm:
         twist: Of the tool, base frame, shape (6,): m/s and rad/s.
     """
 
-    def __init__(self, joints_rad: Sequence[float]) -> None:
+    def __init__(self, joints_rad: Sequence[float] | Array) -> None:
         self.joints_rad = np.array(joints_rad, dtype=np.float64)
         self.tool = IDENTITY
         self.transform = arm.forward(self.joints_rad)

@@ -55,7 +55,7 @@ from simulator.devices.barrett_hand import EmulatedBarrettHand
 from simulator.devices.dsa_matrix import EmulatedDsaMatrix
 from simulator.devices.sensor_board import EmulatedSensorBoard
 from simulator.devices.slcan import EmulatedSlcan
-from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
+from simulator.devices.ur_controller.controller import UrController
 from simulator.devices.ur_controller.session import DashboardSession, RtdeSession, ScriptSession
 from simulator.devices.zaber_stage import EmulatedZaberStage
 from simulator.mocks.base import MemoryLine
@@ -254,7 +254,7 @@ def _dsacon_seeds() -> Iterable[bytes]:
 
 
 def _rtde(data: bytes) -> None:
-    controller = UrController(UrControllerSettings())
+    controller = UrController()
     session = RtdeSession(controller, set())
     with suppress(CodecError):
         for piece in _halves(data):
@@ -277,7 +277,7 @@ def _rtde_seeds() -> Iterable[bytes]:
 
 
 def _script(data: bytes) -> None:
-    controller = UrController(UrControllerSettings())
+    controller = UrController()
     for session in (ScriptSession(controller), DashboardSession(controller)):
         with suppress(CodecError):
             for piece in _halves(data):

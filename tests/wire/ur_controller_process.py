@@ -20,8 +20,8 @@ import click
 from pydantic import Field, ValidationError
 
 from drivers.core.settings import Settings
-from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
-from simulator.devices.ur_controller.server import UrServer
+from simulator.devices.ur_controller.controller import UrController
+from simulator.devices.ur_controller.server import HOST, UrServer
 from simulator.wiring.bench_clock import BenchClock, Pace
 from tests.simulator.devices.ur_desk import plane
 
@@ -85,16 +85,18 @@ def obey(server: UrServer, order: Order) -> dict[str, object]:
 
 
 @click.command()
-@click.option("--settings", default="{}", help="UrControllerSettings as JSON.")
+@click.option("--settings", default="{}", help="JSON: host, and of `UrController` unlock_s and its noise.")
 @click.option("--plane-m", type=float, default=None, help="Height of a stiff plane above the base, metres.")
 def main(settings: str, plane_m: float | None) -> None:
     """Serve one emulated controller until standard input ends."""
-    found = UrControllerSettings.model_validate_json(settings)
-    server = UrServer(UrController(found, plane(-math.inf if plane_m is None else plane_m)))
+    given = json.loads(settings)
+    host = given.pop("host", HOST)
+    touched = plane(-math.inf if plane_m is None else plane_m)
+    server = UrServer(lambda: UrController(wrench=touched, **given), host)
     pace = Pace()
     server.clock = BenchClock(pace.page)
     server.open()
-    click.echo(json.dumps({"arm": {"host": found.host}, "clock": pace.page.path}))
+    click.echo(json.dumps({"arm": {"host": host}, "clock": pace.page.path}))
     pending = b""
     try:
         while True:

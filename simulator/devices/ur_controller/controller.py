@@ -8,14 +8,10 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field, Strict
 
-from drivers.arm.settings import Pose, Vector
-from drivers.core.settings import Settings
-from drivers.ur_arm.tool import NO_TOOL
+from drivers.ur_arm.tool import NO_TOOL, Tool
 from simulator.devices.ur_controller.registers import registers
 from simulator.devices.ur_controller.rtde import Value
 from simulator.devices.ur_controller.script import STEP_S, ControlScript
@@ -28,6 +24,15 @@ VERSION = "5.11.1.108318"
 SERIAL = "20215300001"
 """Serial number that it reports (assumption); the client insists on digits."""
 
+START_RAD = (0.0, -1.8, -2.2, -0.71238898038469, 1.5707963267948966, 0.0)
+"""Joints of an arm with its tool downwards, about 0.4 m in front of the base (assumption)."""
+
+UNLOCK_S = 5.0
+"""How long after a protective stop it may be unlocked (dashboard manual)."""
+
+FORCE_NOISE_N, TORQUE_NOISE_N_M = 0.5, 0.02
+"""Standard deviation of each channel (assumption; the data sheet's precision is 3.5 N and 0.2 N m)."""
+
 HALT_M_S2 = 5.0
 """Deceleration when a program stops or the arm stops itself (assumption)."""
 
@@ -37,7 +42,6 @@ FORCE_LIMIT_N = 150.0
 LOG_LINES = 200
 """Lines of the controller's log that are kept (assumption)."""
 
-
 Wrench = Callable[[Array, Array, float], Sequence[float] | Array]
 """What acts on the tool at its point, base frame, shape (6,), N and N m: of its pose (m and rotation vector), its twist
 (m/s and rad/s), shape (6,) each, and the surroundings' time at the end of this cycle, which never goes back."""
@@ -46,34 +50,6 @@ Wrench = Callable[[Array, Array, float], Sequence[float] | Array]
 def free(pose: Array, twist: Array, t_s: float) -> Array:
     """A `Wrench`: of an arm that touches nothing."""
     return np.zeros(6)
-
-
-class UrControllerSettings(Settings):
-    """What the emulated controller is."""
-
-    host: str = Field("127.0.0.2", pattern=r"^127\.\d+\.\d+\.\d+$")
-    """Loopback address that it listens on. The client skips its remote-control check at 127.0.0.1."""
-    joints_rad: Annotated[tuple[float, float, float, float, float, float], Strict(False)] = (
-        0.0,
-        -1.8,
-        -2.2,
-        -0.71238898038469,
-        1.5707963267948966,
-        0.0,
-    )
-    """Where the arm starts, radians: tool downwards, about 0.4 m in front of the base (assumption)."""
-    tcp_offset: Pose = NO_TOOL.tcp_offset
-    """The tool's point in the flange's frame, metres and rotation vector: entered at its pendant."""
-    payload_kg: float = Field(NO_TOOL.payload_kg, ge=0.0, le=50.0)
-    """Mass of the tool, likewise."""
-    payload_cog_m: Vector = NO_TOOL.payload_cog_m
-    """Its centre of gravity in the flange's frame, likewise."""
-    unlock_s: float = Field(5.0, ge=0.0, le=60.0)
-    """How long after a protective stop it may be unlocked, seconds (dashboard manual: 5 s)."""
-    force_noise_n: float = Field(0.5, ge=0.0, le=20.0)
-    """Standard deviation of each force channel, N (assumption; the data sheet's precision is 3.5 N)."""
-    torque_noise_n_m: float = Field(0.02, ge=0.0, le=2.0)
-    """Standard deviation of each torque channel, N m (assumption; the data sheet's precision is 0.2 N m)."""
 
 
 class Safety(IntEnum):
@@ -94,6 +70,11 @@ class Safety(IntEnum):
 class UrController:
     """A controller with its arm.
 
+    Args:
+        joints_rad: Where the arm starts, shape (6,).
+        tool: As it was entered at the pendant.
+        wrench: What acts on it.
+
     Attributes:
         t_s: The controller's time: steps of 2 ms since it was made.
         epoch_s: The surroundings' time at which `t_s` was zero.
@@ -105,21 +86,30 @@ class UrController:
         payload: Mass in kg and centre of gravity in m, as the pendant or a program set them.
     """
 
-    def __init__(self, settings: UrControllerSettings, wrench: Wrench = free) -> None:
-        self.settings = settings
-        self.arm = Arm(settings.joints_rad)
-        self.arm.mount(matrix(settings.tcp_offset))
+    def __init__(
+        self,
+        joints_rad: Sequence[float] | Array = START_RAD,
+        tool: Tool = NO_TOOL,
+        wrench: Wrench = free,
+        *,
+        unlock_s: float = UNLOCK_S,
+        force_noise_n: float = FORCE_NOISE_N,
+        torque_noise_n_m: float = TORQUE_NOISE_N_M,
+    ) -> None:
+        self.arm = Arm(joints_rad)
+        self.arm.mount(matrix(tool.tcp_offset))
         self.inputs: dict[str, Value] = _zeros("input")
         self.outputs: dict[str, Value] = _zeros("output")
         self.safety = Safety.NORMAL
         self.remote = True
         self.accepts_scripts = True
         self.log: deque[str] = deque(maxlen=LOG_LINES)
-        self.payload: tuple[float, ...] = (settings.payload_kg, *settings.payload_cog_m)
+        self.payload: tuple[float, ...] = (tool.payload_kg, *tool.payload_cog_m)
         self.wrench = wrench
         self.epoch_s = 0.0
+        self._unlock_s = unlock_s
         self._noise = np.random.Generator(np.random.Philox(0))
-        self._sigma = np.array([settings.force_noise_n] * 3 + [settings.torque_noise_n_m] * 3)
+        self._sigma = np.array([force_noise_n] * 3 + [torque_noise_n_m] * 3)
         self._steps = 0
         self._script: ControlScript | None = None
         self._watched: tuple[str, float] | None = None
@@ -211,7 +201,7 @@ class UrController:
 
     def unlock(self) -> bool:
         """Unlock a protective stop; False where it is too early."""
-        if self.safety is not Safety.PROTECTIVE_STOP or self.t_s - self._stopped_s < self.settings.unlock_s:
+        if self.safety is not Safety.PROTECTIVE_STOP or self.t_s - self._stopped_s < self._unlock_s:
             return False
         self.safety = Safety.NORMAL
         return True

@@ -23,6 +23,9 @@ RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
 PRIMARY_PORT = 30001
 """Ports of a controller (script manual, client interface manual)."""
 
+HOST = "127.0.0.2"
+"""Where it listens if nobody says otherwise: the client skips its remote-control check at 127.0.0.1."""
+
 BACKLOG_STEPS = 250
 """Cycles that a delayed server makes up for; beyond half a second it gives up (assumption)."""
 
@@ -42,6 +45,10 @@ Session = RtdeSession | ScriptSession | DashboardSession
 class UrServer:
     """A controller that listens.
 
+    Args:
+        make: Makes it, as often as it is switched on.
+        host: Loopback address.
+
     Attributes:
         deaf: True makes it accept RTDE connections and answer none.
         streams: False makes it send no data packages.
@@ -51,12 +58,13 @@ class UrServer:
         bench_s: The surroundings' time of a host time.
     """
 
-    def __init__(self, controller: UrController) -> None:
-        self.controller = controller
+    def __init__(self, make: Callable[[], UrController], host: str = HOST) -> None:
+        self._make = make
+        self.controller = make()
         self.deaf = False
         self.streams = True
         self.silent_until_s = 0.0
-        self.host = controller.settings.host
+        self.host = host
         self.next_s = 0.0
         self.clock: Clock = WallClock()
         self.bench_s: Callable[[float], float] = lambda host_s: host_s
@@ -79,7 +87,7 @@ class UrServer:
         """Listen.
 
         Args:
-            hosts: Addresses to choose from: the first with all ports free. None: that of the settings.
+            hosts: Addresses to choose from: the first with all ports free. None: its own.
 
         Raises:
             OSError: a port of every address is taken.
@@ -116,7 +124,7 @@ class UrServer:
         """Switch the controller off and on: every connection is gone, and time is zero."""
         for connection in list(self._sessions):
             self._clients.drop(connection)
-        self.controller = UrController(self.controller.settings, self.controller.wrench)
+        self.controller = self._make()
         self.deaf, self.streams, self.silent_until_s = False, True, 0.0
 
     def turn(self, wait_s: float = 0.0, now_s: float | None = None) -> None:

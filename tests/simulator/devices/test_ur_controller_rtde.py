@@ -6,7 +6,7 @@ import pytest
 
 from drivers.core.errors import CodecError
 from simulator.devices.ur_controller import rtde
-from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
+from simulator.devices.ur_controller.controller import UrController
 from simulator.devices.ur_controller.rtde import PackageKind
 from simulator.devices.ur_controller.session import OUTPUTS, RtdeSession, ScriptSession
 
@@ -24,7 +24,7 @@ FIRST_ROW = bytes.fromhex("0010 55 01 3f60624dd2f1a9fc 00000001")
 
 @pytest.fixture
 def controller() -> UrController:
-    return UrController(UrControllerSettings())
+    return UrController()
 
 
 @pytest.fixture

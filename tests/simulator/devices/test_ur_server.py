@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from simulator.devices.ur_controller import rtde
-from simulator.devices.ur_controller.controller import Safety, UrController, UrControllerSettings
+from simulator.devices.ur_controller.controller import Safety, UrController
 from simulator.devices.ur_controller.rtde import PackageKind
 from simulator.devices.ur_controller.server import (
     DASHBOARD_PORT,
@@ -31,7 +31,7 @@ GREETING = b"Connected: Universal Robots Dashboard Server\n"
 
 class Bench:
     def __init__(self) -> None:
-        self.server = UrServer(UrController(UrControllerSettings()))
+        self.server = UrServer(UrController)
         self.server.open(HOSTS)
         self.clients: list[socket.socket] = []
         self.now_s = self.server.next_s

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from simulator.devices.ur_controller.controller import UrController, UrControllerSettings, Wrench
+from simulator.devices.ur_controller.controller import UrController, Wrench
 from simulator.physics.rigid import Array
 
 READY, DONE = 1, 2
@@ -65,10 +65,10 @@ def plane(height_m: float) -> Wrench:
     return wrench
 
 
-def desk(plane_m: float = -math.inf, **settings: object) -> Desk:
+def desk(plane_m: float = -math.inf, **settings: float) -> Desk:
     """A quiet controller in front of a plane, with its program running."""
     quiet = {"force_noise_n": 0.0, "torque_noise_n_m": 0.0, "unlock_s": 0.1, **settings}
-    return Desk(UrController(UrControllerSettings.model_validate(quiet), plane(plane_m)))
+    return Desk(UrController(wrench=plane(plane_m), **quiet))
 
 
 def down(desk: Desk, by_m: float) -> list[float]:

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.core.clock import WallClock
 from simulator.devices.faults import Fault, FaultSchedule
-from simulator.devices.ur_controller.controller import Safety, UrController, UrControllerSettings
+from simulator.devices.ur_controller.controller import Safety, UrController
 from simulator.devices.ur_controller.server import DASHBOARD_PORT, UrServer
 from simulator.wiring.far_ends import Line, Network
 
@@ -73,7 +73,7 @@ def host():
 def test_a_line_is_in_use_while_bytes_pass_it_and_a_controller_while_it_has_a_client(host):
     one, network = (
         host(Fault(device="d", kind="silent", at_s=5.0)),
-        Network(UrServer(UrController(UrControllerSettings()))),
+        Network(UrServer(UrController)),
     )
     assert one.line.exchange([], NOW_S, 0.0) and not one.line.exchange([], NOW_S, 6.0)
     os.write(one.port, b"?")
@@ -121,7 +121,7 @@ def network():
     made: list[Network] = []
 
     def make(*faults: Fault) -> tuple[Network, UrServer]:
-        server = UrServer(UrController(UrControllerSettings()))
+        server = UrServer(UrController)
         made.append(Network(server))
         made[-1].open(FaultSchedule(faults), WallClock())
         return made[-1], server

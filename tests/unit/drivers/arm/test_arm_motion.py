@@ -27,7 +27,7 @@ from drivers.core.messages import (
 )
 from drivers.ur_arm.client import fault_of
 from drivers.ur_arm.settings import UrArmSettings
-from simulator.devices.ur_controller.controller import Safety, UrController, UrControllerSettings
+from simulator.devices.ur_controller.controller import Safety, UrController
 from simulator.physics.rigid import difference
 
 EPOCH_S = 1000.0
@@ -122,8 +122,7 @@ class Rig:
     """Controller, client and motion, with time in hand."""
 
     def __init__(self) -> None:
-        quiet = UrControllerSettings(force_noise_n=0.0, torque_noise_n_m=0.0, unlock_s=0.1)
-        self.controller = UrController(quiet)
+        self.controller = UrController(force_noise_n=0.0, torque_noise_n_m=0.0, unlock_s=0.1)
         self.settings = UrArmSettings.model_validate(
             {"host": "127.0.0.2", "start_pose": tuple(self.controller.arm.pose), **LIMITS}
         )

@@ -15,7 +15,7 @@ from drivers.ur_arm.client import RtdeClient, RtdeSockets
 from drivers.ur_arm.limits import joint_limits, limits_in
 from drivers.ur_arm.settings import UrArmSettings
 from drivers.ur_arm.tool import NO_TOOL, Tool, disagreement, stated
-from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
+from simulator.devices.ur_controller.controller import UrController
 from simulator.devices.ur_controller.primary import PrimarySession
 
 SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=(0.3, 0.0, 0.3, 0.0, 3.14, 0.0))
@@ -147,7 +147,7 @@ def test_a_controller_without_that_port_is_recorded_as_such() -> None:
 
 
 def test_the_emulated_controller_sends_ten_states_a_second() -> None:
-    session = PrimarySession(UrController(UrControllerSettings()))
+    session = PrimarySession(UrController())
     states = [state for state in (session.step() for _ in range(500)) if state]
     assert len(states) == 10
     # sizes of version 5 (client interface manual)
