@@ -70,7 +70,7 @@ def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: s
     for order in orders:
         with suppress(Exception):
             device.apply(order)
-        rig.clock.wait_until(rig.clock.now() + 5.0)
+        rig.clock.wait_until(rig.clock.now() + 2.0)
         device.read()
         device.poll()
     # a line asks for all of these, whatever is at its end
