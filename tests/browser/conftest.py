@@ -3,7 +3,6 @@
 import shutil
 
 import pytest
-from playwright.sync_api import sync_playwright
 
 SOON_MS = 60_000
 """How long a condition is waited for: a browser that starts beside other work takes seconds."""
@@ -11,6 +10,8 @@ SOON_MS = 60_000
 
 @pytest.fixture(scope="module")
 def browser():
+    from playwright.sync_api import sync_playwright
+
     path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     assert path, "no Chromium: apt-get install chromium"
     with sync_playwright() as playwright:

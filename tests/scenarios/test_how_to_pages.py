@@ -11,7 +11,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from distributed.cli import dask_scheduler, dask_worker
 
 ROOT = Path(__file__).parents[2]
 PAGES = ROOT / "docs" / "how-to"
@@ -164,6 +163,8 @@ def test_the_rules_of_snakemake_come_to_the_rows_of_one_run(carried_out, tmp_pat
 
 
 def test_the_commands_of_dask_are_those_that_it_knows(verb, local_cluster, tmp_path, monkeypatch):
+    from distributed.cli import dask_scheduler, dask_worker
+
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_campaign.toml").write_text(CAMPAIGN)
     for name, module in (("scheduler", dask_scheduler), ("worker", dask_worker)):

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from distributed import KilledWorker
 from mcap.reader import make_reader
 
 from config import jobs
@@ -289,6 +288,8 @@ def test_a_cluster_writes_the_folder_that_one_core_writes(verb, one, tmp_path, l
 
 
 def dying(order, trials):
+    from distributed import KilledWorker
+
     raise KilledWorker("part", SimpleNamespace(address="tcp://10.0.0.7:8786"), 3)
 
 
