@@ -8,7 +8,7 @@ from drivers.arm.axis import Axis
 from drivers.core.errors import RefusedError
 from drivers.ur_arm.settings import UrArmSettings
 from drivers.ur_arm.tool import stated
-from simulator.devices.ur_controller.controller import START_RAD, UrController
+from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
 from simulator.devices.ur_controller.script import STEP_S
 from simulator.devices.ur_controller.server import UrServer
 from simulator.physics import arm, rigid
@@ -48,7 +48,7 @@ class ArmCarrier(ToolTrack):
         self._placed = False
 
     def wrench(self, pose: Array, twist: Array, t_s: float) -> tuple[float, ...]:
-        """What the bench does to the tool; see `simulator.devices.ur_controller.controller.Wrench`."""
+        """What the bench does to the tool; see `simulator.physics.arm_motion.Surroundings`."""
         offset = np.concatenate((pose[:3] - self._start_m, self._turn(pose[3:])))
         place, velocity = self.split(offset), self.split(twist)
         if self._placed:
@@ -89,13 +89,15 @@ def emulated(settings: UrArmSettings, bench: Bench) -> UrServer:
         RefusedError: the arm does not reach there.
     """
     axis, tool = Axis(settings), stated(settings)
+    usual = UrControllerSettings.model_validate(tool._asdict())
     offset = rigid.matrix(tool.tcp_offset)
     try:
-        joints_rad = arm.solve(rigid.matrix(axis.pose(JOGGED_M)), START_RAD, offset)
+        joints_rad = arm.solve(rigid.matrix(axis.pose(JOGGED_M)), usual.joints_rad, offset)
     except arm.UnreachableError as error:
         raise RefusedError(
             "arm", "being set up", f"{error} at start_pose", "choose a start_pose that a UR5e reaches"
         ) from error
     carrier = ArmCarrier(axis, bench)
     bench.mount(carrier)
-    return UrServer(lambda: UrController(joints_rad, tool, carrier.wrench))
+    there = usual.model_copy(update={"joints_rad": tuple(joints_rad.tolist())})
+    return UrServer(UrController(there, carrier))

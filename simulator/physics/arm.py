@@ -108,6 +108,16 @@ def forward(joints_rad: Sequence[float] | Array, tool: Array = IDENTITY) -> Arra
     return end
 
 
+def elbow(joints_rad: Array, speeds_rad_s: Array) -> tuple[Array, Array]:
+    """Where the elbow is and how it moves, base frame, shape (3,) each: m and m/s."""
+    frames: Array = _frames(joints_rad, IDENTITY)
+    place = frames[2, :3, 3]
+    velocity = sum(
+        speeds_rad_s[joint] * np.cross(frames[joint, :3, 2], place - frames[joint, :3, 3]) for joint in (0, 1)
+    )
+    return place, np.asarray(velocity)
+
+
 @compiled("f8[:,:](f8[:,:,:])")
 def _slopes(frames: Array) -> Array:
     slopes = np.empty((6, JOINTS))

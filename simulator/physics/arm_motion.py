@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -25,8 +27,8 @@ a plane of 100 kN/m)."""
 YIELD_M_S2 = 10.0
 """Greatest acceleration of a tool that yields; rad/s^2 for a turn (assumption)."""
 
-LED_M_S, LED_RAD_S = 0.25, 1.0
-"""How fast an arm can be led by hand (assumption)."""
+SERVO_RAD_S2 = 40.0
+"""Greatest acceleration of a joint that follows a servo target (assumption)."""
 
 _AT_REST: Array = np.zeros(6)
 
@@ -36,6 +38,39 @@ _SPEED_SLACK = 1.0 + 1e-9
 
 class LimitError(RuntimeError):
     """The commanded motion exceeds a limit: the arm stops itself."""
+
+
+class Surroundings(Protocol):
+    """What the tool may touch."""
+
+    def wrench(self, pose: Array, twist: Array, t_s: float) -> Sequence[float] | Array:
+        """What acts on the tool, at its point, base frame, shape (6,): N and N m.
+
+        Args:
+            pose: Of the tool, shape (6,): metres and rotation vector.
+            twist: Of the tool, shape (6,): m/s and rad/s.
+            t_s: Time of the surroundings at the end of this cycle; it never goes back.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class StiffPlane:
+    """A plane that pushes back along its normal, without friction or damping.
+
+    Attributes:
+        height_m: Distance of the plane from the base's origin along `normal`.
+        normal: Unit vector out of the plane, base frame.
+        stiffness_n_m: Force per depth (assumption: a stiff pad on a table).
+    """
+
+    height_m: float = -math.inf
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    stiffness_n_m: float = 10_000.0
+
+    def wrench(self, pose: Array, twist: Array, t_s: float) -> Array:
+        """See `Surroundings.wrench`."""
+        depth_m = max(0.0, self.height_m - float(np.dot(self.normal, pose[:3])))
+        return np.concatenate((self.stiffness_n_m * depth_m * np.asarray(self.normal), np.zeros(3)))
 
 
 class ArmMotion(ABC):
@@ -61,14 +96,19 @@ class Arm:
         tool: Transform of the tool's point in the flange's frame, (4, 4).
         transform: Of the tool in the base, (4, 4).
         twist: Of the tool, base frame, shape (6,): m/s and rad/s.
+        scaling: How fast the motion's time passes, 0 to 1.
+        planned_speeds_rad_s: Of the joints, in the motion's time.
+        planned_twist: Of the tool, in the motion's time.
     """
 
-    def __init__(self, joints_rad: Sequence[float] | Array) -> None:
+    def __init__(self, joints_rad: Sequence[float]) -> None:
         self.joints_rad = np.array(joints_rad, dtype=np.float64)
         self.tool = IDENTITY
         self.transform = arm.forward(self.joints_rad)
-        self.motion: ArmMotion | None = None
-        self.joint_speeds_rad_s = self.joint_accelerations_rad_s2 = self.twist = _AT_REST
+        self.scaling = 1.0
+        self.motion: ArmMotion = Still()
+        self.joint_speeds_rad_s = self.planned_speeds_rad_s = self.joint_accelerations_rad_s2 = _AT_REST
+        self.twist = self.planned_twist = _AT_REST
 
     @property
     def pose(self) -> Array:
@@ -78,7 +118,7 @@ class Arm:
     @property
     def resting(self) -> bool:
         """Whether nothing moves."""
-        return not (self.joint_speeds_rad_s.any() or self.twist.any())
+        return not (self.planned_speeds_rad_s.any() or self.planned_twist.any())
 
     def mount(self, tool: Array) -> None:
         """Take another point as the tool's.
@@ -97,23 +137,31 @@ class Arm:
         Raises:
             LimitError: the step would break a limit of the arm. It has not been made, and the arm stands.
         """
-        if self.motion is None or (self.resting and self.motion.done):
+        if self.resting and self.motion.done:
             self.joint_accelerations_rad_s2 = _AT_REST
             return
-        try:
-            joints, transform = self.motion.advance(self, dt_s)
-            speeds = (joints - self.joints_rad) / dt_s
-            twist = difference(self.transform, transform) / dt_s
-            _check(joints, speeds, twist)
-        except (arm.UnreachableError, LimitError) as error:
+        paced_s = dt_s * self.scaling
+        if paced_s == 0.0:
             self._take(_AT_REST, _AT_REST, dt_s)
-            self.motion = None
+            return
+        try:
+            joints, transform = self.motion.advance(self, paced_s)
+            speeds = (joints - self.joints_rad) / paced_s
+            twist = difference(self.transform, transform) / paced_s
+            _check(joints, speeds * self.scaling, twist * self.scaling)
+        except (arm.UnreachableError, LimitError) as error:
+            self.planned_speeds_rad_s = self.planned_twist = _AT_REST
+            self._take(_AT_REST, _AT_REST, dt_s)
+            self.motion = Still()
             raise LimitError(str(error)) from error
         self.joints_rad, self.transform = joints, transform
-        self._take(speeds, twist, dt_s)
+        self.planned_speeds_rad_s, self.planned_twist = speeds, twist
+        self._take(speeds * self.scaling, twist * self.scaling, dt_s)
 
     def brake(self, deceleration_m_s2: float) -> None:
-        """Come to rest from the present speed."""
+        """Come to rest from the present speed, whatever the pace was."""
+        self.planned_speeds_rad_s, self.planned_twist = self.joint_speeds_rad_s, self.twist
+        self.scaling = 1.0
         self.motion = ToolSpeed(np.zeros(6), deceleration_m_s2)
 
     def _take(self, speeds_rad_s: Array, twist: Array, dt_s: float) -> None:
@@ -140,6 +188,16 @@ def _length(vector: Array) -> float:
     return math.hypot(*vector.tolist())
 
 
+class Still(ArmMotion):
+    """Stands where it is."""
+
+    done = True
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `ArmMotion.advance`."""
+        return state.joints_rad, state.transform
+
+
 class ToolSpeed(ArmMotion):
     """Brings the tool to a twist and keeps it there (`speedl`; `stopl` with a twist of zero).
 
@@ -154,30 +212,126 @@ class ToolSpeed(ArmMotion):
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
         """See `ArmMotion.advance`."""
-        twist = _toward(self._target, state.twist, self._acceleration * dt_s)
+        twist = _toward(self._target, state.planned_twist, self._acceleration * dt_s)
         self.done = not twist.any() and not self._target.any()
         return _driven(state, twist, dt_s)
 
 
-class Yielding(ArmMotion):
-    """Gives way to what acts on the tool: led by hand (`freedrive_mode`, `teach_mode`).
+class JointSpeed(ArmMotion):
+    """Brings the joints to speeds and keeps them there (`speedj`; `stopj` with zeros).
 
     Args:
-        felt: What acts on the tool, base frame, shape (6,): N and N m.
+        speeds_rad_s: Shape (6,).
+        acceleration_rad_s2: Of the joint that changes most.
     """
 
-    def __init__(self, felt: Callable[[], Array]) -> None:
-        self._felt = felt
+    def __init__(self, speeds_rad_s: Sequence[float] | Array, acceleration_rad_s2: float) -> None:
+        self._target = np.array(speeds_rad_s, dtype=np.float64)
+        self._acceleration = _positive("acceleration", acceleration_rad_s2)
 
     def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
         """See `ArmMotion.advance`."""
-        speeds, fastest = np.repeat([(YIELD_M_S_N, YIELD_RAD_S_N_M), (LED_M_S, LED_RAD_S)], 3, axis=1)
-        wanted = np.clip(speeds * self._felt(), -fastest, fastest)
-        return _driven(state, _toward(wanted, state.twist, YIELD_M_S2 * dt_s), dt_s)
+        change = self._target - state.planned_speeds_rad_s
+        speeds = state.planned_speeds_rad_s + change * _share(
+            float(np.abs(change).max()), self._acceleration * dt_s
+        )
+        joints = state.joints_rad + speeds * dt_s
+        self.done = not speeds.any() and not self._target.any()
+        return joints, arm.forward(joints, state.tool)
 
 
-class ToolMove(ArmMotion):
-    """Carries the tool along a line (`movel`) between two places of rest; what still moves when it begins stops first.
+class JointServo(ArmMotion):
+    """Follows a continuously updated target (`servoj`).
+
+    Args:
+        target_rad: Shape (6,).
+        lookahead_s: Time constant with which the joints approach them.
+    """
+
+    def __init__(self, target_rad: Sequence[float] | Array, lookahead_s: float) -> None:
+        self._target = np.array(target_rad, dtype=np.float64)
+        self._lookahead_s = _positive("lookahead time", lookahead_s)
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `ArmMotion.advance`."""
+        left = self._target - state.joints_rad
+        # no faster than it can brake on the way that is left
+        fastest = np.minimum(np.sqrt(2.0 * SERVO_RAD_S2 * np.abs(left)), arm.JOINT_SPEED_RAD_S)
+        wanted = np.clip(left / max(self._lookahead_s, dt_s), -fastest, fastest)
+        change = np.clip(wanted - state.planned_speeds_rad_s, -SERVO_RAD_S2 * dt_s, SERVO_RAD_S2 * dt_s)
+        joints = state.joints_rad + (state.planned_speeds_rad_s + change) * dt_s
+        return joints, arm.forward(joints, state.tool)
+
+
+class Yielding(ArmMotion):
+    """Gives way to what acts on the tool, up to a commanded wrench (`force_mode`, `freedrive_mode`).
+
+    Args:
+        frame: Orientation of the axes in the base, (3, 3).
+        free: Along and about which axes it gives way, shape (6,).
+        wrench: What the tool shall push with along those, shape (6,): N and N m; zeros let it be led by hand.
+        fastest: Shape (6,): m/s and rad/s.
+        felt: What acts on the tool, base frame, shape (6,).
+        gain: Of the usual speed under a force.
+    """
+
+    def __init__(
+        self,
+        frame: Array,
+        free: Sequence[bool],
+        wrench: Sequence[float] | Array,
+        fastest: Sequence[float] | Array,
+        felt: Callable[[], Array],
+        gain: float = 1.0,
+    ) -> None:
+        self._turn = frame
+        self._wrench = np.array(wrench, dtype=np.float64)
+        self._fastest = np.where(free, np.abs(fastest), 0.0)
+        self._felt = felt
+        self._speeds = gain * np.array([YIELD_M_S_N] * 3 + [YIELD_RAD_S_N_M] * 3, dtype=np.float64)
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `ArmMotion.advance`."""
+        left = self._wrench + (self._felt().reshape(2, 3) @ self._turn).ravel()
+        wanted = np.clip(self._speeds * left, -self._fastest, self._fastest).reshape(2, 3) @ self._turn.T
+        return _driven(state, _toward(wanted.ravel(), state.planned_twist, YIELD_M_S2 * dt_s), dt_s)
+
+
+class _Travel(ArmMotion):
+    """A move between two places of rest; what still moves when it begins is stopped first."""
+
+    def __init__(self, speed: float, acceleration: float) -> None:
+        self._speed = _positive("speed", speed)
+        self._acceleration = _positive("acceleration", acceleration)
+        self._elapsed_s = 0.0
+        self._profile: StageAxis | None = None
+
+    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        """See `ArmMotion.advance`."""
+        if self._profile is None:
+            if not state.resting:
+                return self._brake(state, dt_s)
+            self._profile = StageAxis(acceleration_m_s2=self._acceleration, max_speed_m_s=self._speed)
+            self._profile.move_to(0.0, self._begin(state), self._speed)
+        self._elapsed_s += dt_s
+        left_s = self._profile.arrival_s - self._elapsed_s
+        self.done = left_s <= -dt_s  # the step that ends at rest comes after the last one that moved
+        share = 1.0 if left_s <= 0.0 else self._profile.position(self._elapsed_s) / self._profile.target_m
+        return self._at(state, share)
+
+    @abstractmethod
+    def _brake(self, state: Arm, dt_s: float) -> tuple[Array, Array]: ...
+
+    @abstractmethod
+    def _begin(self, state: Arm) -> float:
+        """Take the start from `state`; the length of the way."""
+
+    @abstractmethod
+    def _at(self, state: Arm, share: float) -> tuple[Array, Array]: ...
+
+
+class ToolMove(_Travel):
+    """Carries the tool along a line (`movel`).
 
     Args:
         target: Transform of the tool, (4, 4).
@@ -186,29 +340,49 @@ class ToolMove(ArmMotion):
     """
 
     def __init__(self, target: Array, speed_m_s: float, acceleration_m_s2: float) -> None:
-        self._speed = _positive("speed", speed_m_s)
-        self._acceleration = _positive("acceleration", acceleration_m_s2)
-        self._elapsed_s = 0.0
-        self._profile: StageAxis | None = None
+        super().__init__(speed_m_s, acceleration_m_s2)
         self._target = target
         self._start = self._way = target
 
-    def advance(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
-        """See `ArmMotion.advance`."""
-        if self._profile is None:
-            if not state.resting:
-                return ToolSpeed(np.zeros(6), self._acceleration).advance(state, dt_s)
-            self._start = state.transform
-            self._way = difference(self._start, self._target)
-            length = max(float(np.linalg.norm(self._way[:3])), float(np.linalg.norm(self._way[3:])))
-            self._profile = StageAxis(acceleration_m_s2=self._acceleration, max_speed_m_s=self._speed)
-            self._profile.move_to(0.0, length, self._speed)
-        self._elapsed_s += dt_s
-        left_s = self._profile.arrival_s - self._elapsed_s
-        self.done = left_s <= -dt_s  # the step that ends at rest comes after the last one that moved
-        share = 1.0 if left_s <= 0.0 else self._profile.position(self._elapsed_s) / self._profile.target_m
+    def _brake(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        return ToolSpeed(np.zeros(6), self._acceleration).advance(state, dt_s)
+
+    def _begin(self, state: Arm) -> float:
+        self._start = state.transform
+        self._way = difference(self._start, self._target)
+        return max(float(np.linalg.norm(self._way[:3])), float(np.linalg.norm(self._way[3:])))
+
+    def _at(self, state: Arm, share: float) -> tuple[Array, Array]:
         transform = displaced(self._start, self._way * share)
         return arm.track(state.joints_rad, transform, state.tool), transform
+
+
+class JointMove(_Travel):
+    """Carries the joints to angles, all arriving together (`movej`).
+
+    Args:
+        target_rad: Shape (6,).
+        speed_rad_s: Of the joint that has farthest to go.
+        acceleration_rad_s2: Likewise.
+    """
+
+    def __init__(
+        self, target_rad: Sequence[float] | Array, speed_rad_s: float, acceleration_rad_s2: float
+    ) -> None:
+        super().__init__(speed_rad_s, acceleration_rad_s2)
+        self._target = np.array(target_rad, dtype=np.float64)
+        self._start = self._target
+
+    def _brake(self, state: Arm, dt_s: float) -> tuple[Array, Array]:
+        return JointSpeed(np.zeros(arm.JOINTS), self._acceleration).advance(state, dt_s)
+
+    def _begin(self, state: Arm) -> float:
+        self._start = state.joints_rad
+        return float(np.abs(self._target - self._start).max())
+
+    def _at(self, state: Arm, share: float) -> tuple[Array, Array]:
+        joints = self._start + (self._target - self._start) * share
+        return joints, arm.forward(joints, state.tool)
 
 
 def _share(wanted: float, allowed: float) -> float:

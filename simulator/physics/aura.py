@@ -162,9 +162,12 @@ class AuraPlant:
         return 20.0 * gaussian_at(self.key, STREAM_TRIAL, numbers).reshape(FINGERS, -1)
 
     def response(self, finger: int, frequency_hz: Floats) -> Complexes:
-        """What of a drive gets through a finger and back, 1 where that is best, shape (n,)."""
-        ratio = np.maximum(frequency_hz, 1.0) / self.settings.resonance_hz[finger]
-        return np.asarray(1.0 / (1.0 + 1j * self.settings.quality * (ratio - 1.0 / ratio)), np.complex128)
+        """What of a drive gets through a finger and back, 1 where that is best (of two: where one is), shape (n,)."""
+        found = np.ones(len(frequency_hz), dtype=np.complex128)
+        for resonance_hz in self._resonances_hz(finger):
+            ratio = np.maximum(frequency_hz, 1.0) / resonance_hz
+            found *= 1.0 / (1.0 + 1j * self.settings.quality * (ratio - 1.0 / ratio))
+        return found
 
     def field(
         self,
@@ -195,8 +198,10 @@ class AuraPlant:
         if self._thing is not None and np.isfinite(motion.gap_m).all():
             between, gaps_m = self._shape, np.maximum(motion.gap_m, 0.0).sum(axis=1)
         crossings(motion.width_m, gaps_m, motion.y_m, motion.z_m, wave_rad_m, between, self._air, crossed)
+        drift_clock = 2.0 * math.pi * 1e-6 * settings.drive_ppm * frequency_hz * times_s
+        turned = level * np.exp(1j * drift_clock) if settings.drive_ppm else level
         out = np.zeros((len(times_s), FINGERS), dtype=np.complex128)
-        passed: dict[float, Complexes] = {}
+        passed: dict[tuple[float, ...], Complexes] = {}
         for finger in fingers:
             received = self._bridge(finger, times_s, warmed_k) + settings.cross_fs * crossed
             if self._strength > 0.0 and np.isfinite(motion.gap_m[:, finger]).any():
@@ -214,11 +219,15 @@ class AuraPlant:
             pressed_n = motion.force_n[:, finger]
             if self._coupled and pressed_n.any():
                 received -= self._coupled * np.expm1(-pressed_n / settings.force_n)
-            resonance_hz = settings.resonance_hz[finger]
-            if resonance_hz not in passed:  # as a rule one for both
-                passed[resonance_hz] = self.response(finger, frequency_hz)
-            out[:, finger] = level * self._gains[finger] * passed[resonance_hz] * received
+            resonances_hz = self._resonances_hz(finger)
+            if resonances_hz not in passed:  # as a rule one for both
+                passed[resonances_hz] = self.response(finger, frequency_hz)
+            out[:, finger] = turned * self._gains[finger] * passed[resonances_hz] * received
         return out
+
+    def _resonances_hz(self, finger: int) -> tuple[float, ...]:
+        settings = self.settings
+        return tuple(pair[finger] for pair in (settings.resonance_hz, settings.second_hz) if pair is not None)
 
     def envelope(
         self,

@@ -214,6 +214,10 @@ class AuraPlantSettings(Settings):
     quality: float = Field(default=25.0, gt=0.5, le=1000.0)
     """Sharpness of that."""
 
+    second_hz: Pair | None = None
+    """A second resonance, as sharp; None is one alone. What is sent and what is received pass through both, as in
+    `controller.signals.transducer`: a pair sold for 40 kHz peaks at 40.4 to 40.5 kHz with a sharpness of 45."""
+
     force_n: float = Field(default=0.5, ge=1e-6, le=100.0)
     """Force at which the coupling has done 63 % of its change; the weight of a tenth of a milligram at the least."""
 
@@ -227,6 +231,9 @@ class AuraPlantSettings(Settings):
     motion_fs: float = Field(default=2e-4, ge=0.0, le=0.1)
     """Standard deviation of what a mechanism that moves at 0.01 m/s does to I or Q at full drive: it shakes the
     bridge's balance, more so with the root of the speed ("spread out over various frequencies", III.C)."""
+
+    drive_ppm: float = Field(default=0.0, ge=-1000.0, le=1000.0)
+    """By how much the drive's clock is faster than the converter's; 0 is one clock for both."""
 
     room: RoomSettings = RoomSettings()
     """Around it."""

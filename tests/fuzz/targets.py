@@ -55,7 +55,8 @@ from simulator.devices.barrett_hand import EmulatedBarrettHand
 from simulator.devices.dsa_matrix import EmulatedDsaMatrix
 from simulator.devices.sensor_board import EmulatedSensorBoard
 from simulator.devices.slcan import EmulatedSlcan
-from simulator.devices.ur_controller.controller import UrController
+from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
+from simulator.devices.ur_controller.rtde import PackageError
 from simulator.devices.ur_controller.session import DashboardSession, RtdeSession, ScriptSession
 from simulator.devices.zaber_stage import EmulatedZaberStage
 from simulator.mocks.base import MemoryLine
@@ -254,9 +255,9 @@ def _dsacon_seeds() -> Iterable[bytes]:
 
 
 def _rtde(data: bytes) -> None:
-    controller = UrController()
+    controller = UrController(UrControllerSettings())
     session = RtdeSession(controller, set())
-    with suppress(CodecError):
+    with suppress(PackageError):
         for piece in _halves(data):
             session.feed(piece)
             controller.step()
@@ -277,9 +278,9 @@ def _rtde_seeds() -> Iterable[bytes]:
 
 
 def _script(data: bytes) -> None:
-    controller = UrController()
+    controller = UrController(UrControllerSettings())
     for session in (ScriptSession(controller), DashboardSession(controller)):
-        with suppress(CodecError):
+        with suppress(PackageError):
             for piece in _halves(data):
                 session.feed(piece)
         session.close()

@@ -87,7 +87,7 @@ def test_closing_stops_the_arm_before_the_process_ends(hand: Callable[..., Hand]
     one = hand()
     one.set_out(MoveAt("arm", 0.02, 0.04))
     one.arm.close()
-    state = one.emulated.until(lambda state: not state["playing"])
+    state = one.emulated.until(lambda state: state["runtime"] == "STOPPED")
     assert resting(state)
     assert all("watchdog" not in line for line in state["log"])
     one.arm.close()
@@ -101,7 +101,7 @@ def test_a_protective_stop_is_a_stall_and_home_recovers(hand: Callable[..., Hand
     one.do(MoveTo("arm", 0.0, 0.02), Refused)
     one.do(Stop("arm"), Standstill)
     one.do(Home("arm"), Reached)
-    assert one.emulated.order()["playing"]
+    assert one.emulated.order()["runtime"] == "PLAYING"
 
 
 def test_an_emergency_stop_is_a_stall_that_home_does_not_undo(hand: Callable[..., Hand]) -> None:

@@ -123,7 +123,7 @@ def test_a_program_whose_loop_hangs_leaves_an_arm_that_stops_and_learns_why(
         # 10 mm/s for the bound and for what a busy machine may be late; 1 ms of way for every 0.1 s.
         way_m = float(np.linalg.norm(np.array(state["pose"][:3]) - before))
         assert 0.003 < way_m < 0.01 * (0.4 + 0.2)
-        assert state["playing"], "it was braked, not halted"
+        assert state["runtime"] == "PLAYING", "it was braked, not halted"
         assert "has not looked at it" in one.await_(Stalled).reason
         assert one.do(MoveTo("arm", again, 0.05), Reached).position_m == pytest.approx(again, abs=1e-4)
 
@@ -152,4 +152,4 @@ def test_a_host_that_dies_or_hangs_leaves_an_arm_that_stops(
         host.kill()
         host.wait()
         host.stdout.close()
-    emulated.until(lambda state: not state["playing"])
+    emulated.until(lambda state: state["runtime"] == "STOPPED")

@@ -10,7 +10,6 @@ or at Ctrl+C. Keys it obeys:
 """
 
 import json
-import math
 import os
 import select
 import sys
@@ -20,10 +19,10 @@ import click
 from pydantic import Field, ValidationError
 
 from drivers.core.settings import Settings
-from simulator.devices.ur_controller.controller import UrController
-from simulator.devices.ur_controller.server import HOST, UrServer
+from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
+from simulator.devices.ur_controller.server import UrServer
+from simulator.physics.arm_motion import StiffPlane
 from simulator.wiring.bench_clock import BenchClock, Pace
-from tests.simulator.devices.ur_desk import plane
 
 
 class Order(Settings):
@@ -76,27 +75,27 @@ def obey(server: UrServer, order: Order) -> dict[str, object]:
         server.close()
     return {
         "t_s": controller.t_s,
-        "playing": controller.playing,
+        "runtime": controller.runtime.name,
         "safety": controller.safety.name,
         "pose": controller.arm.pose.tolist(),
         "twist": controller.arm.twist.tolist(),
+        "obeyed": dict(controller.obeyed),
         "log": list(controller.log),
     }
 
 
 @click.command()
-@click.option("--settings", default="{}", help="JSON: host, and of `UrController` unlock_s and its noise.")
+@click.option("--settings", default="{}", help="UrControllerSettings as JSON.")
 @click.option("--plane-m", type=float, default=None, help="Height of a stiff plane above the base, metres.")
 def main(settings: str, plane_m: float | None) -> None:
     """Serve one emulated controller until standard input ends."""
-    given = json.loads(settings)
-    host = given.pop("host", HOST)
-    touched = plane(-math.inf if plane_m is None else plane_m)
-    server = UrServer(lambda: UrController(wrench=touched, **given), host)
+    found = UrControllerSettings.model_validate_json(settings)
+    plane = StiffPlane() if plane_m is None else StiffPlane(height_m=plane_m)
+    server = UrServer(UrController(found, plane))
     pace = Pace()
     server.clock = BenchClock(pace.page)
     server.open()
-    click.echo(json.dumps({"arm": {"host": host}, "clock": pace.page.path}))
+    click.echo(json.dumps({"arm": {"host": found.host}, "clock": pace.page.path}))
     pending = b""
     try:
         while True:

@@ -25,47 +25,48 @@ def registers(way: str) -> dict[str, str]:
     }
 
 
-IN_I, IN_F, OUT_I, OUT_F = (
-    [f"{way}_{kind}_register_{number}" for number in range(24)]
-    for way in ("input", "output")
-    for kind in ("int", "double")
-)
-"""Those that the client's script uses: the lower half."""
-
-COMMAND = IN_I[0]
-
-
 class Registers:
-    """Input registers to read, output registers to write.
+    """Input registers to read, output registers to write, from a first one on.
 
     Args:
         inputs: By RTDE name.
         outputs: By RTDE name.
+        offset: Number of the first: 0 or 24.
     """
 
-    def __init__(self, inputs: Mapping[str, Value], outputs: MutableMapping[str, Value]) -> None:
+    def __init__(self, inputs: Mapping[str, Value], outputs: MutableMapping[str, Value], offset: int) -> None:
         self._inputs, self._outputs = inputs, outputs
+        numbers = range(offset, offset + 24)
+        self.command = f"input_int_register_{offset}"
+        self._in_i = [f"input_int_register_{number}" for number in numbers]
+        self._in_f = [f"input_double_register_{number}" for number in numbers]
+        self._out_i = [f"output_int_register_{number}" for number in numbers]
+        self._out_f = [f"output_double_register_{number}" for number in numbers]
         self._writes = self._operation = 0
 
     def i(self, number: int) -> int:
         """An integer input."""
-        return cast(int, self._inputs[IN_I[number]])
+        return cast(int, self._inputs[self._in_i[number]])
 
     def f(self, number: int) -> float:
         """A double input."""
-        return cast(float, self._inputs[IN_F[number]])
+        return cast(float, self._inputs[self._in_f[number]])
 
-    def vector(self) -> Array:
-        """The first six double inputs."""
-        return np.array([self._inputs[name] for name in IN_F[:6]])
+    def vector(self, first: int = 0) -> Array:
+        """Six double inputs."""
+        return np.array([self._inputs[name] for name in self._in_f[first : first + 6]])
 
     def output(self, number: int, value: int) -> None:
         """Set an integer output."""
-        self._outputs[OUT_I[number]] = value
+        self._outputs[self._out_i[number]] = value
+
+    def answer(self, value: int) -> None:
+        """The integer result of a command."""
+        self.output(1, int(value))
 
     def report(self, values: Sequence[float] | Array) -> None:
         """The result of a command that has several numbers."""
-        for name, value in zip(OUT_F, values, strict=False):
+        for name, value in zip(self._out_f, values, strict=False):
             self._outputs[name] = float(value)
 
     def progress(self, value: int) -> None:

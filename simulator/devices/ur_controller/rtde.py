@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from drivers.core.errors import CodecError
 from simulator.physics.rigid import Array
 
 PROTOCOL_VERSION = 2
@@ -73,32 +72,48 @@ class PackageKind(IntEnum):
     PAUSE = 80
 
 
-def decode_row(names: Sequence[str], types: Sequence[str], body: bytes) -> dict[str, Value]:
-    """The values of the inputs of a recipe, from a data package's body, recipe id included.
+class PackageError(ValueError):
+    """Bytes that are no RTDE package."""
 
-    Raises:
-        CodecError: of another length than the recipe's.
+
+class Recipe:
+    """An agreed list of inputs, received as one data package.
+
+    Args:
+        number: The recipe's id, from 1 on.
     """
-    if len(body) != 1 + size(types):
-        raise CodecError(f"recipe {body[0]} has {1 + size(types)} bytes, not {len(body)}")
-    values: dict[str, Value] = {}
-    offset = 1
-    for name, kind in zip(names, types, strict=True):
-        layout = ">" + _FORMATS[kind]
-        fields = struct.unpack_from(layout, body, offset)
-        values[name] = fields[0] if len(fields) == 1 else fields
-        offset += struct.calcsize(layout)
-    return values
+
+    def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
+        self.number = number
+        self.names = tuple(names)
+        self._layouts = [struct.Struct(">" + _FORMATS[kind]) for kind in types]
+        self._size = 1 + sum(layout.size for layout in self._layouts)
+
+    def decode(self, body: bytes) -> dict[str, Value]:
+        """The values of a data package's body, recipe id included.
+
+        Raises:
+            PackageError: of another length than the recipe's.
+        """
+        if len(body) != self._size:
+            raise PackageError(f"recipe {self.number} has {self._size} bytes, not {len(body)}")
+        values: dict[str, Value] = {}
+        offset = 1
+        for name, layout in zip(self.names, self._layouts, strict=True):
+            fields = layout.unpack_from(body, offset)
+            values[name] = fields[0] if len(fields) == 1 else fields
+            offset += layout.size
+        return values
 
 
 def encode(kind: PackageKind, body: bytes = b"") -> bytes:
     """A package.
 
     Raises:
-        CodecError: larger than a package can be.
+        PackageError: larger than a package can be.
     """
     if len(body) > LARGEST_BODY:
-        raise CodecError(f"{len(body)} bytes do not fit a package")
+        raise PackageError(f"{len(body)} bytes do not fit a package")
     return _HEADER.pack(_HEADER.size + len(body), kind) + body
 
 
@@ -106,12 +121,12 @@ def take(buffer: bytearray) -> Iterator[tuple[int, bytes]]:
     """Take the complete packages off the front of `buffer`: kind and body of each.
 
     Raises:
-        CodecError: a size that leaves no room for the header.
+        PackageError: a size that leaves no room for the header.
     """
     while len(buffer) >= _HEADER.size:
         size, kind = _HEADER.unpack_from(buffer)
         if size < _HEADER.size:
-            raise CodecError(f"a package of {size} bytes")
+            raise PackageError(f"a package of {size} bytes")
         if len(buffer) < size:
             return
         body = bytes(buffer[_HEADER.size : size])
@@ -128,13 +143,13 @@ def outputs_request(body: bytes) -> tuple[float, list[str]]:
     """The rate in hertz and the variables that a setup of outputs requests.
 
     Raises:
-        CodecError: too short, or no rate.
+        PackageError: too short, or no rate.
     """
     if len(body) < _FREQUENCY.size:
-        raise CodecError("a setup of outputs without a rate")
+        raise PackageError("a setup of outputs without a rate")
     (rate_hz,) = _FREQUENCY.unpack_from(body)
     if not math.isfinite(rate_hz):
-        raise CodecError(f"a setup of outputs at {rate_hz} Hz")
+        raise PackageError(f"a setup of outputs at {rate_hz} Hz")
     return rate_hz, names(body[_FREQUENCY.size :])
 
 

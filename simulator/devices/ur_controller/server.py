@@ -1,4 +1,4 @@
-"""The controller on four TCP ports of a loopback address, in step with the wall clock.
+"""The controller on five TCP ports of a loopback address, in step with the wall clock.
 
 The server belongs in a process of its own: the client holds its interpreter's lock while it connects.
 """
@@ -12,19 +12,16 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from drivers.core.clock import Clock, WallClock
-from drivers.core.errors import CodecError
 from simulator.devices.tcp_clients import TcpClients
 from simulator.devices.ur_controller.controller import UrController
-from simulator.devices.ur_controller.primary import PrimarySession
+from simulator.devices.ur_controller.primary import PrimarySession, greeting
+from simulator.devices.ur_controller.rtde import PackageError
 from simulator.devices.ur_controller.script import STEP_S
 from simulator.devices.ur_controller.session import GREETING, DashboardSession, RtdeSession, ScriptSession
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
-PRIMARY_PORT = 30001
+PRIMARY_PORT, SECONDARY_PORT = 30001, 30002
 """Ports of a controller (script manual, client interface manual)."""
-
-HOST = "127.0.0.2"
-"""Where it listens if nobody says otherwise: the client skips its remote-control check at 127.0.0.1."""
 
 BACKLOG_STEPS = 250
 """Cycles that a delayed server makes up for; beyond half a second it gives up (assumption)."""
@@ -45,10 +42,6 @@ Session = RtdeSession | ScriptSession | DashboardSession
 class UrServer:
     """A controller that listens.
 
-    Args:
-        make: Makes it, as often as it is switched on.
-        host: Loopback address.
-
     Attributes:
         deaf: True makes it accept RTDE connections and answer none.
         streams: False makes it send no data packages.
@@ -58,13 +51,12 @@ class UrServer:
         bench_s: The surroundings' time of a host time.
     """
 
-    def __init__(self, make: Callable[[], UrController], host: str = HOST) -> None:
-        self._make = make
-        self.controller = make()
+    def __init__(self, controller: UrController) -> None:
+        self.controller = controller
         self.deaf = False
         self.streams = True
         self.silent_until_s = 0.0
-        self.host = host
+        self.host = controller.settings.host
         self.next_s = 0.0
         self.clock: Clock = WallClock()
         self.bench_s: Callable[[float], float] = lambda host_s: host_s
@@ -87,7 +79,7 @@ class UrServer:
         """Listen.
 
         Args:
-            hosts: Addresses to choose from: the first with all ports free. None: its own.
+            hosts: Addresses to choose from: the first with all ports free. None: that of the settings.
 
         Raises:
             OSError: a port of every address is taken.
@@ -103,6 +95,7 @@ class UrServer:
         kinds: dict[int, Callable[[], Session]] = {
             RTDE_PORT: lambda: RtdeSession(self.controller, self._taken),
             PRIMARY_PORT: lambda: PrimarySession(self.controller),
+            SECONDARY_PORT: lambda: PrimarySession(self.controller),
             SCRIPT_PORT: lambda: ScriptSession(self.controller),
             DASHBOARD_PORT: lambda: DashboardSession(self.controller),
         }
@@ -124,7 +117,7 @@ class UrServer:
         """Switch the controller off and on: every connection is gone, and time is zero."""
         for connection in list(self._sessions):
             self._clients.drop(connection)
-        self.controller = self._make()
+        self.controller = UrController(self.controller.settings, self.controller.surroundings)
         self.deaf, self.streams, self.silent_until_s = False, True, 0.0
 
     def turn(self, wait_s: float = 0.0, now_s: float | None = None) -> None:
@@ -185,6 +178,8 @@ class UrServer:
         session = self._sessions[connection] = self._listeners[listener]()
         if isinstance(session, DashboardSession):
             self._clients.send(connection, GREETING)
+        elif isinstance(session, PrimarySession):
+            self._clients.send(connection, greeting(self.controller))
 
     def _receive(self, connection: socket.socket) -> None:
         session = self._sessions.get(connection)
@@ -193,7 +188,7 @@ class UrServer:
             return
         try:
             self._clients.send(connection, session.feed(data))
-        except CodecError as error:
+        except PackageError as error:
             self._clients.drop(connection, str(error))
         except Exception as error:  # a defect, and this client's alone: the others are served
             traceback.print_exc(file=sys.stderr)

@@ -9,13 +9,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from drivers.core.errors import CodecError
 from simulator.devices.ur_controller import rtde
-from simulator.devices.ur_controller.controller import SERIAL, VERSION, Safety, UrController
+from simulator.devices.ur_controller.controller import Runtime, Safety, UrController
 from simulator.devices.ur_controller.registers import registers
-from simulator.devices.ur_controller.rtde import PackageKind, Value
+from simulator.devices.ur_controller.rtde import PackageError, PackageKind, Recipe, Value
 from simulator.devices.ur_controller.script import STEP_S
-from simulator.physics import rigid
+from simulator.physics import arm, rigid
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 500.0
 """Rates of the stream on an e-Series; requests beyond are clipped to them (RTDE guide)."""
@@ -45,7 +44,7 @@ class RtdeSession:
         self._taken = taken
         self._own: set[str] = set()
         self._buffer = bytearray()
-        self._inputs: list[tuple[list[str], list[str]]] = []
+        self._inputs: list[Recipe] = []
         self._outputs: list[Piece] = []
         self._every_steps = 1
         self._steps = 0
@@ -59,7 +58,7 @@ class RtdeSession:
         """Take bytes, answer with bytes.
 
         Raises:
-            CodecError: these are no RTDE packages, or none that can be answered.
+            PackageError: these are no RTDE packages, or none that can be answered.
         """
         self._buffer += data
         return b"".join(self._handle(kind, body) for kind, body in rtde.take(self._buffer))
@@ -82,7 +81,7 @@ class RtdeSession:
                 version = int.from_bytes(body, "big")
                 return rtde.accepted(PackageKind.PROTOCOL, version == rtde.PROTOCOL_VERSION)
             case PackageKind.CONTROLLER:
-                version_numbers = [int(part) for part in VERSION.split(".")]
+                version_numbers = [int(part) for part in self._controller.settings.version.split(".")]
                 return rtde.version_reply(version_numbers)
             case PackageKind.OUTPUTS:
                 return self._set_up_outputs(body)
@@ -110,7 +109,7 @@ class RtdeSession:
             return rtde.setup_reply(PackageKind.INPUTS, 0, types)
         self._own.update(names)
         self._taken.update(names)
-        self._inputs.append((names, types))
+        self._inputs.append(Recipe(len(self._inputs) + 1, names, types))
         return rtde.setup_reply(PackageKind.INPUTS, len(self._inputs), types)
 
     def _input_type(self, name: str) -> str:
@@ -123,8 +122,8 @@ class RtdeSession:
             self._controller.log.append(f"data for recipe {number}, which does not exist")
             return
         try:
-            self._controller.write_inputs(rtde.decode_row(*self._inputs[number - 1], body))
-        except CodecError as error:
+            self._controller.write_inputs(self._inputs[number - 1].decode(body))
+        except rtde.PackageError as error:
             self._controller.log.append(str(error))
 
 
@@ -150,7 +149,7 @@ class ScriptSession:
         """Take a piece of a program, and start the program when its last line is there.
 
         Raises:
-            CodecError: longer than a program may be.
+            PackageError: longer than a program may be.
         """
         looked = max(0, len(self._text) - len(_END))
         self._text += data
@@ -160,7 +159,7 @@ class ScriptSession:
             looked = 0
             self._start(lines)
         if len(self._text) > PROGRAM_BYTES:
-            raise CodecError(f"a program of more than {PROGRAM_BYTES} bytes")
+            raise rtde.PackageError(f"a program of more than {PROGRAM_BYTES} bytes")
         return b""
 
     def close(self) -> None:
@@ -170,19 +169,16 @@ class ScriptSession:
         # The client writes the offset at the head of the line after the one that requests it.
         heads = [after for line, after in pairwise(lines) if line.endswith("# int register offset")]
         digits = heads[0].split()[0] if heads and heads[0].split() else ""
-        if lines[0] != "def rtde_control():" or digits != "0":
+        if lines[0] != "def rtde_control():" or digits not in ("0", "24"):
             self._controller.log.append(
                 f"program refused: {lines[0][:60]!r} is not the client's control script"
             )
             return
-        self._controller.start_program()
+        self._controller.start_program(int(digits))
 
 
 POWERED_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1
 """`robot_status_bits`."""
-
-STOPPED, PLAYING = 1, 2
-"""`runtime_state` (RTDE guide)."""
 
 
 Output = tuple[str, Value | Callable[[UrController], Value]]
@@ -191,7 +187,7 @@ Output = tuple[str, Value | Callable[[UrController], Value]]
 _TABLE: dict[str, Any] = tomllib.loads(Path(__file__).with_name("variables.toml").read_text("utf-8"))
 
 INPUTS: dict[str, str] = {**registers("input"), **_TABLE["inputs"]}
-"""Type of each input. Those beside the registers are taken and change nothing."""
+"""Type of each input. `external_force_torque` is taken and changes nothing: no program here can select it."""
 
 
 def _register(way: str, name: str) -> Callable[[UrController], Value]:
@@ -218,6 +214,8 @@ OUTPUTS: dict[str, Output] = {
     "target_TCP_speed": ("VECTOR6D", lambda c: c.arm.twist),
     "tcp_force_scalar": ("DOUBLE", lambda c: math.hypot(*c.force[:3])),
     "tcp_offset": ("VECTOR6D", lambda c: rigid.pose(c.arm.tool)),
+    "elbow_position": ("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[0]),
+    "elbow_velocity": ("VECTOR3D", lambda c: arm.elbow(c.arm.joints_rad, c.arm.joint_speeds_rad_s)[1]),
     "ft_raw_wrench": ("VECTOR6D", lambda c: c.raw_force),
     "payload": ("DOUBLE", lambda c: c.payload[0]),
     "payload_cog": ("VECTOR3D", lambda c: c.payload[1:]),
@@ -226,9 +224,16 @@ OUTPUTS: dict[str, Output] = {
     "safety_status_bits": ("UINT32", lambda c: c.safety.bits),
     "robot_status_bits": (
         "UINT32",
-        lambda c: POWERED_ON | PROGRAM_RUNNING * c.playing,
+        lambda c: POWERED_ON | (PROGRAM_RUNNING if c.runtime is c.runtime.PLAYING else 0),
     ),
-    "runtime_state": ("UINT32", lambda c: PLAYING if c.playing else STOPPED),
+    "runtime_state": ("UINT32", lambda c: int(c.runtime)),
+    "speed_scaling": ("DOUBLE", lambda c: c.arm.scaling),
+    "target_speed_fraction": ("DOUBLE", lambda c: c.panel.slider),
+    "actual_digital_output_bits": ("UINT64", lambda c: c.panel.digital_bits),
+    "actual_configurable_digital_output_bits": ("UINT64", lambda c: c.panel.digital_bits >> 8 & 0xFF),
+    "analog_io_types": ("UINT32", lambda c: c.panel.analog_types),
+    "standard_analog_output0": ("DOUBLE", lambda c: c.panel.analog(0)),
+    "standard_analog_output1": ("DOUBLE", lambda c: c.panel.analog(1)),
     **{
         name: (kind, _register(way, name))
         for way in ("input", "output")
@@ -256,15 +261,19 @@ def _unlock(controller: UrController) -> str:
     return "Protective stop releasing" if free else TOO_EARLY
 
 
+def _playing(controller: UrController) -> bool:
+    return controller.runtime is Runtime.PLAYING
+
+
 _ANSWERS: dict[str, Callable[[UrController], str]] = {
-    "polyscopeversion": lambda c: f"URSoftware {VERSION} (Sep 30 2021)",
-    "get serial number": lambda c: SERIAL,
+    "polyscopeversion": lambda c: f"URSoftware {c.settings.version} (Sep 30 2021)",
+    "get serial number": lambda c: c.settings.serial,
     "get robot model": lambda c: "UR5",
     "is in remote control": lambda c: str(c.remote).lower(),
     "robotmode": lambda c: "Robotmode: RUNNING",
     "safetystatus": lambda c: f"Safetystatus: {c.safety.name}",
-    "running": lambda c: f"Program running: {str(c.playing).lower()}",
-    "programstate": lambda c: f"{'PLAYING' if c.playing else 'STOPPED'} <unnamed>",
+    "running": lambda c: f"Program running: {str(_playing(c)).lower()}",
+    "programstate": lambda c: f"{'PLAYING' if _playing(c) else 'STOPPED'} <unnamed>",
     "stop": _stop,
     "unlock protective stop": _unlock,
     "close safety popup": lambda c: "closing safety popup",
@@ -289,11 +298,11 @@ class DashboardSession:
         """Take bytes, answer each whole line with a line.
 
         Raises:
-            CodecError: longer than a line may be.
+            PackageError: longer than a line may be.
         """
         *lines, rest = (self._buffer + data).split(b"\n")
         if max(map(len, [*lines, rest])) > LINE_BYTES:
-            raise CodecError(f"a line of more than {LINE_BYTES} bytes")
+            raise PackageError(f"a line of more than {LINE_BYTES} bytes")
         self._buffer = rest
         return b"".join(
             self._answer(line.decode("utf-8", "replace").strip()).encode() + b"\n" for line in lines

@@ -6,11 +6,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from simulator.devices.ur_controller.controller import Safety, UrController
+from simulator.devices.ur_controller.controller import Runtime, Safety, UrController
 from simulator.devices.ur_controller.session import DashboardSession
-from tests.simulator.devices.ur_desk import Desk, desk
+from tests.simulator.devices.ur_desk import Desk, desk, down
 
-MOVE_L, SPEED_L, SET_TOOL, WATCHDOG = 3, 10, 29, 35
+MOVE_L, SPEED_L, SET_TOOL, PROTECTIVE_STOP, STOP_L, WATCHDOG = 3, 10, 29, 31, 33, 35
+JOG, JOG_STOP, FIND_JOINTS, IS_STEADY, UNTIL_CONTACT = 41, 42, 46, 47, 51
 
 
 @pytest.fixture
@@ -18,13 +19,14 @@ def make() -> Callable[..., Desk]:
     return desk
 
 
-def test_a_second_mover_during_a_tool_speed_ends_the_program(make: Callable[..., Desk]) -> None:
+@pytest.mark.parametrize("command", [MOVE_L, STOP_L, UNTIL_CONTACT])
+def test_a_second_mover_during_a_tool_speed_ends_the_program(make: Callable[..., Desk], command: int) -> None:
     desk = make()
     desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
     desk.run(50)
-    desk.write(MOVE_L, [*desk.pose, 0.05, 0.5])
+    desk.write(command, [*desk.pose, 0.05, 0.5, 0.0, 0.0, 0.0, 0.0, 0.5])
     desk.run(50)
-    assert not desk.controller.playing
+    assert desk.controller.runtime is Runtime.STOPPED
     assert "another thread is already controlling the robot" in desk.controller.log[-1]
     assert desk.controller.arm.resting
 
@@ -34,9 +36,9 @@ def test_the_watchdog_stops_an_arm_whose_client_is_gone(make: Callable[..., Desk
     desk.call(WATCHDOG, [10.0])
     desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
     desk.run(45)
-    assert desk.controller.playing
+    assert desk.controller.runtime is Runtime.PLAYING
     desk.run(20)
-    assert not desk.controller.playing
+    assert desk.controller.runtime is Runtime.STOPPED
     assert desk.controller.arm.resting
     assert "watchdog" in desk.controller.log[-1]
 
@@ -47,7 +49,7 @@ def test_a_client_that_kicks_the_watchdog_keeps_its_program(make: Callable[..., 
     for _ in range(20):
         desk.write(0)
         desk.run(40)
-    assert desk.controller.playing
+    assert desk.controller.runtime is Runtime.PLAYING
 
 
 def test_a_speed_that_was_left_in_the_registers_moves_the_arm_when_the_script_starts_again(
@@ -59,9 +61,28 @@ def test_a_speed_that_was_left_in_the_registers_moves_the_arm_when_the_script_st
     desk.controller.stop_program("asked for")
     desk.run(50)
     assert desk.controller.arm.resting
-    desk.controller.start_program()
+    desk.controller.start_program(0)
     desk.run(50)
     assert not desk.controller.arm.resting
+
+
+def test_a_contact_from_another_side_does_not_count(make: Callable[..., Desk]) -> None:
+    desk = make(plane_m=0.179)
+    desk.call(MOVE_L, [*down(desk, 0.002), 0.01, 0.5])
+    assert desk.controller.force[2] > 5.0
+    assert desk.controller.contact_steps([0.0, 0.0, 1.0]) == 0
+    assert desk.controller.contact_steps([0.0, 0.0, -1.0]) > 0
+
+
+def test_jogging_in_the_tool_s_frame_goes_along_the_tool(make: Callable[..., Desk]) -> None:
+    desk = make()
+    start, axis = desk.pose.copy(), desk.controller.arm.transform[:3, 2].copy()
+    desk.call(JOG, [0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0, 0.5, *[0.0] * 6])
+    desk.run(200)
+    desk.call(JOG_STOP)
+    way = desk.pose[:3] - start[:3]
+    assert way / np.linalg.norm(way) == pytest.approx(axis, abs=1e-6)
+    assert desk.controller.arm.resting
 
 
 def test_another_tool_point_is_reported_from_then_on(make: Callable[..., Desk]) -> None:
@@ -71,8 +92,8 @@ def test_another_tool_point_is_reported_from_then_on(make: Callable[..., Desk]) 
     assert desk.pose[2] == pytest.approx(height_m - 0.1, abs=1e-6)
 
 
-def test_the_force_noise_has_its_setting_and_is_the_same_each_time(make: Callable[..., Desk]) -> None:
-    desk, twin = make(force_noise_n=0.5), make(force_noise_n=0.5)
+def test_the_force_noise_has_its_setting_and_its_seed(make: Callable[..., Desk]) -> None:
+    desk, twin = make(force_noise_n=0.5, seed=7), make(force_noise_n=0.5, seed=7)
     forces = []
     for _ in range(2000):
         desk.controller.step()
@@ -80,6 +101,34 @@ def test_the_force_noise_has_its_setting_and_is_the_same_each_time(make: Callabl
         assert (desk.controller.force == twin.controller.force).all()
         forces.append(desk.controller.force[0])
     assert np.std(forces) == pytest.approx(0.5, rel=0.1)
+
+
+def test_a_pose_out_of_reach_ends_the_program(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.write(FIND_JOINTS, [5.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    desk.run(5)
+    assert desk.controller.runtime is Runtime.STOPPED
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (12, "servoC"),
+        (45, "movePath"),
+        (56, "ftRtdeInput"),
+        (57, "ExternalFt"),
+        (59, "setGravity"),
+        (99, "unknown"),
+    ],
+)
+def test_a_command_that_is_not_emulated_ends_the_program_with_its_name(
+    make: Callable[..., Desk], command: int, name: str
+) -> None:
+    desk = make()
+    desk.write(command)
+    desk.run(5)
+    assert f"command {command} is not emulated" in desk.controller.log[-1]
+    assert name in desk.controller.log[-1]
 
 
 def test_a_speed_that_is_no_number_is_a_protective_stop(make: Callable[..., Desk]) -> None:
@@ -92,16 +141,16 @@ def test_a_speed_that_is_no_number_is_a_protective_stop(make: Callable[..., Desk
 
 def test_a_protective_stop_keeps_programs_away_until_it_is_unlocked(make: Callable[..., Desk]) -> None:
     desk = make()
-    desk.controller.protective_stop("asked for")
+    desk.write(PROTECTIVE_STOP)
     desk.run(5)
     assert desk.controller.safety.bits & 0b111 == 0b100
-    desk.controller.start_program()
-    assert not desk.controller.playing
+    desk.controller.start_program(0)
+    assert desk.controller.runtime is Runtime.STOPPED
     assert not desk.controller.unlock()
     desk.run(60)
     assert desk.controller.unlock()
-    desk.controller.start_program()
-    assert desk.controller.playing
+    desk.controller.start_program(0)
+    assert desk.controller.runtime is Runtime.PLAYING
 
 
 def test_an_emergency_stop_cannot_be_unlocked_from_afar(make: Callable[..., Desk]) -> None:
@@ -117,6 +166,12 @@ def test_a_move_beyond_the_tool_s_speed_limit_is_a_protective_stop(make: Callabl
     desk.write(SPEED_L, [0.0, 2.5, 0.0, 0.0, 0.0, 0.0, 50.0, 0.002])
     desk.run(100)
     assert desk.controller.safety is Safety.PROTECTIVE_STOP
+
+
+def test_an_arm_that_stands_reports_that_it_is_steady(make: Callable[..., Desk]) -> None:
+    desk = make()
+    desk.call(IS_STEADY)
+    assert desk.controller.outputs["output_int_register_1"] == 1
 
 
 def ask(controller: UrController, line: str) -> str:

@@ -4,11 +4,11 @@ import struct
 
 import pytest
 
-from drivers.core.errors import CodecError
 from simulator.devices.ur_controller import rtde
-from simulator.devices.ur_controller.controller import UrController
-from simulator.devices.ur_controller.rtde import PackageKind
-from simulator.devices.ur_controller.session import OUTPUTS, RtdeSession, ScriptSession
+from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
+from simulator.devices.ur_controller.rtde import PackageError, PackageKind
+from simulator.devices.ur_controller.session import INPUTS, OUTPUTS, RtdeSession, ScriptSession
+from simulator.physics.arm import elbow
 
 PROTOCOL = bytes.fromhex("0005 56 0002")
 PROTOCOL_ACCEPTED = bytes.fromhex("0004 56 01")
@@ -24,7 +24,7 @@ FIRST_ROW = bytes.fromhex("0010 55 01 3f60624dd2f1a9fc 00000001")
 
 @pytest.fixture
 def controller() -> UrController:
-    return UrController()
+    return UrController(UrControllerSettings())
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_another_protocol_version_is_not_accepted(session: RtdeSession) -> None:
 
 
 def test_a_size_without_room_for_its_own_header_is_no_package(session: RtdeSession) -> None:
-    with pytest.raises(CodecError):
+    with pytest.raises(PackageError):
         session.feed(bytes.fromhex("0002 56"))
 
 
@@ -109,14 +109,21 @@ def test_a_script_that_arrives_in_pieces_starts_with_its_last_line(controller: U
     text = program()
     script.feed(text[:40])
     script.feed(text[40:-2])
-    assert not controller.playing
+    assert controller.runtime is controller.runtime.STOPPED
     script.feed(text[-2:])
-    assert controller.playing
+    assert controller.runtime is controller.runtime.PLAYING
+
+
+def test_a_script_for_the_upper_registers_answers_there(controller: UrController) -> None:
+    ScriptSession(controller).feed(program("24"))
+    controller.step()
+    assert controller.outputs["output_int_register_24"] == 1
+    assert controller.outputs["output_int_register_0"] == 0
 
 
 def test_a_program_of_another_kind_is_left_alone(controller: UrController) -> None:
     ScriptSession(controller).feed(program(name="mine"))
-    assert not controller.playing
+    assert controller.runtime is controller.runtime.STOPPED
     assert "mine" in controller.log[-1]
 
 
@@ -138,7 +145,7 @@ def test_a_rate_is_brought_to_what_there_is(
 
 @pytest.mark.parametrize("rate_hz", [float("nan"), float("inf")])
 def test_a_rate_that_is_no_number_is_no_package(session: RtdeSession, rate_hz: float) -> None:
-    with pytest.raises(CodecError, match="Hz"):
+    with pytest.raises(PackageError, match="Hz"):
         session.feed(outputs("timestamp", rate_hz))
 
 
@@ -197,11 +204,51 @@ def test_every_variable_of_the_guide_has_a_value_of_its_type(
         assert len(session.step()) == 3 + 1 + rtde.size([kind]), name
 
 
+def test_the_elbow_follows_from_the_joints(controller: UrController) -> None:
+    arm = controller.arm
+    controller.start_program(0)
+    speeds = {f"input_double_register_{k}": v for k, v in enumerate([0.3, 0.2, 0.1, 0.0, 0.0, 0.0, 5.0, 0.0])}
+    controller.write_inputs({"input_int_register_0": 9, **speeds})
+    for _ in range(100):
+        controller.step()
+    place, velocity = elbow(arm.joints_rad, arm.joint_speeds_rad_s)
+    controller.step()
+    moved = (elbow(arm.joints_rad, arm.joint_speeds_rad_s)[0] - place) / 0.002
+    assert moved == pytest.approx(velocity, abs=1e-3)
+    assert abs(velocity).max() > 0.05
+
+
+def written(session: RtdeSession, values: dict[str, int | float]) -> None:
+    number = session.feed(rtde.encode(PackageKind.INPUTS, ",".join(values).encode()))[3]
+    fields = [rtde.packer(INPUTS[name])(value) for name, value in values.items()]
+    session.feed(rtde.encode(PackageKind.DATA, bytes([number]) + b"".join(fields)))
+
+
+def test_outputs_that_a_client_sets_are_seen_in_the_stream(session: RtdeSession) -> None:
+    session.feed(outputs("actual_digital_output_bits,standard_analog_output0,standard_analog_output1"))
+    session.feed(START)
+    written(session, {"standard_digital_output_mask": 0b101, "standard_digital_output": 0b111})
+    written(session, {"configurable_digital_output_mask": 0x80, "configurable_digital_output": 0xFF})
+    written(session, {"tool_digital_output_mask": 0xFF, "tool_digital_output": 0xFF})
+    written(
+        session,
+        {
+            "standard_analog_output_mask": 0b10,
+            "standard_analog_output_type": 0b11,
+            "standard_analog_output_0": 0.9,
+            "standard_analog_output_1": 0.25,
+        },
+    )
+    assert struct.unpack(">Qdd", session.step()[4:]) == (0x3_80_05, 0.004, 2.5)
+    written(session, {"standard_digital_output_mask": 0b001, "standard_digital_output": 0})
+    assert struct.unpack(">Qdd", session.step()[4:])[0] == 0x3_80_04
+
+
 def test_a_script_as_long_as_none_is_refused_without_being_searched_again_and_again(
     controller: UrController,
 ) -> None:
     script = ScriptSession(controller)
-    with pytest.raises(CodecError, match="program"):
+    with pytest.raises(PackageError, match="program"):
         for _ in range(1024):
             script.feed(b"x" * 65536)
-    assert not controller.playing
+    assert controller.runtime is controller.runtime.STOPPED

@@ -13,7 +13,10 @@ from simulator.physics import arm, rigid
 from simulator.physics.arm_motion import (
     Arm,
     ArmMotion,
+    JointMove,
+    JointSpeed,
     LimitError,
+    StiffPlane,
     ToolMove,
     ToolSpeed,
 )
@@ -47,6 +50,19 @@ def test_a_straight_move_stays_on_its_line_and_keeps_to_its_limits() -> None:
     assert arm.resting
 
 
+def test_a_joint_move_brings_all_joints_to_their_angles_together() -> None:
+    arm = Arm(START)
+    goal = np.add(START, [0.2, -0.1, 0.05, 0.0, 0.1, -0.4])
+    shares = []
+    for state in moved(arm, JointMove(goal, 0.5, 1.0)):
+        done = (state.joints_rad - START)[[0, 1, 2, 4, 5]] / [0.2, -0.1, 0.05, 0.1, -0.4]
+        shares.append(np.ptp(done))
+        assert np.abs(state.joint_speeds_rad_s).max() <= 0.5 * (1 + 1e-6)
+    assert max(shares) < 1e-9
+    assert arm.joints_rad == pytest.approx(goal)
+    assert arm.resting
+
+
 def test_a_tool_speed_is_reached_at_its_acceleration_and_kept() -> None:
     arm = Arm(START)
     twists = [
@@ -69,6 +85,13 @@ def test_a_stop_takes_the_braking_distance_of_its_deceleration() -> None:
     list(moved(arm, ToolSpeed(np.zeros(6), 1.0)))
     assert arm.resting
     assert height_m - arm.pose[2] == pytest.approx(0.1**2 / 2, abs=0.1 * DT_S)
+
+
+def test_joint_speeds_stop_at_their_deceleration() -> None:
+    arm = Arm(START)
+    list(moved(arm, JointSpeed([0.2] + [0.0] * 5, 1.0), lambda: arm.joint_speeds_rad_s[0] >= 0.2))
+    assert len(list(moved(arm, JointSpeed(np.zeros(6), 1.0)))) * DT_S == pytest.approx(0.2, abs=2 * DT_S)
+    assert arm.resting
 
 
 def test_a_move_that_begins_in_motion_brakes_before_it_sets_out() -> None:
@@ -115,6 +138,13 @@ def test_another_tool_moves_the_point_and_not_the_joints() -> None:
     arm.mount(rigid.matrix([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]))
     assert arm.transform[:3, 3] == pytest.approx(flange[:3, 3] + 0.1 * flange[:3, 2])
     assert arm.joints_rad == pytest.approx(START)
+
+
+def test_a_plane_pushes_back_by_its_stiffness_and_never_pulls() -> None:
+    plane = StiffPlane(height_m=0.1, stiffness_n_m=1000.0)
+    below = plane.wrench(np.array([0.0, 0.0, 0.098, 0.0, 0.0, 0.0]), np.zeros(6), 0.0)
+    assert below == pytest.approx([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
+    assert not plane.wrench(np.array([0.0, 0.0, 0.102, 0.0, 0.0, 0.0]), np.zeros(6), 0.0).any()
 
 
 angles = st.floats(-3.0, 3.0)

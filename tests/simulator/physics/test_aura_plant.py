@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from controller.signals.transducer import analyse
 from simulator.physics.aura import COUNTS, LEFT, RIGHT, AuraMotion, AuraPlant, plate_echo
 from simulator.physics.aura_part import aura_bench
 from simulator.physics.aura_settings import (
@@ -172,6 +173,15 @@ def test_the_imbalance_wanders_as_far_as_specified_and_slowly() -> None:
     assert max(steps) < 0.1 * 5e-4
 
 
+def test_a_drive_on_another_clock_turns_the_envelope_by_the_difference() -> None:
+    times_s = np.arange(0.0, 5.0, 0.01)
+    n = len(times_s)
+    one = plant(None, drive_ppm=20.0, **QUIET)
+    found = one.field(motion(np.full(n, np.inf)), times_s, np.full(n, 40_000.0), np.ones(n))[:, RIGHT]
+    turns = np.unwrap(np.angle(found)) / (2.0 * np.pi)
+    assert (turns[-1] - turns[0]) / times_s[-1] == pytest.approx(0.8, rel=1e-9)
+
+
 def envelope(one: AuraPlant, numbers: NDArray[np.int64], speed_m_s: float = 0.01) -> Any:
     """Noisy envelope of both fingers at half drive, coming nearer."""
     times_s = numbers / 1000.0
@@ -298,6 +308,14 @@ def test_fingers_scatter_each_by_itself_and_from_trial_to_trial() -> None:
     )
     scatter_db = np.std(20.0 * np.log10(gains[:, 0]), axis=0)
     assert scatter_db == pytest.approx([1.0, 1.0], abs=0.12)
+
+
+def test_a_pair_with_two_resonances_is_found_between_them_as_sharp_as_it_is() -> None:
+    frequency_hz = np.linspace(38_000.0, 43_000.0, 22)
+    pair = AuraPlant(AuraPlantSettings(resonance_hz=(40_300.0,) * 2, second_hz=(40_600.0,) * 2, quality=45.0))
+    found = analyse(frequency_hz, np.abs(pair.response(RIGHT, frequency_hz)))
+    assert 40_400.0 < found.peak_hz < 40_500.0
+    assert [one.q for one in found.resonances] == pytest.approx([45.0, 45.0], rel=0.05)
 
 
 @pytest.mark.parametrize("plate", [(0, 0), (1, 2)])

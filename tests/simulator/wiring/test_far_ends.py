@@ -8,7 +8,7 @@ import pytest
 
 from drivers.core.clock import WallClock
 from simulator.devices.faults import Fault, FaultSchedule
-from simulator.devices.ur_controller.controller import Safety, UrController
+from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
 from simulator.devices.ur_controller.server import DASHBOARD_PORT, UrServer
 from simulator.wiring.far_ends import Line, Network
 
@@ -73,7 +73,7 @@ def host():
 def test_a_line_is_in_use_while_bytes_pass_it_and_a_controller_while_it_has_a_client(host):
     one, network = (
         host(Fault(device="d", kind="silent", at_s=5.0)),
-        Network(UrServer(UrController)),
+        Network(UrServer(UrController(UrControllerSettings()))),
     )
     assert one.line.exchange([], NOW_S, 0.0) and not one.line.exchange([], NOW_S, 6.0)
     os.write(one.port, b"?")
@@ -121,7 +121,7 @@ def network():
     made: list[Network] = []
 
     def make(*faults: Fault) -> tuple[Network, UrServer]:
-        server = UrServer(UrController)
+        server = UrServer(UrController(UrControllerSettings()))
         made.append(Network(server))
         made[-1].open(FaultSchedule(faults), WallClock())
         return made[-1], server
@@ -150,18 +150,18 @@ def test_a_silent_controller_sends_and_receives_nothing_for_a_while(network):
 
 def test_a_stall_is_a_protective_stop(network):
     one, server = network(Fault(device="arm", kind="stall", at_s=1.0))
-    server.controller.start_program()
+    server.controller.start_program(0)
     one.exchange((), NOW_S, 0.9)
-    assert server.controller.playing
+    assert server.controller.runtime is Runtime.PLAYING
     one.exchange((), NOW_S, 1.0)
-    assert (server.controller.safety, server.controller.playing) == (Safety.PROTECTIVE_STOP, False)
+    assert (server.controller.safety, server.controller.runtime) == (Safety.PROTECTIVE_STOP, Runtime.STOPPED)
 
 
 def test_a_refusal_is_local_control(network):
     one, server = network(Fault(device="arm", kind="refuse", at_s=1.0))
-    server.controller.start_program()
+    server.controller.start_program(0)
     one.exchange((), NOW_S, 1.0)
-    assert (server.controller.remote, server.controller.playing) == (False, False)
+    assert (server.controller.remote, server.controller.runtime) == (False, Runtime.STOPPED)
 
 
 def test_a_controller_without_a_plug_answers_no_client(network):

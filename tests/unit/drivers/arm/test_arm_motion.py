@@ -27,7 +27,7 @@ from drivers.core.messages import (
 )
 from drivers.ur_arm.client import fault_of
 from drivers.ur_arm.settings import UrArmSettings
-from simulator.devices.ur_controller.controller import Safety, UrController
+from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
 from simulator.physics.rigid import difference
 
 EPOCH_S = 1000.0
@@ -85,13 +85,13 @@ class DirectClient:
         self._rig.advance(100)
         controller.unlock()
         controller.write_inputs({"input_int_register_0": 0})
-        controller.start_program()
+        controller.start_program(0)
         self._rig.advance(2)
         return ""
 
     def _stream(self, name: str, command: int, numbers: Sequence[float]) -> bool:
         self.calls.append(name)
-        if self.deaf or not self._rig.controller.playing:
+        if self.deaf or self._rig.controller.runtime is Runtime.STOPPED:
             return False
         self._write(command, numbers, 0)
         return True
@@ -103,7 +103,7 @@ class DirectClient:
         controller = self._rig.controller
         for _ in range(2000):
             self._rig.advance(1)
-            if not controller.playing:
+            if controller.runtime is Runtime.STOPPED:
                 return False
             if controller.outputs["output_int_register_0"] == 2:
                 self._write(0, [], 0)
@@ -122,12 +122,13 @@ class Rig:
     """Controller, client and motion, with time in hand."""
 
     def __init__(self) -> None:
-        self.controller = UrController(force_noise_n=0.0, torque_noise_n_m=0.0, unlock_s=0.1)
+        quiet = UrControllerSettings(force_noise_n=0.0, torque_noise_n_m=0.0, unlock_s=0.1)
+        self.controller = UrController(quiet)
         self.settings = UrArmSettings.model_validate(
             {"host": "127.0.0.2", "start_pose": tuple(self.controller.arm.pose), **LIMITS}
         )
         self.axis = Axis(self.settings)
-        self.controller.start_program()
+        self.controller.start_program(0)
         self.statuses: list[Status] = []
         self.positions_m: list[float] = []
         self._seen = Seen(self._row(), EPOCH_S)
@@ -157,7 +158,7 @@ class Rig:
 
     def _row(self) -> ArmRow:
         controller = self.controller
-        running = controller.playing
+        running = controller.runtime is Runtime.PLAYING
         return ArmRow(
             self.now(),
             controller.t_s,
@@ -272,7 +273,7 @@ def test_an_arm_is_led_by_hand_until_a_stop() -> None:
     arm.order(Lead("arm"))
     arm.run(0.5)
     assert arm.client.calls.count("lead") == 1
-    assert arm.controller.playing, "its watchdog is fed"
+    assert arm.controller.runtime is arm.controller.runtime.PLAYING, "its watchdog is fed"
     arm.order(Stop("arm"))
     arm.run_until(Standstill)
     assert arm.kinds() == ["Sent", "Sent", "Standstill"]

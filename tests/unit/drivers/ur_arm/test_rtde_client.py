@@ -15,8 +15,8 @@ from drivers.ur_arm.client import RtdeClient, RtdeSockets
 from drivers.ur_arm.limits import joint_limits, limits_in
 from drivers.ur_arm.settings import UrArmSettings
 from drivers.ur_arm.tool import NO_TOOL, Tool, disagreement, stated
-from simulator.devices.ur_controller.controller import UrController
-from simulator.devices.ur_controller.primary import PrimarySession
+from simulator.devices.ur_controller.controller import UrController, UrControllerSettings
+from simulator.devices.ur_controller.primary import PrimarySession, greeting
 
 SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=(0.3, 0.0, 0.3, 0.0, 3.14, 0.0))
 
@@ -146,12 +146,24 @@ def test_a_controller_without_that_port_is_recorded_as_such() -> None:
     assert "30001" in str(joint_limits("127.0.0.254")["joint_limits_rad"])
 
 
-def test_the_emulated_controller_sends_ten_states_a_second() -> None:
-    session = PrimarySession(UrController())
+def test_the_emulated_controller_sends_its_version_and_ten_states_a_second() -> None:
+    controller = UrController(UrControllerSettings.model_validate({}))
+    size, kind, _, _, message, length = struct.unpack_from(">IBQbbB", first := greeting(controller))
+    assert (size, kind, message) == (len(first), 20, 3)
+    assert struct.unpack_from(">BBi", first, 16 + length) == (5, 11, 1)
+    session = PrimarySession(controller)
     states = [state for state in (session.step() for _ in range(500)) if state]
     assert len(states) == 10
+    places, at = {}, 5
+    while at < len(states[0]):
+        size, kind = struct.unpack_from(">IB", states[0], at)
+        places[kind], at = (at + 5, size), at + size
     # sizes of version 5 (client interface manual)
-    assert struct.unpack_from(">IBIB", states[0]) == (450, 16, 445, 6)
+    assert {kind: size for kind, (_, size) in places.items()} == {0: 47, 1: 251, 4: 101, 6: 445}
+    assert struct.unpack_from(">7?B", states[0], places[0][0] + 8) == (*[True] * 3, *[False] * 4, 7)
+    joints = [struct.unpack_from(">d", states[0], places[1][0] + 41 * joint)[0] for joint in range(6)]
+    assert joints == pytest.approx(list(controller.settings.joints_rad))
+    assert struct.unpack_from(">6d", states[0], places[4][0]) == pytest.approx(controller.arm.pose)
     assert limits_in(states[0]) is not None
 
 
