@@ -47,6 +47,9 @@ from drivers.core.messages import (
 )
 from drivers.core.settings import Settings
 
+STOP_AGAIN_S = 0.2
+"""How often a stop is sent that is not answered: a line that was cut off does not hear the first one."""
+
 STANDSTILL_TIMEOUT_S = 2.0
 """How long closing waits to see every mover stand still. Assumption: ten times a stage's slowest halt."""
 
@@ -293,14 +296,25 @@ class Loop:
         """Stop every mover, and see for a while that it stands still."""
         self._stop_all()
         pending = set(self._movers)
-        self._see(pending, STANDSTILL_TIMEOUT_S, least_s)
+        self._see(pending, STANDSTILL_TIMEOUT_S, least_s, STOP_AGAIN_S)
         self.account.not_at_rest += sorted(pending)
 
-    def _see(self, pending: set[str], for_s: float, least_s: float = 0.0) -> None:
-        """Look at the devices until those pending have answered their last command, or for a while."""
+    def _see(self, pending: set[str], for_s: float, least_s: float = 0.0, again_s: float = math.inf) -> None:
+        """Look at the devices until those pending have answered their last command, or for a while.
+
+        Args:
+            again_s: How often a stop that is not answered is sent again, under its number: whatever answers it, the
+                mover stands.
+        """
         begun_s = self._clock.now()
+        due_s = begun_s + again_s
         while self._clock.now() < begun_s + (for_s if pending else least_s):
             self._clock.wait_until(self._clock.now() + 1.0 / self._settings.rate_hz)
+            if self._clock.now() >= due_s:
+                due_s += again_s
+                for name in sorted(pending):
+                    with suppress(Exception):
+                        self._rig.devices[name].apply(replace(Stop(name), id=self._trial.newest[name]))
             for name, device in self._rig.devices.items():
                 with suppress(Exception):
                     blocks, _ = self._perceive(device.read())

@@ -279,6 +279,7 @@ def _named(story: Any) -> Iterator[Violation]:
 
 def _required(story: Any) -> Iterator[Violation]:
     """No success where a stream that a state measures did not come for a part of it."""
+    movers = [story.profile["behavior"].get(key) for key in ("mover", "gripper")]
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
     for trial in story.trials:
         if outcomes.get(trial.number) not in SUCCESSES:
@@ -287,10 +288,12 @@ def _required(story: Any) -> Iterator[Violation]:
             if effect["trial"] != trial.number or effect["kind"] not in CUT or "every_s" in effect:
                 continue
             ends_s = _ends_s(effect, trial)
+            # a mover's positions have no numbers by which a loss shows: what is missing may be in transit for as long
+            hole_s = 0.1 if effect["device"] in movers else 0.06
             for state, since_s, until_s in _spans(trial):
                 cut_s = min(until_s, ends_s) - max(since_s, effect["effect_s"])
                 # the first look at a device may come long after its samples are due: count from there
-                if state in DECIDING and cut_s > 0.06 and effect["device"] in story.measured.get(state, ()):
+                if state in DECIDING and cut_s > hole_s and effect["device"] in story.measured.get(state, ()):
                     yield Violation(
                         "DATA",
                         "required",
@@ -597,8 +600,8 @@ def _late(story: Any) -> Iterator[Violation]:
 
 
 def _at_once(story: Any) -> Iterator[Violation]:
-    """In the turn in which the guard or a failure ends a trial its mover is told to stop, whatever follows; or was told
-    so before, or sent back by the guard, and nothing else since."""
+    """In the turn in which the guard, a failure or a person ends a trial its mover is told to stop, whatever follows;
+    or was told so before, or sent back by the guard, and nothing else since."""
     mover, turn_s = story.profile["behavior"].get("mover"), 1.0 / story.profile["loop"]["rate_hz"]
     told: dict[int, list[tuple[float, bool]]] = {}
     last_s: dict[int, float] = {}
@@ -611,9 +614,14 @@ def _at_once(story: Any) -> Iterator[Violation]:
             ends = event["command"].startswith("Stop(") or event["command"] in back
             told.setdefault(event["trial"], []).append((event["t_s"], ends))
     trials, full = {trial.number: trial for trial in story.trials}, _full(story)
-    for event in story.events():
+    pressed = [
+        {"event": "abort", "t_s": effect["effect_s"], "trial": effect["trial"], "state": ""}
+        for effect in story.effects
+        if effect["kind"] == "abort"
+    ]
+    for event in (*story.events(), *pressed):
         trial = trials.get(event.get("trial", 0))
-        if trial is None or event.get("event") not in ("GuardStopped", "Failed") or not mover:
+        if trial is None or event.get("event") not in ("GuardStopped", "Failed", "abort") or not mover:
             continue
         if full and event["t_s"] > last_s[trial.number] - 2.0 * turn_s:
             continue  # what was sent is told a turn later, and may not be written any more
@@ -626,7 +634,7 @@ def _at_once(story: Any) -> Iterator[Violation]:
             continue
         # a device that failed says when, between two turns
         turns_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - 0.5 * turn_s]
-        turns_s = [event["t_s"], *turns_s[: 2 if event["event"] == "Failed" else 1]]
+        turns_s = [event["t_s"], *turns_s[: 1 if event["event"] == "GuardStopped" else 2]]
         most_s = 0.5 * turn_s + _kept_back_s(story, trial, event["t_s"])
         commands = told.get(trial.number, ())
         stopped = any(stop and abs(sent_s - t_s) < most_s for sent_s, stop in commands for t_s in turns_s)

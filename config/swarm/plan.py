@@ -168,7 +168,7 @@ SCENES: Mapping[str, Excerpt] = {
     ),
     "slip": Excerpt(
         1,
-        {"plant.surface_m": 0.0012, "behavior.motion_timeout_s": 12.0, "behavior.home_timeout_s": 30.0},
+        {"plant.surface_m": 0.0012, "behavior.motion_timeout_s": 12.0, "behavior.home_timeout_s": 60.0},
         {"behavior.rest_s": (0.2, 0.9)},
         ways={
             "TILTING": _TILTED,

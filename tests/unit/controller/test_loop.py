@@ -395,6 +395,24 @@ def test_a_mover_that_is_not_seen_standing_is_named_after_two_seconds(bench):
     assert bench.clock.now() == pytest.approx(0.2 + loop_module.STANDSTILL_TIMEOUT_S, abs=2 * TURN_S)
 
 
+def test_a_stop_that_a_mover_does_not_hear_is_sent_again_under_its_number(bench):
+    hears = bench.stage.apply
+
+    def apply_once_the_line_is_back(command):
+        if isinstance(command, Stop) and bench.clock.now() < 0.5:
+            bench.log.append((bench.clock.now(), command))
+        else:
+            hears(command)
+
+    bench.stage.apply = apply_once_the_line_is_back
+    bench.run()
+    stops = [(t_s, command.id) for t_s, command in bench.stops if command.device == "stage" and t_s >= 0.2]
+    assert [t_s for t_s, _ in stops] == pytest.approx([0.2, 0.4, 0.6], abs=2 * TURN_S)
+    assert len({number for _, number in stops}) == 1
+    assert bench.loop.account.not_at_rest == []
+    assert len([command for _, command in bench.stops if command.device == "other"]) == 1
+
+
 def test_a_mover_that_fails_while_it_stops_is_named_and_not_waited_for(bench):
     bench.other.brake_s = None
     bench.other.report(Failed, "the link is gone", at_s=0.25)
