@@ -633,7 +633,7 @@ def _at_once(story: Any) -> Iterator[Violation]:
         ):
             continue
         # a device that failed says when, between two turns
-        turns_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - 0.5 * turn_s]
+        turns_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - 1e-6]
         turns_s = [event["t_s"], *turns_s[: 1 if event["event"] == "GuardStopped" else 2]]
         most_s = 0.5 * turn_s + _kept_back_s(story, trial, event["t_s"])
         commands = told.get(trial.number, ())
