@@ -73,6 +73,9 @@ def test_the_finger_is_touched_with_one_such_board_alone(tmp_path: Path) -> None
         "detectors.contact.baseline_s=4.0",
         "trials.repeats=1",
         'trials.list=[{ location = "f", speed_m_s = 0.0045 }]',
+        # the machine may be busy: what is read late here is no sensor's silence
+        "limits.stale_s=5.0",
+        "devices.uno.silence_timeout_s=5.0",
     ]
     options = [part for each in sets for part in ("--set", each)]
     with pytest.raises(SystemExit) as ended:
