@@ -160,7 +160,8 @@ def _holes(
     series: Series, since_s: float, until_s: float, longest_s: float, lost_s: Sequence[float]
 ) -> Iterator[tuple[float, float]]:
     """Where samples are missing in a span: no subscription, lost samples, a late start, a silence, an early end. Where
-    a loss was noticed at `lost_s`, no sample is in transit."""
+    a loss was noticed at `lost_s`, no sample is in transit; it is noticed when the next sample is read, which is up to
+    `EDGE_S` after its time."""
     for gap in series.gaps:
         if min(gap.t1_s, until_s) - max(gap.t0_s, since_s) > longest_s:
             yield gap.t0_s, gap.t1_s
@@ -173,7 +174,8 @@ def _holes(
         edges_s = np.concatenate(([begin_s], inside, [end_s] if math.isfinite(end_s) else []))
         for place in np.flatnonzero(np.diff(edges_s) > longest_s):
             from_s, to_s = float(edges_s[place]), float(edges_s[place + 1])
-            if to_s - from_s > patience_s or any(from_s < t_s <= to_s for t_s in lost_s):
+            read_s = to_s if to_s == end_s else to_s + EDGE_S
+            if to_s - from_s > patience_s or any(from_s < t_s <= read_s for t_s in lost_s):
                 yield from_s, to_s
 
 

@@ -61,8 +61,9 @@ def test_a_span_with_a_hole_gives_no_number_but_its_place(spans_s, hole):
         evidence(FORCE, *spans_s).series("board.force", 0.5, 1.5)
 
 
-def test_what_was_lost_before_the_first_sample_is_a_hole_however_short():
-    lost = Lost(0.55, "board", "board.force", 50)
+@pytest.mark.parametrize("noticed_s", [0.55, 0.57])  # with the first sample, or when that one is read
+def test_what_was_lost_before_the_first_sample_is_a_hole_however_short(noticed_s):
+    lost = Lost(noticed_s, "board", "board.force", 50)
     assert len(evidence(FORCE, (0.55, 2.0)).stream("board.force", 0.5, 1.5)), "it may begin so late"
     with pytest.raises(MissingDataError, match=r"0.500 to 0.550"):
         evidence(FORCE, (0.55, 2.0), events=[lost]).stream("board.force", 0.5, 1.5)
