@@ -50,11 +50,7 @@ WHOLE = 0.5
 
 @runtime_checkable
 class Statistic(Protocol):
-    """A detector that can return the statistic it compares with its threshold.
-
-    One whose statistic is of several streams has `columns` besides, and one with other settings that a recording
-    without events decides `proposed` and `set_to`, as `controller.detectors.pretouch.PreTouchDetector`.
-    """
+    """A detector that can return the statistic it compares with its threshold."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -62,6 +58,30 @@ class Statistic(Protocol):
 
     def statistic(self, values: Floats, rate_hz: float) -> Floats:
         """The statistic after each sample of a whole recording, shape (n,); NaN where a sample decides nothing."""
+
+
+@runtime_checkable
+class Joined(Statistic, Protocol):
+    """A detector whose statistic is computed from several streams."""
+
+    def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
+        """Input of `statistic`, a row for each sample of the first input, shape (n, columns).
+
+        Args:
+            values: The first input, NaN where samples were lost, shape (n, channels).
+            times_s: Their times, NaN likewise, shape (n,).
+        """
+
+
+@runtime_checkable
+class Proposing(Joined, Protocol):
+    """A detector with further settings that a recording without events decides."""
+
+    def proposed(self, values: Floats, rate_hz: float) -> Mapping[str, float]:
+        """The settings that this recording asks for; of several recordings the largest counts."""
+
+    def set_to(self, **settings: float) -> Proposing:
+        """The same detector in its initial state, set otherwise."""
 
 
 class Calibration(NamedTuple):
@@ -170,13 +190,13 @@ def proposed(
     """
     found: dict[str, float] = {}
     for detector, blocks in pieces:
-        if hasattr(detector, "proposed"):
+        if isinstance(detector, Proposing):
             for columns, _, _, rate_hz in _inputs_of(detector, blocks):
                 for name, value in detector.proposed(columns, rate_hz).items():
                     if name not in fixed:
                         found[name] = max(value, found.get(name, value))
     return found, [
-        (detector.set_to(**found) if found and hasattr(detector, "set_to") else detector, blocks)
+        (detector.set_to(**found) if found and isinstance(detector, Proposing) else detector, blocks)
         for detector, blocks in pieces
     ]
 
@@ -221,9 +241,7 @@ def _inputs_of(
     times and its rate."""
     for stretch in _stretches([b for b in blocks if len(b) and b.stream == detector.inputs[0]]):
         values, times_s, rate_hz = _joined(stretch)
-        columns = values
-        if hasattr(detector, "columns"):
-            columns = detector.columns(values, times_s, blocks)
+        columns = detector.columns(values, times_s, blocks) if isinstance(detector, Joined) else values
         yield columns, values, times_s, rate_hz
 
 

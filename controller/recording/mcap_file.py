@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -20,9 +20,6 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from controller.recording.run_folder import lock
-
-if TYPE_CHECKING:
-    from controller.watching.foxglove import FoxgloveStream
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last eight bytes of a file (MCAP specification, "Magic")."""
@@ -59,14 +56,22 @@ class ChunkPlace(NamedTuple):
     length: int
 
 
+class Mirror(Protocol):
+    """Gets what is written as well; it never raises and never waits."""
+
+    def channel(
+        self, number: int, topic: str, schema: tuple[str, bytes], metadata: Mapping[str, str]
+    ) -> None:
+        """A topic, with its schema's name and descriptors."""
+
+    def message(self, number: int, log_time_ns: int, data: bytes) -> None:
+        """A message of one of the topics."""
+
+
 class McapWriter:
-    """A new file, locked as long as it is written; every method that writes may raise `OSError`.
+    """A new file, locked as long as it is written; every method that writes may raise `OSError`."""
 
-    Args:
-        mirror: Gets what is written as well; it never raises and never waits.
-    """
-
-    def __init__(self, path: Path, mirror: "FoxgloveStream | None" = None) -> None:
+    def __init__(self, path: Path, mirror: Mirror | None = None) -> None:
         self._mirror = mirror
         self._file = path.open("wb")
         with suppress(OSError):  # not every file system knows locks

@@ -15,6 +15,7 @@ from controller.detectors.protocol import Quantity
 from controller.limits import GuardSettings
 from controller.recording.disk import DiskThread
 from controller.recording.ledger import EventLog, Ledger
+from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import BIN_S, DETECTOR, TrialRecording, bins_of, extremes_of_each
 from controller.recording.stream_writer import StreamWriter
@@ -24,7 +25,6 @@ from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, S
 
 if TYPE_CHECKING:
     from controller.recording.joining import EndedTrial
-    from controller.watching.foxglove import FoxgloveStream
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class Recorder:
         factors: Sequence[str],
         measures: Sequence[str],
         patient: bool = False,
-        mirror: FoxgloveStream | None = None,
+        mirror: Mirror | None = None,
         busy_s: Callable[[], float] = float,
     ) -> None:
         self.folder = folder

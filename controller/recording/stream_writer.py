@@ -4,13 +4,12 @@ import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.limits import GuardSettings, shown_limits
-from controller.recording.mcap_file import ChunkPlace, McapWriter, Topic, messages
+from controller.recording.mcap_file import ChunkPlace, McapWriter, Mirror, Topic, messages
 from controller.recording.run_folder import RecordingError
 from controller.recording.schemas import (
     EVENTS,
@@ -29,9 +28,6 @@ from controller.recording.schemas import (
 )
 from controller.recording.series import DETECTOR, PLOT_S, bins_of, extremes_of_each
 from drivers.core.messages import SampleBlock, StreamInfo
-
-if TYPE_CHECKING:
-    from controller.watching.foxglove import FoxgloveStream
 
 Floats = NDArray[np.float64]
 
@@ -54,7 +50,7 @@ class StreamWriter:
         path: Path,
         wall_start: datetime,
         streams: Mapping[str, StreamInfo],
-        mirror: "FoxgloveStream | None" = None,
+        mirror: Mirror | None = None,
     ) -> None:
         self.path = path
         self._start_ns = self._base_ns = round(wall_start.timestamp() * 1e6) * 1000  # exact to datetime's us

@@ -22,7 +22,7 @@ from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from controller.live_view import PANELS, label
-from controller.recording.run_folder import MANIFEST
+from controller.recording.run_folder import MANIFEST, RunFolderError
 from controller.recording.series import DETECTOR
 from controller.watching.feed import SOCKET, at, curve
 from drivers.core.clock import monotonic_s
@@ -134,29 +134,37 @@ class _Guarded(RequestHandler):
         """Nothing is taken but commands."""
 
 
-class _Pages(_Guarded):
-    """The page, the report, and the signals of a trial that has ended: those are read from the recording, and the run
-    is not asked."""
+class _Page(_Guarded):
+    def get(self) -> None:
+        self.set_header("Cache-Control", "no-store")
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("X-Frame-Options", "DENY")
+        self.finish(html())
 
+
+class _Report(_Guarded):
     async def get(self) -> None:
-        if self.request.path == "/":
-            self.set_header("Cache-Control", "no-store")
-            self.set_header("Referrer-Policy", "no-referrer")
-            self.set_header("X-Frame-Options", "DENY")
-            self.finish(html())
-            return
-        folder, reported = await self.place, self.request.path == "/report"
+        folder = await self.place
         try:
             assert folder is not None
-            if reported:
-                self.finish((folder / REPORT).read_bytes())
-            else:
-                number = int(self.get_query_argument("number"))
-                self.finish(await asyncio.to_thread(trial_signals, folder, number))
-        except (AssertionError, OSError, ValueError, KeyError) as error:  # `RunFolderError` is one of these
-            missing = "the report is not written yet, or the run was told --no-report"
+            self.finish((folder / REPORT).read_bytes())
+        except (OSError, AssertionError):
             self.set_status(404)
-            self.finish(f"404: {missing if reported else error}\n")
+            self.finish("404: the report is not written yet, or the run was told --no-report\n")
+
+
+class _Trial(_Guarded):
+    """The signals of a trial that has ended, read from the recording: the run is not asked."""
+
+    async def get(self) -> None:
+        folder = await self.place
+        try:
+            number = int(self.get_query_argument("number"))
+            assert folder is not None
+            self.finish(await asyncio.to_thread(trial_signals, folder, number))
+        except (ValueError, KeyError, RunFolderError) as error:
+            self.set_status(404)
+            self.finish(f"404: {error}\n")
 
 
 class _Wire(_Guarded, WebSocketHandler):
@@ -271,7 +279,8 @@ def serve(find: Callable[[], Path | None], door: Door, ready: Callable[[], Any] 
         finding = asyncio.ensure_future(asyncio.to_thread(find))
         looking = set[object]()
         known = {"door": door, "place": finding, "looking": looking}
-        handlers = [("/wire", _Wire, known), ("/|/report|/trial", _Pages, known)]
+        places = {"/": _Page, "/wire": _Wire, "/report": _Report, "/trial": _Trial}
+        handlers = [(place, handler, known) for place, handler in places.items()]
         server = HTTPServer(Application(handlers, websocket_ping_interval=PING_S))
         door.socket.setblocking(False)
         server.add_sockets([door.socket])
