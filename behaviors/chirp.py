@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, StatePlan, concluding, of, on
+from behaviors.machine import Behavior, StatePlan, concluding, on, sent_by
 from drivers.core.messages import Chirp, Excite
 from drivers.core.settings import DeviceName, Settings, StreamName
 
@@ -63,7 +63,7 @@ class ChirpSweep(Behavior):
 
     table = (
         on("deadline", "SILENT", "SWEEPING"),
-        on("reached", "SWEEPING", "RINGING", of("exciter"), label="sweep over"),
+        on("reached", "SWEEPING", "RINGING", sent_by("exciter"), label="sweep over"),
         on("deadline", "RINGING", "DONE", do=concluding("swept")),
         on("resumed", ["SILENT", "SWEEPING"], "SILENT"),
     )

@@ -5,7 +5,7 @@ import math
 from pydantic import Field
 
 from behaviors.approach import Approaching, approaching
-from behaviors.machine import StatePlan, from_mover, of, on
+from behaviors.machine import StatePlan, from_mover, on, sent_by
 from drivers.core.messages import Ask, Command, Home, MoveTo
 from drivers.core.settings import DetectorName, DeviceName, Settings, StreamName
 
@@ -124,7 +124,7 @@ class FirstContact(Approaching):
 
     enter_APPROACH = Approaching.go_until_contact
 
-    answered = of("operator")
+    answered = sent_by("operator")
     ASKING = ("READY_FOR_HOME", "READY_FOR_START", "READY_FOR_NUDGE", "READY_FOR_TOUCH", "READY_TO_LEAVE")
     BEFORE_CONTACT = (
         "READY_FOR_START",

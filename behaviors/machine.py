@@ -308,12 +308,12 @@ def from_mover(behavior: Behavior) -> bool:
     return behavior.came_from(behavior._mover)
 
 
-def of(setting: str) -> Condition:
-    """Whether the event is of the device or detector that a setting names: `of("operator")`."""
-    return partial(_is_of, setting=setting)
+def sent_by(setting: str) -> Condition:
+    """Whether the event is of the device or detector that a setting names: `sent_by("operator")`."""
+    return partial(_is_sent_by, setting=setting)
 
 
-def _is_of(behavior: Any, setting: str) -> bool:
+def _is_sent_by(behavior: Any, setting: str) -> bool:
     return bool(behavior.came_from(getattr(behavior.settings, setting)))
 
 

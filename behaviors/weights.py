@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from behaviors.machine import Behavior, StatePlan, of, on
+from behaviors.machine import Behavior, StatePlan, on, sent_by
 from drivers.core.messages import Ask, Loaded, LoadWeight
 from drivers.core.settings import DeviceName, Settings, StreamName
 
@@ -154,7 +154,7 @@ class Weights(Behavior):
         self.command(LoadWeight(self.settings.operator, self.factors.bridge, self.load_n))
 
     table = (
-        on("answered", "SETTING_UP", "HANGING", of("operator")),
+        on("answered", "SETTING_UP", "HANGING", sent_by("operator")),
         on("loaded", "HANGING", "DONE", as_asked, finished, label="all taken off at the end"),
         on("loaded", "HANGING", "SWINGING", as_asked),
         on("deadline", "SWINGING", "RECORDING"),
