@@ -171,7 +171,7 @@ def _zaber_seeds() -> Iterable[bytes]:
     for text in (
         "get pos",
         "move abs 1000",
-        "move abs 10 -5",
+        "move vel -500",
         "home",
         "stop",
         "set maxspeed 9",

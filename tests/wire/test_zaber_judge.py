@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import pytest
 from zaber_motion import (
     BadDataException,
+    CommandFailedException,
     DriverDisabledException,
     MovementFailedException,
     MovementInterruptedException,
@@ -88,14 +89,16 @@ def test_it_is_detected_and_homed(court: Court) -> None:
 def test_a_move_arrives_where_it_was_sent(court: Court) -> None:
     court.axis.move_absolute(4000)
     assert court.axis.get_position() == 4000
-    court.axis.move_absolute(5000, velocity=41943)
+    court.axis.move_relative(-1000, velocity=41943)
+    assert court.axis.get_position() == 3000
+    court.axis.move_absolute(5000, velocity=41943, acceleration=205)
     assert court.axis.get_position() == 5000
     court.axis.move_absolute(3000)
     assert court.truth.target_m == pytest.approx(3000 * 0.49609375e-6)
 
 
-def test_a_stop_ends_a_movement(court: Court) -> None:
-    court.axis.move_absolute(40_000, wait_until_idle=False, velocity=16384)  # 10,000 microsteps a second
+def test_a_velocity_is_kept_and_a_stop_ends_it(court: Court) -> None:
+    court.axis.move_velocity(16384)  # 10,000 microsteps a second
     court.clock.rest(0.1)
     first_s = court.clock.monotonic_s()
     first = court.truth.position(first_s)
@@ -112,7 +115,9 @@ def test_a_stop_ends_a_movement(court: Court) -> None:
 def test_a_travel_limit_bounds_a_movement_and_rejects_what_lies_beyond(court: Court) -> None:
     court.axis.settings.set("limit.max", 5000)
     assert court.axis.settings.get("limit.max") == 5000
-    court.axis.move_absolute(5000)
+    court.axis.move_velocity(41943)
+    court.axis.wait_until_idle()
+    assert court.axis.get_position() == 5000
     with pytest.raises(BadDataException):
         court.axis.move_absolute(5001)
 
@@ -143,6 +148,33 @@ def test_a_text_is_kept_in_the_stage_itself(court: Court) -> None:
     storage.erase_key("touchbench.limit.max")
     with pytest.raises(NoValueForKeyException):
         storage.get_string("touchbench.limit.max")
+
+
+def test_a_parked_stage_stays_where_it_is(court: Court) -> None:
+    court.axis.move_absolute(1000)
+    court.axis.park()
+    assert court.axis.is_parked()
+    with pytest.raises(CommandFailedException, match="PARKED"):
+        court.axis.move_absolute(0)
+    court.axis.unpark()
+    court.axis.move_absolute(0)
+
+
+def test_a_restored_stage_has_the_maker_s_settings_and_knows_no_place(court: Court) -> None:
+    made = court.axis.settings.get("limit.max")
+    court.axis.settings.set("limit.max", 5000)
+    court.axis.device.storage.set_string("touchbench.limit.max", "51200,5000")
+    court.connection.generic_command("system restore", 1)
+    assert court.axis.settings.get("limit.max") == made
+    assert court.axis.warnings.get_flags() == {"WR"}
+    with pytest.raises(NoValueForKeyException):
+        court.axis.device.storage.get_string("touchbench.limit.max")
+
+
+def test_a_stage_is_renumbered(court: Court) -> None:
+    court.connection.default_request_timeout = 1000  # it waits as long for devices beyond the first
+    court.connection.renumber_devices(7)
+    assert court.connection.get_device(7).get_axis(1).get_position() == 0.0
 
 
 def test_a_disabled_driver_is_reported(court: Court) -> None:

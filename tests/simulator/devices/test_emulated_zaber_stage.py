@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.zaber_stage.codec import MICROSTEP_M
-from simulator.devices.zaber_stage import EmulatedZaberStage
+from simulator.devices.zaber_stage import CONSTANTS, EmulatedZaberStage
 from simulator.physics.stage_axis import StageAxis
 
 
@@ -44,13 +44,17 @@ def test_it_answers_as_documented() -> None:
         (1, "set comm.checksum 1", "DEVICEONLY"),
         (1, "storage get key", "DEVICEONLY"),
         (1, "warnings shut", "BADCOMMAND"),
+        (1, "driver off", "BADCOMMAND"),
         (1, "move abs 51201", "BADDATA"),
         (1, "move abs -1", "BADDATA"),
         (1, "move abs x", "BADDATA"),
         (1, "move abs 100 0", "BADDATA"),
-        (1, "move abs 100 1000 205", "BADCOMMAND"),
-        (1, "move vel 100", "BADCOMMAND"),
+        (1, "move abs 100 1000 0", "BADDATA"),
+        (1, "move abs 100 1000 205 1", "BADCOMMAND"),
+        (1, "move vel", "BADCOMMAND"),
+        (1, "move vel 2147483648", "BADDATA"),
         (1, "move abs " + "9" * 130, "BADDATA"),
+        (1, "move rel " + "9" * 130, "BADDATA"),
         (1, "set limit.max 51201", "BADDATA"),
         (1, "set motion.accelonly 205", "BADCOMMAND"),
     ],
@@ -107,10 +111,22 @@ def test_without_a_reference_it_goes_home_and_nowhere_else() -> None:
 
 
 def test_homing_that_is_stopped_leaves_it_without_a_reference() -> None:
-    unhomed = EmulatedZaberStage(StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026, position_m=0.01))
+    device = stage()
+    ask(device, "move abs 51200")
+    unhomed = stage(homed=False)
+    ask(unhomed, "move vel 41943")
     ask(unhomed, "home", 1.0)
     ask(unhomed, "stop", 1.1)
     assert "WR" in ask(unhomed, "warnings", 5.0)
+
+
+def test_an_alert_comes_at_the_end_of_a_movement_where_alerts_are_on() -> None:
+    device = stage()
+    ask(device, "set comm.alert 1", axis=0)
+    ask(device, "move abs 100")
+    assert device.step(1e-6) == b""
+    assert device.step(10.0) == b"!01 1 IDLE --\r\n"
+    assert device.step(11.0) == b""
 
 
 def test_a_stall_stops_it_dead_and_is_forgotten_at_the_next_movement() -> None:
@@ -128,3 +144,46 @@ def test_a_refusal_befalls_one_movement() -> None:
     device.inject("refuse", 0.0)
     assert "RJ IDLE -- STATUSBUSY" in ask(device, "move abs 100")
     assert " OK " in ask(device, "move abs 100")
+
+
+@pytest.mark.parametrize(
+    "command", ["abs 20000 16384 {}", "rel 20000 16384 {}", "vel 16384 {}", "max 16384 {}"]
+)
+def test_a_move_goes_with_the_velocity_and_the_acceleration_that_it_carries(command: str) -> None:
+    axis = StageAxis(acceleration_m_s2=0.5, max_speed_m_s=0.026)
+    device = EmulatedZaberStage(axis, homed=True)
+    speed_m_s = 10_000 * MICROSTEP_M
+    for t_s, accel in ((0.0, 16), (20.0, 33)):
+        assert " OK BUSY " in ask(device, f"move {command.format(accel)}", t_s)
+        ramp_s = speed_m_s / (accel / 1.6384e-4 * MICROSTEP_M)
+        assert axis.velocity(t_s + 0.5 * ramp_s) == pytest.approx(0.5 * speed_m_s)
+        assert axis.velocity(t_s + 1.1 * ramp_s) == pytest.approx(speed_m_s)
+        ask(device, "stop", t_s + 2.0)
+        ask(device, "home", t_s + 4.0)
+    ask(device, "move max 16384", 40.0)
+    assert axis.velocity(40.0 + 0.5 * speed_m_s / 0.5) == pytest.approx(0.5 * speed_m_s), "as before"
+
+
+def test_every_setting_of_a_stage_can_be_read() -> None:
+    device = stage()
+    for name in [
+        *CONSTANTS,
+        "accel",
+        "vel",
+        "motion.busy",
+        "system.uptime",
+        "driver.enabled",
+        "motion.decelonly",
+    ]:
+        axis = 0 if name.startswith(("comm.", "system.", "version")) else 1
+        head, _, value = ask(device, f"get {name}", axis=axis).strip().rpartition(" ")
+        assert head == f"@01 {axis} 07 OK IDLE --"
+        float(value)
+
+
+def test_an_emergency_stop_stops_dead_and_an_echo_answers() -> None:
+    device = stage()
+    ask(device, "move max")
+    assert ask(device, "estop", 1.0).startswith("@01 1 07 OK")
+    assert ask(device, "get motion.busy", 1.0) == "@01 1 07 OK IDLE NI 0\r\n"
+    assert ask(device, "tools echo hello there", 1.0) == "@01 1 07 OK IDLE NI hello there\r\n"

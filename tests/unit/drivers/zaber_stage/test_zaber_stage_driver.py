@@ -112,9 +112,9 @@ def test_a_stage_without_a_position_reports_it_at_opening() -> None:
 
 def test_a_stage_that_a_dead_host_left_moving_is_stopped_at_opening() -> None:
     wire = Wire(homed=True)
-    wire.receive(b"/1 1 01 move abs 51200 8389\n", 0.0)
+    wire.receive(b"/1 1 01 move max 8389\n", 0.0)
     driver(MemoryLine(wire, VirtualClock())).open()
-    assert wire.lines()[:3] == ["move abs 51200 8389", "00", "stop"]
+    assert wire.lines()[:3] == ["move max 8389", "00", "stop"]
     assert wire.axis.target_m < 0.0254
 
 
@@ -491,9 +491,9 @@ def test_a_stage_that_is_homed_and_still_does_not_know_where_it_is_stalls() -> N
     assert (stalled.command_id, stalled.reason) == (6, f"{meaning('WR')} after homing (WR)")
 
 
-def test_a_place_that_is_no_number_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_place_that_is_no_number_is_a_failure() -> None:
     b = Bench()
-    monkeypatch.setattr(b.wire.device, "_position", lambda t_s: "NA")
+    b.wire.device._readings["pos"] = lambda t_s: "NA"
     assert b.expect(Failed).reason == "it answers 'get pos' with 'NA'; is this a linear stage?"
 
 
