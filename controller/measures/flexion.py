@@ -10,7 +10,7 @@ import numpy as np
 from behaviors.events import Contact, ContactLost
 from behaviors.flexion import FlexionSettings
 from controller.measures import Column, transient
-from controller.measures.trial import TrialEvidence, delay_s, not_before
+from controller.measures.trial import TrialEvidence, delay_s
 
 HIGHLIGHTS = ("contact_false", "following_false", "free_rise_hz")
 """Columns shown during a run."""
@@ -69,10 +69,16 @@ def _scores(
         if isinstance(event, Contact | ContactLost) and event.detector == name
     ]
     before = [made for t_s, made in changes if t_s < begun_s]
-    inside = [(t_s, made) for t_s, made in changes if begun_s <= t_s and not not_before(t_s, until_s)]
+    inside = [
+        (t_s, made) for t_s, made in changes if begun_s <= t_s and transient.precedes(t_s, until_s, evidence)
+    ]
     edges = [(begun_s, bool(before and before[-1])), *inside, (until_s, False)]
     contact_s = sum(b[0] - a[0] for a, b in pairwise(edges) if a[1])
-    after = [t_s for t_s, made in changes if made and touch_s is not None and not_before(t_s, touch_s)]
+    after = [
+        t_s
+        for t_s, made in changes
+        if made and touch_s is not None and not transient.precedes(t_s, touch_s, evidence)
+    ]
     return [
         ("false", float(sum(made for _, made in inside))),
         ("share", contact_s / (until_s - begun_s)),

@@ -11,7 +11,7 @@ from behaviors.events import BaselineReady, Contact
 from behaviors.transient import TransientSettings
 from controller.detectors.protocol import quantity_of
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence, not_before
+from controller.measures.trial import STEP_S, TrialEvidence, not_before
 from drivers.core.messages import Standstill
 
 ONSET_N = 0.005
@@ -99,7 +99,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
         row["false_contacts"] = None
         return "wrong_sign", row
     reference_s = touch_of(row, evidence)
-    if reference_s is None or not not_before(detect_s, reference_s):
+    if reference_s is None or precedes(detect_s, reference_s, evidence):
         row["false_contacts"] = 1
         return ("false_contact" if outcome == "contact" else outcome), row
     row["force_n"] = _mean_over_oscillation(times_s, force_n, detect_s, _period(evidence, settings, detect_s))
@@ -114,6 +114,12 @@ def touch_of(row: Mapping[str, Any], evidence: TrialEvidence) -> float | None:
     """When the probe touched: in truth where the bench is simulated here, else the load cell's onset; None if not."""
     found: float | None = row["truth_contact_s" if evidence.truth is not None else "onset_s"]
     return found
+
+
+def precedes(t_s: float, touch_s: float, evidence: TrialEvidence) -> bool:
+    """Whether an event came before the touch, which is known exactly where the finger is simulated here, and else to
+    one sample of the load cell."""
+    return not not_before(t_s, touch_s, STEP_S if evidence.truth is None else 0.0)
 
 
 def tared(

@@ -201,12 +201,15 @@ ROUNDING_S = 1e-9
 """Of times that are a step apart, s."""
 
 
-def not_before(reported_s: float, true_s: float) -> bool:
+def not_before(reported_s: float, true_s: float, step_s: float = STEP_S) -> bool:
     """Whether an event was reported no sooner than it happened, beyond the uncertainty of the truth's own time.
 
     What is reported sooner is a false alarm, however soon the event follows.
+
+    Args:
+        step_s: That uncertainty.
     """
-    return reported_s >= true_s - STEP_S - ROUNDING_S
+    return reported_s >= true_s - step_s - ROUNDING_S
 
 
 def delay_s(reported_s: float, true_s: float) -> float:
