@@ -4,8 +4,8 @@ import sys
 from importlib import import_module
 
 STUDIES = (
-    "physics grasp slip slip_thresholds pretouch pretouch_rooms level_stops centering centering_rooms plates "
-    "contact contact_steps onset curves table_1 campaigns costs"
+    "physics grasp slip slip_thresholds pretouch pretouch_rooms centering centering_rooms "
+    "contact contact_steps onset curves campaigns costs"
 )
 MODULES = {"stop": "stop_latency"}
 BENCHMARKS = ("loop", "stop", "left_alone", "grasp_wire", *STUDIES.split())

@@ -67,7 +67,6 @@ class Place(NamedTuple):
         finger_db: Standard deviation of each finger's sensitivity from search to search.
         fades: Sensitivity of the right finger after half a turn, as a share of the one before.
         decays: Distance over which the sound of the right finger spreads, as a share of the left one's.
-        plate: Half waves in which the pads vibrate (`AuraPlantSettings.plate`).
     """
 
     seed: int
@@ -81,7 +80,6 @@ class Place(NamedTuple):
     room: RoomSettings = RoomSettings()
     fades: float = 1.0
     decays: float = 1.0
-    plate: tuple[int, int] | None = None
 
 
 class CenteringScene:
@@ -90,7 +88,6 @@ class CenteringScene:
 
     def __init__(self, place: Place) -> None:
         about = {"mismatch_db": place.mismatch_db, "finger_scatter_db": place.finger_db, "room": place.room}
-        about["plate"] = place.plate
         settings = AuraBenchSettings.model_validate({"object": place.object, **about})
         thing = OBJECTS[place.object]
         limits = {"acceleration_m_s2": ACCELERATION_M_S2, "max_speed_m_s": MAX_SPEED_M_S}

@@ -95,9 +95,6 @@ def approach(
     hold_s: float = HOLD_S,
     noise: float = 1.0,
     touching: bool = True,
-    *,
-    rests_s: float = BASELINE_S,
-    listens_s: float = LISTENS_S,
 ) -> ApproachScene:
     """One approach: settle, baseline, approach until `STOPS_S` after the touch, hold, retract.
 
@@ -108,8 +105,6 @@ def approach(
         hold_s: Time at standstill; 0 ends the scene where the probe would stop.
         noise: Factor on every noise once the baseline has ended.
         touching: Whether the probe is there: without it the same finger in the same noise is recorded for as long.
-        rests_s: From settling to the probe's start.
-        listens_s: How long a detector may take after the touch where nothing is held.
     """
     location, speed_m_s = row
     rng = np.random.default_rng((seed, trial))
@@ -118,7 +113,7 @@ def approach(
     plant.begin(key=(seed, trial), location=location, gap_m=gap_m if touching else 1.0)
     plant.excite(True)
     plant.advance(SETTLE_S)
-    starts_s = SETTLE_S + rests_s
+    starts_s = SETTLE_S + BASELINE_S
     plan = [(SETTLE_S, 0.0, 0.0, 0.0), (starts_s, 0.0, speed_m_s, 0.0)]
     plant.move_probe(plan)
     observed = frozenset({"accelerometer", "load_cell", "period"})
@@ -152,7 +147,7 @@ def approach(
     ):  # the swing meets the probe up to a millimetre before the resting surface
         until(round(plant.t_s + 0.02, 3))
     touch_s = contacts[0][0] if touching else reach_s + 0.5
-    stops_s = round(touch_s + (STOPS_S if hold_s else listens_s), 3)
+    stops_s = round(touch_s + (STOPS_S if hold_s else LISTENS_S), 3)
     until(stops_s)
     if hold_s:
         there_m, leaves_s = (stops_s - starts_s) * speed_m_s, stops_s + hold_s

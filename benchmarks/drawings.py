@@ -41,7 +41,7 @@ def main(names: Sequence[str]) -> None:
         pictures()
     if {"pictures", "timeline"} & set(names):
         timeline()
-    for figure in (physics, skipped, sides, undulations, table_1, grasp_front):
+    for figure in (physics, skipped, sides, undulations, grasp_front):
         if names and figure.__name__ not in names:
             continue
         with TemporaryDirectory() as folder:
@@ -173,54 +173,6 @@ def undulations(figures: Figures) -> str:
 
 
 # --- the README's picture ---------------------------------------------------------------------------
-
-
-def table_1(figures: Figures) -> str:
-    """Time beside Table I's, with the region that fits, and false contacts, over rate and noise: a column a reading."""
-    found = json.loads((FOLDER / "table_1.json").read_text(encoding="utf-8"))
-    rates, noises = found["rates_hz"], found["noises"]
-    titles = {"samples": "σ of the single samples", "averages": "σ of the moving average"}
-    with figures.figure(5.0, rows=2, columns=2, sharex=True, sharey=True) as drawing:
-        for place, (rule, of) in enumerate(titles.items()):
-            maps = {name: np.array(values) for name, values in found["maps"][rule].items()}
-            fits = np.minimum(maps["time, rows"], maps["extent, rows"])
-            times = np.log2(maps["time, ratio"])
-            panels = (
-                (times, "PuOr_r", (-2.0, 2.0), "mean time over Table I's"),
-                (42.0 * maps["false"], "Reds", (0.0, 12.0), "false contacts of 42"),
-            )
-            for line, (values, colours, (low, high), name) in enumerate(panels):
-                axes = drawing.axes[2 * line + place]
-                axes.imshow(values, cmap=colours, vmin=low, vmax=high, aspect="auto", origin="lower")
-                for (y, x), value in np.ndenumerate(values):
-                    dark = abs(2.0 * (value - low) / (high - low) - (line == 0)) > (
-                        0.62 if line == 0 else 1.3
-                    )
-                    look: Any = {
-                        "ha": "center",
-                        "va": "center",
-                        "fontsize": 7,
-                        "color": "white" if dark else INK,
-                    }
-                    axes.text(x, y, f"{value:.0f}" if line else f"{2.0**value:.1f}", **look)
-                cells = np.kron(
-                    np.pad(fits >= 12, 1), np.ones((20, 20))
-                )  # so that the line follows the cells
-                edges: Any = {"extent": (-1.5, len(rates) + 0.5, -1.5, len(noises) + 0.5)}
-                axes.contour(cells, levels=[0.5], colors=OURS, linewidths=1.6, **edges)
-                axes.set(xlim=(-0.52, len(rates) - 0.48), ylim=(-0.54, len(noises) - 0.46))
-                axes.set_title(f"{name}: {of}")
-                axes.set_xticks(range(len(rates)), [f"{rate:g}" for rate in rates])
-                axes.set_yticks(range(len(noises)), [f"{noise:g}" for noise in noises])
-                point = found["points"][f"{rule}, at the printed rate"]
-                marked: Any = {"marker": "s", "ms": 15, "mfc": "none", "mec": INK, "mew": 1.4, "ls": ""}
-                axes.plot(rates.index(point["rate_hz"]), noises.index(point["noise"]), **marked)
-                axes.spines[["top", "right"]].set_visible(True)
-        for axes in drawing.axes[2:]:
-            axes.set_xlabel("frequency samples a second")
-        for axes in drawing.axes[::2]:
-            axes.set_ylabel("noise, times the plant's own")
-        return saved(drawing, "table_1")
 
 
 def timeline() -> None:

@@ -1,15 +1,13 @@
-"""Run time against error of the finger, beside its strong rivals, heyoka and compiled RK4 with event location.
+"""Run time against error of the finger, beside a strong rival, compiled RK4 with event location.
 
-`python -m benchmarks physics` writes results/physics_strongest.json. heyoka is not among the requirements: `pip install
-heyoka`, or it is left out. The reference is the tests'
-(`tests/stability/finger_oracles.py`: eigenvectors to 40 digits, nothing of the plant's). results/physics.md keeps an
-earlier run with more rivals: a method of order 8, scipy's and MuJoCo (physics.json).
+`python -m benchmarks physics` writes results/physics_strongest.json. The reference is the tests'
+(`tests/stability/finger_oracles.py`: eigenvectors to 40 digits, nothing of the plant's). results/physics.md keeps
+earlier runs with more rivals: heyoka, a method of order 8, scipy's and MuJoCo (physics.json).
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +34,7 @@ MATCH_S = 2e-3
 OPEN_LOOP_HZ = 28.0
 """Frequency of the drive without the loop: the free resonance of the paper."""
 
-EXACT, RK4, TAYLOR = "exact pieces", "RK4, events located", "heyoka"
+EXACT, RK4 = "exact pieces", "RK4, events located"
 
 EVENTS_PER_S = 4000
 """Room for events; what needs more has gone astray."""
@@ -602,90 +600,6 @@ def compiled_rk4(scene: Scene, substeps: int) -> Solver:
     return Solver(run, result)
 
 
-def taylor(scene: Scene) -> Solver:
-    """heyoka's Taylor series to the last digits, with its own event detection: knows nothing of ours but the equations.
-
-    Raises:
-        ImportError: it is not installed; `pip install heyoka` is enough.
-    """
-    import heyoka as hy
-
-    c, par = constants(scene), hy.par
-    theta, omega, b, beta, a, g1, g2, v, phi = x = hy.make_vars(
-        "theta", "omega", "b", "beta", "a", "g1", "g2", "v", "phi"
-    )
-    comparator, oscillator, begun, *plan = (par[index] for index in range(3, 9))
-    ago = hy.time - begun
-    delta = plan[0] + ago * (plan[1] + 0.5 * plan[2] * ago) - c.gap - c.arm * theta
-    push = c.contact * delta + c.contact_damping * (plan[1] + plan[2] * ago - c.arm * omega)
-    joint = c.joint * (theta - b) + c.joint_damping * (omega - beta)
-    beta_rate = (joint - c.base * b - c.base_damping * beta) * c.per_base_inertia
-    y = a - g1 * c.per_quality - g2
-    rates = (
-        omega,
-        (c.drive * (2.0 * oscillator - 1.0) + c.arm * par[TOUCHING] * push - joint) * c.per_inertia,
-        beta,
-        beta_rate,
-        -c.accelerometer_rad_s * (c.accelerometer_arm * beta_rate + a),
-        c.high_pass_rad_s * y,
-        c.high_pass_rad_s * g1,
-        c.control_rad_s * (comparator + oscillator - 2.0 * comparator * oscillator - v),
-        c.lowest_hz + c.range_hz * v,
-    )
-    found: list[tuple[float, str]] = []
-    theta_rad = np.empty(scene.times_s.size)
-
-    def turns(which: int, down: int, up: int) -> Callable[[Any, int], bool]:
-        def turned(solver: Any, _: int) -> bool:
-            found.append((solver.time, KINDS[down if solver.pars[which] else up]))
-            solver.pars[which] = 1.0 - solver.pars[which]
-            solver.state[8] *= which == 3  # the oscillator's half cycle begins anew
-            return True
-
-        return turned
-
-    def enters(mode: int, kind: int = -1) -> Callable[[Any, int], bool]:
-        def entered(solver: Any, _: int) -> bool:
-            solver.pars[:3] = np.arange(3) == mode
-            found.extend([(solver.time, KINDS[kind])] if kind >= 0 else [])
-            return True
-
-        return entered
-
-    def when(mode: int, value: Any, sign: float, then: Callable[[Any, int], bool]) -> Any:
-        """Zero where the value crosses zero in a mode, never in another."""
-        return hy.t_event(par[mode] * (sign * value) - (1.0 - par[mode]), callback=then, direction=rising)
-
-    rising = hy.event_direction.positive
-    events = [
-        hy.t_event(phi - 0.5, callback=turns(4, DRIVE_DOWN, DRIVE_UP), direction=rising),
-        hy.t_event(
-            (1.0 - 2.0 * comparator) * y - c.hysteresis,
-            callback=turns(3, COMPARATOR_DOWN, COMPARATOR_UP),
-            direction=rising,
-        ),
-        when(FREE, delta, 1.0, enters(TOUCHING, MADE)),
-        when(TOUCHING, push, -1.0, enters(CLIPPED if c.contact_damping else FREE, LOST)),
-        when(CLIPPED, delta, -1.0, enters(FREE)),
-        when(CLIPPED, push, 1.0, enters(TOUCHING, MADE)),
-    ]
-    solver = hy.taylor_adaptive(list(zip(x, rates, strict=True)), [0.0] * 9, pars=[0.0] * 9, t_events=events)
-
-    def run() -> None:
-        found.clear()
-        solver.time, solver.state[:], solver.pars[:] = 0.0, [0.0] * 7 + [0.5, 0.0], [1.0] + [0.0] * 8
-        solver.reset_cooldowns()
-        ends = [piece[0] for piece in scene.motion[1:]] + [scene.duration_s]
-        done = 0
-        for piece, end_s in zip(scene.motion, ends, strict=True):
-            solver.pars[5:] = piece
-            some = scene.times_s[done : np.searchsorted(scene.times_s, end_s + 1e-9)]
-            theta_rad[done : done + some.size] = solver.propagate_grid([solver.time, *some])[-1][1:, 0]
-            done += some.size
-
-    return Solver(run, lambda: _trajectory(theta_rad.tolist(), found))
-
-
 class Point(NamedTuple):
     """One solver at one setting on one scene; `us_per_s` is CPU time per simulated second."""
 
@@ -713,8 +627,6 @@ def compare(*, quick: bool = False) -> Iterator[Point]:
         for scene in scenes(closed=closed, duration_s=1.2 if quick else DURATION_S):
             truth, steps = reference(scene), [2**k for k in range(FINEST + 1)]
             rivals = [(RK4, f"{1e3 / n:g} us", compiled_rk4(scene, n)) for n in steps]
-            if find_spec("heyoka"):
-                rivals.append((TAYLOR, "", taylor(scene)))
             every = [(EXACT, "", exact(scene)), *rivals]
             taken_s = side_by_side_s([(solver.begin, solver.run) for _, _, solver in every])
             for (name, setting, solver), run_s in zip(every, np.median(taken_s, axis=0), strict=True):

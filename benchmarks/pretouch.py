@@ -79,8 +79,7 @@ NOMINAL_K = 293.15
 @dataclass(frozen=True)
 class Event:
     """One passage to be simulated; equal events give identical passages. Seed (of the study's part) and number key the
-    noise, the side goes ahead, the echo is weaker than the plant's default, the mechanism as noisy as `motion_fs`
-    (None: as the plant's)."""
+    noise, the side goes ahead, the echo is weaker than the plant's default."""
 
     seed: int
     number: int
@@ -89,7 +88,6 @@ class Event:
     side: Side
     speed_m_s: float
     weaker_db: float = 0.0
-    motion_fs: float | None = None
 
 
 @dataclass(frozen=True)
@@ -131,8 +129,7 @@ def settings_of(event: Event) -> AuraBenchSettings:
         scene="ahead", temperature_k=NOMINAL_K * ratio * ratio, warming_k_s=warming, side=event.side
     )
     weaker_fs = found.reflection_fs * 10.0 ** (-event.weaker_db / 20.0)
-    motion_fs = found.motion_fs if event.motion_fs is None else event.motion_fs
-    return found.model_copy(update={"reflection_fs": weaker_fs, "motion_fs": motion_fs})
+    return found.model_copy(update={"reflection_fs": weaker_fs})
 
 
 def ramp(times_s: Floats, length_m: float, speed_m_s: float) -> tuple[Floats, float]:
@@ -615,8 +612,6 @@ def _all_rates(verdicts: Sequence[Verdict], thresholds: Mapping[str, float]) -> 
 
 def main(quick: bool = False) -> None:
     """Run the study, print its progress; writes results/pretouch.json."""
-    from benchmarks.pretouch_touches import studies
-
     started_s, size = time.perf_counter(), QUICK if quick else FULL
     with workers() as pool:
 
@@ -651,7 +646,6 @@ def main(quick: bool = False) -> None:
         "plain": _all_rates(plain, own),
         "soft": soft,
         "sweep": sweep,
-        "paper_contact": studies(quick),
         "wall_s": time.perf_counter() - started_s,
     }
     save("pretouch", study, quick=quick)

@@ -187,14 +187,13 @@ NEVER = (
 @dataclass(frozen=True)
 class Passing:
     """One passage. Seed and number key its noise and its room: setting and judging share neither. Without an object it
-    is a motion to and fro; the echo is weaker than the plant's default, the pad vibrates in `plate`."""
+    is a motion to and fro; the echo is weaker than the plant's default."""
 
     seed: int
     number: int
     room: str
     object: str | None
     weaker_db: float = 0.0
-    plate: tuple[int, int] | None = None
 
     @property
     def speed_m_s(self) -> float:
@@ -250,7 +249,6 @@ def plant_of(passing: Passing, room: Room) -> AuraPlant:
     weaker_fs *= (1.0 + SAME_M / plain.decay_m) ** (power - plain.decay_power)
     # a lower drive stands for faster sound: no temperature reaches these values
     about = {"reflection_fs": weaker_fs, "decay_power": power, "resonance_hz": (DRIVE_HZ / room.sound,) * 2}
-    about |= {"plate": passing.plate}
     plant = AuraPlant(plain.model_copy(update={**about, "room": room.settings}))
     thing = OBJECTS.get(passing.object or "")
     plant.begin((passing.seed, passing.number), thing, plain.object_top_m, passing.side)

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch
-from benchmarks.level_stops import RING_FS, ringing
 from benchmarks.pretouch import FULL, Event, events, passage, rate, seen_at, threshold_at, touch
 from benchmarks.pretouch_rooms import TRAINING, UNDULATION_M, Passing, commanded, simulate
-from benchmarks.pretouch_touches import THRESHOLDS, TouchTrial, scored
 from simulator.physics.aura_settings import SIX
 
 
@@ -61,32 +59,6 @@ def test_what_is_late_early_or_taken_back_is_seen(events, felt, early, held, end
     )
 
 
-def swept(level, touched_s=2.0):
-    """A second of a window at rest, an approach from 1 s, a touch at 2 s; the level is given from 1 s on."""
-    times_s = np.arange(3000) / 1000.0
-    at_rest = 1e-3 * np.sin(np.arange(1000))
-    touching = (times_s >= touched_s) & (times_s < 2.9)
-    values = np.concatenate([at_rest, level])
-    trial = TouchTrial(values, times_s, (1.0, 2.1), touched_s, touching, np.zeros(3000), {})
-    felt, false = scored(trial, 0.5, "all of it")
-    return [bool(felt[i]) for i in places()], [bool(false[i]) for i in places()]
-
-
-def places():
-    return [int(np.searchsorted(THRESHOLDS, gamma)) for gamma in (5.0, 30.0)]
-
-
-def test_the_sweep_detects_a_jump_at_the_touch_and_takes_one_before_it_for_false():
-    still, jump = 1e-3 * np.sin(np.arange(2000)), np.zeros(2000)
-    jump[1000:] = 0.05
-    assert swept(still) == ([False, False], [False, False])
-    assert swept(still + jump) == ([True, False], [False, False]), (
-        "30 deviations are more than 500 samples allow"
-    )
-    jump[500:] = 0.05
-    assert swept(still + jump) == ([False, False], [True, False])
-
-
 def test_pre_touch_counts_within_the_approach_alone():
     events = [event(PreTouch, 0.5), event(PreTouch, 2.5)]
     assert seen_at(events, 1.0, 3.0) == 2.5
@@ -130,13 +102,3 @@ def test_the_rival_with_the_commanded_speed_finds_the_power_of_a_wave_on_a_level
     wave = 1e-3 * np.exp(2j * np.pi * speed_m_s / UNDULATION_M * times_s)
     power = commanded(0.2 + 0.01 * times_s + wave, speed_m_s, 2)
     assert np.nanmedian(power) == pytest.approx(1e-6, rel=0.05)
-
-
-def test_a_mover_rings_after_each_stop_and_not_before_the_first():
-    way_m = np.concatenate(
-        [np.zeros(100), np.arange(200) * 1e-5, np.full(300, 2e-3), 2e-3 - np.arange(200) * 1e-5]
-    )
-    found = np.abs(ringing(np.append(way_m, np.full(300, 1e-5)), np.random.default_rng(1)))
-    assert not found[:300].any()
-    assert 0.0 < found[300:400].max() <= RING_FS
-    assert found[800:900].max() > found[700:790].max()
