@@ -126,7 +126,8 @@ class LevelSettings(Settings):
     """Jump that means contact, in root mean squares of the other jumps. White Gaussian noise would reach 3.8 once an
     hour, but a starting arm is not white: chosen on simulated approaches, of which some 1 % reach it
     without contact (benchmarks/pretouch). On a noisy mover with its encoder a few approaches in a hundred jump far
-    higher, and a threshold from those feels hardly any touch (benchmarks/results/level_stops.md): look at it beside this one."""
+    higher, and a threshold from those feels hardly any touch (benchmarks/results/level_stops.md): look at it beside
+    this one."""
 
     spans_s: Annotated[tuple[float, ...], Strict(False)] = (0.004, 0.008, 0.016)
     """Lengths over which a jump is looked for, s, growing. Assumption: a finger's foam takes its first load within
