@@ -1,6 +1,6 @@
 """SSG-48: CAN frames ⇄ messages, no I/O.
 
-Source: docs/reference/can_gripper.md, and the firmware's behaviour. An identifier is
+Source: docs/reference/grippers.md, and the firmware's behaviour. An identifier is
 `node << 7 | command << 1 | fault`; numbers are big-endian.
 
 The two object bits: the maker's page numbers bits from the left and the firmware writes the low bit of the verdict
@@ -20,7 +20,7 @@ from drivers.core.errors import CodecError
 from drivers.gripper.state import GripFinding, GripperState
 
 NODES: Final = 16
-"""Node numbers are 0 to 15 (docs/reference/can_gripper.md)."""
+"""Node numbers are 0 to 15 (docs/reference/grippers.md)."""
 
 ERROR_BITS: Final = (
     "over temperature",
@@ -31,15 +31,15 @@ ERROR_BITS: Final = (
     "overcurrent",
     "emergency stop",
 )
-"""Bits 6 to 0 of the first byte of `GripperErrors`; bit 7 is any of them (docs/reference/can_gripper.md)."""
+"""Bits 6 to 0 of the first byte of `GripperErrors`; bit 7 is any of them (docs/reference/grippers.md)."""
 
 WATCHDOG_BIT: Final = 0x20
 MOTOR_BIT: Final = 0x80
-"""In the second byte of `GripperErrors` (docs/reference/can_gripper.md)."""
+"""In the second byte of `GripperErrors` (docs/reference/grippers.md)."""
 
 
 class GripperCode(IntEnum):
-    """Command numbers, 6 bits (docs/reference/can_gripper.md)."""
+    """Command numbers, 6 bits (docs/reference/grippers.md)."""
 
     ESTOP = 0
     CLEAR_ERROR = 1

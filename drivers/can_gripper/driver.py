@@ -42,7 +42,7 @@ class CanGripperSettings(CanPort):
     """A gripper on a CAN bus; widths are the opening between its fingers."""
 
     node: int = Field(default=0, ge=0, le=15)
-    """Node number on the bus (docs/reference/can_gripper.md: 0 by default)."""
+    """Node number on the bus (docs/reference/grippers.md: 0 by default)."""
     closed_width_m: float = Field(default=units.CLOSED_MIN_M, ge=units.CLOSED_MIN_M, le=units.CLOSED_MAX_M)
     """Opening of the closed jaws: set by the brackets that the fingers stand on, 48 mm less than the open ones."""
     max_speed_m_s: float = Field(default=0.1, gt=0.0, le=units.SPEED_MAX_M_S)

@@ -19,7 +19,7 @@ CLOSED_MAX_M: Final = 0.085 - STROKE_M
 """Least and greatest opening of closed jaws: the brackets reach from 8 to 85 mm (the bench's page)."""
 
 POSITION_COUNTS: Final = 255
-"""Positions run from 0, open, to this, closed: 0.19 mm a count (docs/reference/can_gripper.md)."""
+"""Positions run from 0, open, to this, closed: 0.19 mm a count (docs/reference/grippers.md)."""
 
 PINION_M: Final = 0.006
 """Radius of the pinion between the two racks (data sheet, "Gripper linear speed")."""

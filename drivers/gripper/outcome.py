@@ -18,7 +18,7 @@ from drivers.gripper.state import GripFinding, GripperState
 from drivers.gripper.units import JawUnits
 
 CALIBRATION_S = 32.0
-"""Longest calibration: the gripper itself gives up after 30 s (docs/reference/can_gripper.md)."""
+"""Longest calibration: the gripper itself gives up after 30 s (docs/reference/grippers.md)."""
 
 STILL_S = 0.05
 """A position that does not change for this long stands still, where no finding reports it (assumption)."""

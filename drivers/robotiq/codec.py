@@ -1,6 +1,6 @@
 """Robotiq: lines of the URCap's socket ⇄ values, and SI ⇄ the counts of each model. No I/O.
 
-Source: docs/reference/can_gripper.md. A question is `GET NAME`, its answer `NAME value`, without an end; an order is
+Source: docs/reference/grippers.md. A question is `GET NAME`, its answer `NAME value`, without an end; an order is
 `SET NAME value …`, its answer `ack`.
 """
 

@@ -26,7 +26,7 @@ from simulator.physics.bench import part
 from simulator.physics.jaws_drive import JawsDrive
 
 HEARTBEAT_S = 1.0
-"""Period of its heartbeat (docs/reference/can_gripper.md)."""
+"""Period of its heartbeat (docs/reference/grippers.md)."""
 
 INFO = (2, 25, 1, 4848)
 """What it says of itself: hardware, batch, firmware, serial number (assumption)."""

@@ -10,7 +10,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TICK_S = 2e-4
-"""Step of the integration: the period of the gripper's own loops (5 kHz: docs/reference/can_gripper.md)."""
+"""Step of the integration: the period of the gripper's own loops (5 kHz: docs/reference/grippers.md)."""
 
 SPEED_MA = 0.03
 """Current for each tick/s of error in speed (the firmware's default gain)."""
@@ -22,27 +22,27 @@ POSITION_PER_S = 8.0
 """Speed for each tick of error in position (the firmware's default gain)."""
 
 NEAR_TICKS = 5
-"""Less than this from its target the drive is at its position, until the next order (docs/reference/can_gripper.md)."""
+"""Less than this from its target the drive is at its position, until the next order (docs/reference/grippers.md)."""
 
 SLOW_TICKS_S = 500.0
-"""An object is felt below this speed … (docs/reference/can_gripper.md)"""
+"""An object is felt below this speed … (docs/reference/grippers.md)"""
 
 OBJECT_SHARE = 0.8
-"""… and above this share of the current limit (docs/reference/can_gripper.md)."""
+"""… and above this share of the current limit (docs/reference/grippers.md)."""
 
 CALIBRATION_MA = 500.0
 CALIBRATION_TICKS_S = 12_583.0
-"""Limit and speed of a calibration (docs/reference/can_gripper.md; speed 40 of the firmware)."""
+"""Limit and speed of a calibration (docs/reference/grippers.md; speed 40 of the firmware)."""
 
 CALIBRATION_HOLD = 3200
-"""Ticks at each stop: 0.64 s (docs/reference/can_gripper.md)."""
+"""Ticks at each stop: 0.64 s (docs/reference/grippers.md)."""
 
 CALIBRATION_NEAR_MA = 90.0
 CALIBRATION_SLOW_TICKS_S = 700.0
 """What counts as standing at a stop: so near to the limit, so slow (firmware)."""
 
 CALIBRATION_MOST = 150_000
-"""Ticks after which a calibration is aborted: 30 s (docs/reference/can_gripper.md)."""
+"""Ticks after which a calibration is aborted: 30 s (docs/reference/grippers.md)."""
 
 HUNT_TICKS = 50
 HUNT_SHARE = 0.5

@@ -1,4 +1,4 @@
-"""The emulated gripper's habits, in the bytes of docs/reference/can_gripper.md."""
+"""The emulated gripper's habits, in the bytes of docs/reference/grippers.md."""
 
 import math
 

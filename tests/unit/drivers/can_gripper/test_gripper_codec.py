@@ -1,4 +1,4 @@
-"""Frames of the SSG-48 against bytes written by hand from docs/reference/can_gripper.md."""
+"""Frames of the SSG-48 against bytes written by hand from docs/reference/grippers.md."""
 
 from dataclasses import replace
 

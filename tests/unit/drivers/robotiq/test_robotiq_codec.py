@@ -1,4 +1,4 @@
-"""Lines of the URCap's socket against bytes written by hand from docs/reference/can_gripper.md."""
+"""Lines of the URCap's socket against bytes written by hand from docs/reference/grippers.md."""
 
 import pytest
 
