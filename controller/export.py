@@ -101,7 +101,7 @@ def _trials_parquet(run: Run, path: Path) -> Path:
     from pyarrow.csv import ConvertOptions, read_csv  # arrays of Python's own values would load pandas, 0.2 s
 
     columns = columns_of(str(run.manifest.get("experiment")))
-    names = list(dict.fromkeys(name for row in run.trials for name in row))
+    names = list(dict.fromkeys(["trial", "outcome", *(name for row in run.trials for name in row)]))
     text = io.StringIO(newline="")
     lines = csv.writer(text)
     lines.writerow(names)

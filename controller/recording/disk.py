@@ -5,6 +5,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -66,7 +67,13 @@ class DiskThread:
         self._busy = files[0].path
         self._synced_s = monotonic_s()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
-        self._thread.start()
+        try:
+            self._thread.start()
+        except RuntimeError:  # no memory for a thread: what is there stays readable
+            for file in files:
+                with suppress(OSError):
+                    file.finish()
+            raise
 
     @property
     def failure(self) -> RecordingError | None:

@@ -10,6 +10,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from behaviors.events import Contact, GuardStopped
+from controller.export import tidy
 from controller.limits import GuardSettings
 from controller.recording import disk
 from controller.recording.layouts import FOXGLOVE, PLOTJUGGLER, write_layouts
@@ -275,6 +276,19 @@ def test_a_recording_that_cannot_be_begun_is_one_clear_line(tmp_path):
     with pytest.raises(RecordingError, match="No space left on device while making") as caught:
         StreamWriter(tmp_path / "recording.mcap", START, STREAMS)
     assert "\n" not in str(caught.value)
+
+
+def test_a_recorder_that_gets_no_thread_leaves_a_recording_that_can_be_read(folder, monkeypatch):
+    def refused(_):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr("threading.Thread.start", refused)
+    with pytest.raises(RuntimeError, match="thread"):
+        recorder_in(folder)
+    with (folder.path / "recording.mcap").open("rb") as file:
+        summary = make_reader(file, validate_crcs=True).get_summary()
+    assert summary is not None and not summary.statistics.message_count
+    assert tidy(open_run(folder.path)) is not None, "the table of no trials can be written"
 
 
 def test_a_disk_that_fills_up_in_a_trial_is_reported_at_its_end_and_not_before(folder, monkeypatch):
