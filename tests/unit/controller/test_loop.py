@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from behaviors.events import BaselineRefused, Contact, GuardStopped, Paused, Resumed, Tick
+from behaviors.events import BaselineRefused, Contact, GuardStopped, Paused, Resumed, Retreated, Tick
 from behaviors.machine import Behavior, Row, StatePlan, on
 from controller import loop as loop_module
 from controller.guard import Guard, GuardRefusal, GuardSettings
@@ -71,18 +71,22 @@ class Device:
 
 
 class Mover(Device):
-    """Reaches what it is sent to after `travel_s`, stands `brake_s` after a stop; None: never."""
+    """Reaches what it is sent to after `travel_s`, at a speed `back_s`, stands `brake_s` after a stop; None: never."""
 
     def __init__(self, name, bench, travel_s=0.1, brake_s=0.02):
         super().__init__(name, bench)
         self.travel_s, self.brake_s = travel_s, brake_s
-        self.broken = None
+        self.back_s = self.broken = None
 
     def apply(self, command):
         if self.broken is not None and isinstance(command, Stop):
             raise self.broken
         super().apply(command)
-        answers = {Stop: (Standstill, self.brake_s), MoveTo: (Reached, self.travel_s)}
+        answers = {
+            Stop: (Standstill, self.brake_s),
+            MoveTo: (Reached, self.travel_s),
+            MoveAt: (Reached, self.back_s),
+        }
         kind, delay_s = answers.get(type(command), (None, None))
         if delay_s is not None:
             self.report(kind, 0.0, at_s=self.bench.clock.now() + delay_s, command_id=command.id)
@@ -1265,17 +1269,24 @@ def crushing():
     return bench
 
 
-def test_what_pressed_too_hard_is_sent_back_after_its_stop_and_stopped_again():
+@pytest.mark.parametrize(("back_s", "for_s"), [(None, 0.1), (0.03, 0.03)])  # at most 1 mm at 10 mm/s
+def test_what_pressed_too_hard_is_sent_back_after_its_stop_and_stopped_again(back_s, for_s):
     bench = crushing()
+    bench.stage.back_s = back_s
     bench.run()
-    (back_s, back), *more = bench.sent(MoveAt)
+    (sent_s, back), *more = bench.sent(MoveAt)
     assert not more
     assert back.velocity_m_s == -0.01
     stops_s = [t_s for t_s, command in bench.stops if command.device == "stage"]
-    assert stops_s[0] < back_s < stops_s[-1]
-    assert stops_s[-1] == pytest.approx(back_s + 0.1, abs=2 * TURN_S), "1 mm at 10 mm/s"
+    assert stops_s[0] < sent_s < stops_s[-1]
+    assert stops_s[-1] == pytest.approx(sent_s + for_s, abs=2 * TURN_S)
+    assert bench.clock.now() == pytest.approx(stops_s[-1] + bench.stage.brake_s, abs=2 * TURN_S)
     assert ("Retreated", "FAILED", "FAILED", [back]) in bench.kept
-    assert bench.loop.account.reason.endswith("; it pressed beyond limits.retreat_n: stage was sent back")
+    (retreated,) = (event for event in bench.loop.events if isinstance(event, Retreated))
+    assert (retreated.t_s, retreated.device) == (pytest.approx(sent_s), "stage")
+    reason = bench.loop.account.reason
+    assert "beyond limits.force_n" in reason
+    assert reason.endswith("; it pressed beyond limits.retreat_n: stage was sent back")
 
 
 def test_one_that_cannot_be_sent_back_is_named(bench):
@@ -1289,9 +1300,9 @@ def test_one_that_cannot_be_sent_back_is_named(bench):
 
     bench.stage.apply = refusing
     bench.run()
-    assert bench.loop.account.reason.endswith(
-        "beyond limits.retreat_n, and stage could not be sent back: gone"
-    )
+    reason = bench.loop.account.reason
+    assert "beyond limits.force_n" in reason
+    assert reason.endswith("beyond limits.retreat_n, and stage could not be sent back: gone")
     assert bench.stops[-1][1] == Stop("other")
 
 
