@@ -19,7 +19,7 @@ def test_queries_are_the_bytes_of_the_interface_page(receiver: int, group: bool,
 
 @pytest.mark.parametrize(
     ("finger", "counts", "identifier", "data"),
-    [(11, 2000, 0x566, "99 00 D0 07"), (12, 4095, 0x586, "99 00 FF 0F"), (13, 0, 0x5A6, "99 00 00 00")],
+    [(11, 2000, 0x566, "99 00 D0 07"), (12, 4095, 0x586, "99 00 FF 0F"), (13, -12, 0x5A6, "99 00 F4 FF")],
 )
 def test_readings_are_the_bytes_of_the_interface_page(
     finger: int, counts: int, identifier: int, data: str

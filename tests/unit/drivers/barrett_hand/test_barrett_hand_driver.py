@@ -9,9 +9,9 @@ from drivers.barrett_hand.driver import BarrettHand, BarrettHandSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.can_link import PeriodicQuestion, ReceivedFrame
 from drivers.core.clock import VirtualClock, WallClock
-from drivers.core.errors import CommandError, RefusedError
+from drivers.core.errors import CommandError, ProtocolError, RefusedError
 from drivers.core.messages import Failed, Listen, Lost, Refused, Saturated, Sent, Stop, Tare
-from tests.refusals import refused
+from tests.refusals import check_refusal, refused
 
 F1, F2 = "hand.strain_11", "hand.strain_12"
 
@@ -133,7 +133,8 @@ def test_a_cycle_without_an_answer_is_a_reported_gap(hand: BarrettHand, link: Li
     (lost,) = hand.poll()
     assert isinstance(lost, Lost)
     assert (lost.stream, lost.samples) == (F1, 2)
-    assert hand.account()["lost"] == 2
+    link.malformed = 3
+    assert (hand.account()["lost"], hand.account()["malformed"]) == (2, 3)
 
 
 def test_answers_to_no_cycle_and_of_other_fingers_are_passed_over(hand: BarrettHand, link: Link) -> None:
@@ -279,3 +280,19 @@ def test_frames_of_others_are_passed_over_while_the_hand_is_asked(link: Link) ->
     made = BarrettHand("hand", BarrettHandSettings(port="can0"), WallClock(), link.open)
     assert F1 in made.open().streams
     assert link.waiting == []
+
+
+def test_a_bus_of_others_alone_is_refused_with_what_came(link: Link) -> None:
+    link.malformed, foreign = 3, []
+
+    def send(frame: CanFrame) -> float:
+        foreign.append(ReceivedFrame(CanFrame(0x123, b"\1"), DUE_S))
+        link.waiting = foreign[-1:]
+        return DUE_S
+
+    link.send = send  # type: ignore[method-assign]
+    made = BarrettHand("hand", BarrettHandSettings(port="can0"), VirtualClock(), link.open)
+    with pytest.raises(ProtocolError) as caught:
+        made.open()
+    came = f"{len(foreign)} frames of others and 3 malformed"
+    check_refusal(str(caught.value), "hand", "finger 11 at can0", came, "is a BarrettHand on this bus")

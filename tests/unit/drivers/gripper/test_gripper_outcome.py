@@ -76,6 +76,8 @@ def test_an_object_that_moves_within_the_grip_is_reported_when_it_is_gone_alone(
     (lost,) = pushed(outcome, MOVING, THERE, THERE, begin_s=1.3)
     assert isinstance(lost, Gripped)
     assert not lost.object
+    assert pushed(outcome, CLOSING, begin_s=1.4) == []
+    assert not outcome.settled(CLOSING), "it may be a new object"
 
 
 def test_a_grip_rests_through_stops_and_homes_that_drive_nothing(outcome: GripperOutcome) -> None:
@@ -109,6 +111,7 @@ def test_a_fault_is_reported_once_and_ends_the_command(outcome: GripperOutcome) 
     assert isinstance(stalled, Stalled)
     assert "watchdog" in stalled.reason
     assert "send Home" in stalled.reason
+    assert not outcome.settled(late)
     assert pushed(outcome, THERE, THERE, begin_s=2.0) == []
 
 

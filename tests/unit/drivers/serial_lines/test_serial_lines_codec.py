@@ -32,24 +32,24 @@ def test_what_an_arduino_prints_for_no_number_is_no_number(word: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "form"),
+    ("line", "form", "what"),
     [
-        (b"ADXL ready", LineFormat()),
-        (b"1,,2", LineFormat()),
-        (b"1,2,", LineFormat()),
-        (b"1,2_0", LineFormat()),
-        (b"1,1e999", LineFormat()),
-        (b"1,infinity", LineFormat()),
-        (b"\xfe\x00\x81", LineFormat()),
-        (b"1,0x12", LineFormat()),
-        (b"1,2*2E", LineFormat(check="xor")),
-        (b"1,2", LineFormat(check="xor")),
-        (b"1,3*8F", LineFormat(check="sum")),
-        (b"1,2*2F", LineFormat()),
+        (b"ADXL ready", LineFormat(), "ADXL ready.* numbers"),
+        (b"1,,2", LineFormat(), "numbers"),
+        (b"1,2,", LineFormat(), "numbers"),
+        (b"1,2_0", LineFormat(), "numbers"),
+        (b"1,1e999", LineFormat(), "numbers"),
+        (b"1,infinity", LineFormat(), "numbers"),
+        (b"\xfe\x00\x81", LineFormat(), "no text"),
+        (b"1,0x12", LineFormat(), "numbers"),
+        (b"1,2*2E", LineFormat(check="xor"), r"1,2\*2E.* check"),
+        (b"1,2", LineFormat(check="xor"), "check"),
+        (b"1,3*8F", LineFormat(check="sum"), "check"),
+        (b"1,2*2F", LineFormat(), "numbers"),
     ],
 )
-def test_what_is_no_line_of_numbers_is_an_error(line: bytes, form: LineFormat) -> None:
-    with pytest.raises(CodecError):
+def test_what_is_no_line_of_numbers_is_an_error(line: bytes, form: LineFormat, what: str) -> None:
+    with pytest.raises(CodecError, match=what):
         form.decode(line)
 
 
