@@ -86,8 +86,11 @@ def test_the_silence_of_a_signal_names_what_it_is_made_of_and_the_device():
     assert (failed.device, failed.reason.partition(" is")[0]) == ("board", named)
 
 
-def test_a_loop_that_was_away_polled_no_device():
+def test_a_loop_that_was_away_polled_no_device_and_is_no_excuse_in_a_motion():
     assert watching("board.load").check(0.6, [], moving=False, late_s=0.3) is None
+    arrivals = watching("board.load", urgent=["board.load"])
+    arrivals.check(0.0, [], moving=True)
+    assert arrivals.check(0.2, [], moving=True, late_s=0.15) is not None
 
 
 def test_a_time_stamp_from_the_future_keeps_nothing_alive():
@@ -123,10 +126,11 @@ def test_a_sensor_with_noise_that_repeats_one_value_is_stuck_since_the_last_chan
     )
 
 
-def test_one_sample_that_differs_in_between_is_enough_to_live():
+@pytest.mark.parametrize(("values", "every_s"), [([7, 8, 7], 0.1), ([8, 8, 7], 0.3)])
+def test_one_sample_that_differs_in_between_is_enough_to_live(values, every_s):
     arrivals = watching("board.load")
-    for t_s in (0.1, 0.2, 0.3, 0.4, 0.5):
-        assert arrivals.check(t_s, [block("board.load", t_s, [7, 8, 7])], moving=False) is None
+    for t_s in every_s * np.arange(1, 6):
+        assert arrivals.check(t_s, [block("board.load", t_s, values)], moving=False) is None
 
 
 def test_a_position_may_stand_for_as_long_as_it_likes_and_so_may_all_without_a_limit():
@@ -182,6 +186,7 @@ def test_turns_seen_as_one_are_whole_where_no_gap_is_wider_than_half_of_what_is_
 
 
 def test_what_sticks_within_a_block_is_found_however_the_stream_is_cut():
+    assert watching("board.load").check(1.0, [block("board.load", 1.0, [7] * 202)], moving=False) is not None
     values = [1, 2, *[7] * 230, 8]
     arrivals = watching("board.load")
     failed = arrivals.check(1.0, [block("board.load", 1.0, values)], moving=False)

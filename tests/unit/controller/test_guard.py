@@ -359,8 +359,10 @@ def test_what_is_just_within_its_limits_passes_as_it_is(changes, command):
     assert guard(**changes).admit(command) == command
 
 
-def test_a_bench_without_a_force_stream_watches_none():
-    assert guard(force_n=None).inputs == {"stage.position"}
+def test_a_bench_without_a_force_limit_watches_and_needs_no_force_stream():
+    watched = guard(force_n=None)
+    assert watched.inputs == {"stage.position"}
+    watched.check_streams({"stage.position": StreamInfo("stage.position", ("x",), "m")})
 
 
 def test_half_a_box_is_refused():
@@ -424,6 +426,9 @@ def test_a_limit_is_held_against_no_stream_in_another_unit(name, unit, reason):
     units = {"board.load_cell": "N", "stage.position": "m", "arm.pose": "m", name: unit}
     with pytest.raises(GuardRefusal, match=reason):
         boxed().check_streams({each: StreamInfo(each, tuple("xyz"), unit) for each, unit in units.items()})
+    units |= {name: "N" if name == "board.load_cell" else "m", "lift.position": "mm"}
+    with pytest.raises(GuardRefusal, match=r"limits.movers.lift.position_stream = .*: it is in mm"):
+        guard(**LIFT).check_streams({each: StreamInfo(each, ("x",), unit) for each, unit in units.items()})
 
 
 # --- limits of each mover
@@ -455,9 +460,9 @@ def test_a_motion_takes_the_blind_travel_of_its_mover_along():
 # --- a way out of contact
 
 
-def pressed(force_n=6.0):
+def pressed(force_n=6.0, **changes):
     """A guard whose trial begins in contact."""
-    watched = guard(quiet=False)
+    watched = guard(quiet=False, **changes)
     assert watched.check(0.02, [force(np.full(20, force_n)), position([0.01])], moving=True) is None
     return watched
 
@@ -499,8 +504,9 @@ def test_what_pressed_at_the_start_may_not_grow_however_the_samples_are_cut(bloc
     assert "6.300 N" in reasons[0]
 
 
-def test_the_limit_follows_a_force_that_falls_within_one_block():
-    watched = pressed()
+@pytest.mark.parametrize("median_s", [0.01, 0.001])
+def test_the_limit_follows_a_force_that_falls_within_one_block(median_s):
+    watched = pressed(force_median_s=median_s)
     falling = [force(np.linspace(6.0, 3.0, 40), 20)]
     assert watched.check(0.06, falling, moving=True) is None
     assert "3.700 N" in watched.check(0.08, [force(np.full(20, 3.7), 60)], moving=True)
@@ -650,7 +656,7 @@ class HomingSettings(Settings):
 
 def test_homing_is_no_faster_than_its_mover_may_be():
     stage = HomingSettings()
-    other = {"other": MoverLimits(travel_m=0.01, speed_m_s=0.03)}
+    other = {"other": MoverLimits(travel_m=0.01, speed_m_s=0.02)}  # just as fast
     limits = GuardSettings(travel_m=0.01, speed_m_s=0.01, movers=other)
     (found,) = limits.mismatches((), {("devices", "stage"): stage, ("devices", "other"): stage})
     assert (found.path, found.key) == (("devices", "stage"), "home_speed_m_s")
@@ -691,6 +697,18 @@ def test_what_pressed_beyond_the_second_tier_goes_back_once(before):
     assert watched.way_out() is None
 
 
+def test_the_way_back_is_that_of_what_moved_last_within_its_own_limits():
+    lift, stage = MoveAt("lift", 0.004, 0.1), MoveAt("stage", 0.01, 0.012)
+    movers = {"lift": {**LIFT_LIMITS, "speed_m_s": 0.005}}
+    way, for_s = crushed(lift, stage, lift, movers=movers).way_out()
+    assert (way.device, way.velocity_m_s, way.blind_travel_m) == (
+        "lift",
+        -0.005,
+        LIFT_LIMITS["blind_travel_m"],
+    )
+    assert for_s == pytest.approx(0.6), "3 mm at 5 mm/s"
+
+
 def test_it_goes_back_no_farther_than_where_approaches_begin_where_its_place_is_known():
     watched = guard(**TIERS, travel_min_m=-0.02)
     watched.admit(MoveAt("stage", 0.01, 0.012))
@@ -718,8 +736,11 @@ def test_where_no_way_back_is_known_there_is_none(before):
 def test_a_stop_below_the_second_tier_is_enough_and_one_that_brakes_beyond_it_is_not():
     watched = crushed(MoveAt("stage", 0.01, 0.012), brakes=np.full(40, 3.9))
     assert watched.looks_on_s == pytest.approx(0.02)
+    watched.see_braking([sent("board.accelerometer", np.full((40, 1), 9.0))])
     assert watched.way_out() is None
-    assert crushed(MoveAt("stage", 0.01, 0.012), brakes=np.full(40, 4.1)).way_out() is not None
+    watched = crushed(MoveAt("stage", 0.01, 0.012), brakes=np.full(40, 4.1))
+    watched.see_braking([force(np.full(40, 3.9), 60)])
+    assert watched.way_out() is not None
     assert guard(**TIERS).looks_on_s == 0.0
 
 
@@ -770,6 +791,7 @@ def test_beside_it_stands_what_happened():
     watched.check(0.02, [position([0.004]), force(np.full(20, -0.7))], moving=True)
     watched.sent(Stop("stage"))
     watched.check(0.04, [position([0.0041]), force(np.full(20, 0.3), 20)], moving=True)
+    watched.sent(Stop("lift"))
     assert watched.answered(Standstill(0.04, "lift", 0.0)) is None
     found = watched.answered(Standstill(0.05, "stage", 0.0042))
     assert (found.t_s, found.device) == (0.05, "stage")
@@ -968,6 +990,11 @@ def test_one_sensor_alone_is_not_compared_and_both_must_be_there():
     there = {name: StreamInfo(name, ("x",), unit) for name, unit in units.items()}
     with pytest.raises(GuardRefusal, match=r"limits.agree.force.streams = arm.force: the bench has no such"):
         watched.check_streams(there)
+    both = there | {"arm.force": StreamInfo("arm.force", ("x", "y"), "N")}
+    with pytest.raises(GuardRefusal, match=r"arm.force: channel 2 is to be watched, but it has 2"):
+        watched.check_streams(both)
+    with pytest.raises(GuardRefusal, match=r"limits.position_stream = stage.position: the bench has no such"):
+        watched.check_streams({name: info for name, info in both.items() if name != "stage.position"})
 
 
 def test_samples_of_one_do_not_pile_up_at_rest_while_the_other_is_silent_and_count_when_it_is_back():

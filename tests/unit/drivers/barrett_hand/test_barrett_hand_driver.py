@@ -133,6 +133,7 @@ def test_a_cycle_without_an_answer_is_a_reported_gap(hand: BarrettHand, link: Li
     (lost,) = hand.poll()
     assert isinstance(lost, Lost)
     assert (lost.stream, lost.samples) == (F1, 2)
+    assert 0.0 <= lost.t_s <= hand._clock.now()
     link.malformed = 3
     assert (hand.account()["lost"], hand.account()["malformed"]) == (2, 3)
 
