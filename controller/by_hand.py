@@ -12,7 +12,6 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Event, GuardStopped, Tick
 from behaviors.machine import Behavior, StatePlan, on
@@ -28,6 +27,7 @@ from drivers.core.messages import (
     Command,
     DeviceInfo,
     Failed,
+    Floats,
     Home,
     Listen,
     Lost,
@@ -120,12 +120,12 @@ class Latest:
         """All that is kept, in the order of time."""
         return sorted(chain.from_iterable(self._blocks.values()), key=lambda block: block.last_s)
 
-    def values(self, stream: str) -> NDArray[np.float64]:
+    def values(self, stream: str) -> Floats:
         """What has come of it, in its unit, shape (n, channels); (0, 0) where nothing has."""
         blocks = self._blocks.get(stream)
         return np.concatenate([block.physical for block in blocks]) if blocks else np.empty((0, 0))
 
-    def times(self, stream: str) -> NDArray[np.float64]:
+    def times(self, stream: str) -> Floats:
         """The bench time of each of them, shape (n,)."""
         blocks = self._blocks.get(stream)
         return np.concatenate([block.times for block in blocks]) if blocks else np.empty(0)
@@ -399,7 +399,7 @@ def home(session: HandSession, mover: str, deadline_s: float) -> HandResult:
     return session.run(scripted(until(Home(mover), Reached)), mover, limits=limits, deadline_s=deadline_s)
 
 
-def tare(session: HandSession, stream: str) -> tuple[HandResult, Sequence[NDArray[np.float64]]]:
+def tare(session: HandSession, stream: str) -> tuple[HandResult, Sequence[Floats]]:
     """Take a stream's level for zero, where nothing moves; how it went, and its levels before and after, by channel."""
     levels: list[Any] = []
 

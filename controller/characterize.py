@@ -1,22 +1,23 @@
 """What a sensor can do, from its recordings: one page and one JSON, in the same words and units for every sensor."""
 
-import html
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import cycle
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from markupsafe import Markup
 
 from behaviors.events import Onset
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
 from controller.detectors.onset import OnsetDetector, OnsetSettings
 from controller.replay import at_rail, between
 from controller.reports.counts import wilson
-from drivers.core.messages import SampleBlock
+from controller.reports.figures import FALSE, GOOD, OURS, RIVAL, Figures
+from controller.reports.section import environment
+from drivers.core.messages import Floats, SampleBlock
 
-Floats = NDArray[np.float64]
 Span = tuple[float, float]
 
 AN_HOUR = (1.0, 10.0, 100.0)
@@ -513,56 +514,37 @@ def _unsaid(rows: Sequence[Row], sensor: _Sensor) -> Iterator[str]:
         yield "newtons: hang a weight on it and give --per-newton, its reading for 1 N"
 
 
-CURVE_PX, LEAST_MS, DECADES = (420, 190), 0.01, 5
-"""Size of the figure of delays, and its axis of them: from this on, so many powers of ten."""
+DELAYS_MS = (0.01, 1000.0)
+"""Ends of the figure's axis of delays."""
 
 
 def curves(found: Mapping[str, Any]) -> str:
     """Delays against false alarms an hour, as SVG: median and its interval, the delay of 90 % dashed; "" without."""
-    width, height = CURVE_PX
     values = {each["quantity"]: each for each in found["rows"] if each["value"] is not None}
-    drawn = []
-
-    def place(an_hour: float, delay_ms: float) -> str:
-        x = 60 + (width - 90) * (math.log10(AN_HOUR[-1]) - math.log10(an_hour)) / math.log10(AN_HOUR[-1])
-        share = math.log10(max(delay_ms, LEAST_MS) / LEAST_MS) / DECADES
-        return f"{x:.1f},{height - 30 - (height - 45) * min(1.0, share):.1f}"
-
     kinds = dict.fromkeys(name.split(" at ")[0] for name in values if name.endswith("delay, median"))
-    for number, kind in enumerate(kinds):
-        colour = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")[number % 4]
-        for name, dashes in (("median", ""), ("90 %", ' stroke-dasharray="4 3"')):
-            points = [
-                (an_hour, values[key])
-                for an_hour in AN_HOUR
-                for key in values
-                if key.startswith(f"{kind} at {an_hour:g} false") and key.endswith(f"delay, {name}")
-            ]
-            line = " ".join(place(an_hour, each["value"]) for an_hour, each in points)
-            drawn.append(
-                f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"{dashes}/>'
-            )
-            for an_hour, each in points if name == "median" else ():
-                ends = (each["low"] or LEAST_MS, 1e9 if each["high"] is None else each["high"])
-                bar = " ".join(place(an_hour, end) for end in ends)
-                drawn.append(f'<polyline points="{bar}" stroke="{colour}" stroke-opacity=".5"/>')
-        at = f'x="{width + 5}" y="{30 + 18 * number}" fill="{colour}"'
-        drawn.append(f"<text {at}>{html.escape(kind)}</text>")
-    for an_hour in AN_HOUR:
-        x = place(an_hour, LEAST_MS).split(",")[0]
-        drawn.append(f'<text x="{x}" y="{height - 12}" text-anchor="middle">{an_hour:g} an hour</text>')
-    for power in range(0, DECADES + 1):
-        ms = LEAST_MS * 10.0**power
-        y = float(place(AN_HOUR[-1], ms).split(",")[1])
-        drawn.append(f'<text x="50" y="{y + 4:.1f}" text-anchor="end">{ms:g} ms</text>')
-        drawn.append(f'<path d="M55 {y:.1f}H{width - 15}" stroke="#ddd"/>')
     if not kinds:
         return ""
-    return (
-        "<h2>Delay against false alarms an hour</h2><p>Line: median with its 95 % interval; dashed: nine in ten. Missed"
-        f' events count last; no point where that many are missed.</p><svg width="{width + 130}" height="{height}"'
-        f' font-size="12" role="img" aria-label="delays">{"".join(drawn)}</svg>'
-    )
+    least_ms, most_ms = DELAYS_MS
+    with Figures(None).figure(2.8) as drawing:
+        (axes,) = drawing.axes
+        for kind, colour in zip(kinds, cycle((OURS, FALSE, GOOD, RIVAL)), strict=False):
+            for name, dash, label in (("median", "-", kind), ("90 %", "--", None)):
+                points = {
+                    an_hour: values[key]
+                    for an_hour in AN_HOUR
+                    for key in values
+                    if key.startswith(f"{kind} at {an_hour:g} false") and key.endswith(f"delay, {name}")
+                }
+                delays = [max(each["value"], least_ms) for each in points.values()]
+                axes.plot(list(points), delays, dash, color=colour, label=label)
+                if name == "median":
+                    low = [each["low"] or least_ms for each in points.values()]
+                    high = [most_ms if each["high"] is None else each["high"] for each in points.values()]
+                    axes.vlines(list(points), low, high, colors=colour, alpha=0.5)
+        axes.set(xscale="log", yscale="log", xlim=(1.2 * AN_HOUR[-1], AN_HOUR[0] / 1.2), ylim=DELAYS_MS)
+        axes.set(xlabel="false alarms an hour", ylabel="delay (ms)")
+        drawing.legend(axes, columns=3)
+        return drawing.save("delays")
 
 
 HEADS = ("quantity", "value", "95 % interval", "unit", "n", "how")
@@ -582,23 +564,9 @@ def cells(each: Row) -> Sequence[str]:
 
 def page(found: Mapping[str, Any]) -> str:
     """The certificate as one HTML file."""
-    lines = (map(html.escape, cells(each)) for each in found["rows"])
-    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in line)}</tr>" for line in lines)
-    table = f"<table><tr>{''.join(f'<th>{head}</th>' for head in HEADS)}</tr>{body}</table>"
-    about = (
-        f"{', '.join(found['recordings'])}: {found['rate_hz']:g} Hz, {found['quiet_s']:.4g} s of quiet,"
-        f" {found['touches']} touches, {found['slips']} slips."
-    )
-    unsaid = "".join(f"<li>{html.escape(line)}</li>" for line in found["cannot_say"])
-    title = html.escape(str(found["sensor"]))
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>body{{font:14px/1.45'
-        " system-ui;max-width:70em;margin:2em auto;padding:0 1em}td,th{text-align:left;padding:.15em .8em .15em 0;"
-        f"border-bottom:1px solid #ccc;vertical-align:top}}</style><h1>{title}</h1><p>{html.escape(about)}</p>"
-        f"{table}{curves(found)}"
-        "<h2>What it cannot say, and what to record next</h2>"
-        f"<ul>{unsaid}</ul></html>\n"
-    )
+    rows = [dict(zip(HEADS, cells(each), strict=True)) for each in found["rows"]]
+    template = environment().get_template("certificate.html.j2")
+    return template.render(found, rows=rows, delays=Markup(curves(found)))
 
 
 def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[str]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from controller.recording.reader import Run
 from controller.recording.run_folder import RunFolderError
 from controller.recording.series import Series
+from drivers.core.messages import Floats
 
 VERSION = "v3.0"
 """Of the layout."""
@@ -154,7 +155,7 @@ def _write(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
     pq.write_table(pa.table(arrays), path, compression="snappy")
 
 
-def _moments(values: NDArray[Any]) -> NDArray[np.float64]:
+def _moments(values: NDArray[Any]) -> Floats:
     """Least, largest, sum, sum of squares and number of each channel, missing values left out."""
     known = values.reshape(len(values), -1).astype(float)
     finite = np.isfinite(known)
@@ -163,7 +164,7 @@ def _moments(values: NDArray[Any]) -> NDArray[np.float64]:
     return np.array([low, high, known.sum(axis=0), (known**2).sum(axis=0), finite.sum(axis=0)])
 
 
-def _joined(parts: Sequence[NDArray[np.float64]]) -> dict[str, Any]:
+def _joined(parts: Sequence[Floats]) -> dict[str, Any]:
     """A feature's statistics as LeRobot keeps them."""
     low, high = np.min([part[0] for part in parts], axis=0), np.max([part[1] for part in parts], axis=0)
     total, squares, count = np.sum([part[2:] for part in parts], axis=0)

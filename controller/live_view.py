@@ -6,7 +6,6 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Approached, BorderNear, Contact, Event, Forecast, PreTouch, SlipStarted
 from behaviors.machine import Behavior
@@ -16,6 +15,7 @@ from controller.limits import GuardSettings, shown_limits
 from controller.recording.series import DETECTOR, TrialRecording
 from controller.scales import as_text, displayed, shown_in, spaced
 from drivers.core.clock import monotonic_s
+from drivers.core.messages import Floats
 
 BARS = "▁▂▃▄▅▆▇█"
 
@@ -215,7 +215,7 @@ def label(stream: str, unit: str) -> str:
     return f"{name}, {unit}" if unit else name
 
 
-def sparkline(values: NDArray[np.float64] | Sequence[float]) -> str:
+def sparkline(values: Floats | Sequence[float]) -> str:
     """A bar for each value between the least and the largest; a blank for what is not finite."""
     known = [value for value in values if math.isfinite(value)]
     low, high = min(known, default=0.0), max(known, default=0.0)

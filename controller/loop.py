@@ -21,7 +21,7 @@ from behaviors.events import (
     Tick,
 )
 from behaviors.machine import Behavior, verdict_of
-from controller.detectors.protocol import Detector, Floats, readings_of
+from controller.detectors.protocol import Detector, readings_of
 from controller.guard import Guard, GuardRefusal
 from controller.rig import Rig, streams_of
 from controller.signals.protocol import Signal, Signals
@@ -34,6 +34,7 @@ from drivers.core.messages import (
     Command,
     DeviceInfo,
     Failed,
+    Floats,
     Listen,
     Lost,
     Reached,

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Onset
 from controller.detectors.onset import OnsetDetector, OnsetSettings
@@ -19,8 +18,6 @@ from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.recording.series import Series, TrialRecording
 from controller.scales import si_unit
-
-Floats = NDArray[np.float64]
 
 TRUTH, ENCODER, SENSOR, COMMAND = "truth of the simulation", "encoder", "the sensor itself", "command"
 """Where a label is from."""

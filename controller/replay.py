@@ -20,7 +20,7 @@ from controller.recording.series import TrialRecording
 from controller.recording.tables import Chosen, ReplayError, channel_numbers, read_columns
 from controller.scales import si_unit
 from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
-from drivers.core.messages import SampleBlock, Saturated
+from drivers.core.messages import Floats, SampleBlock, Saturated
 
 ENVELOPES = ("FS", "V", "")
 """Units that an envelope may be in; a file's columns need not name one."""
@@ -69,7 +69,7 @@ ADVISED, NEAR = 0.8, 1.0 / 3.0
 that which the largest is at least. Assumption: what stays farther away may be noise."""
 
 
-def all_readings(detector: Detector, blocks: Sequence[SampleBlock]) -> NDArray[np.float64]:
+def all_readings(detector: Detector, blocks: Sequence[SampleBlock]) -> Floats:
     """What a detector, reset, holds against its threshold, decision by decision; see `readings_of`."""
     detector.reset()
     found = [NOTHING]
@@ -360,7 +360,7 @@ def _from_columns(
     return blocks, remark + slow
 
 
-def _no_times(times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _no_times(times_s: Floats) -> NDArray[np.bool_]:
     """Which rows' times are none, or do not come after that of the row before; shape (n,)."""
     rises = np.diff(times_s, prepend=-math.inf) >= LEAST_STEP_S
     return ~((np.abs(times_s) < LATEST_S) & rises)
@@ -445,8 +445,6 @@ def between(blocks: Sequence[SampleBlock], t0_s: float, t1_s: float = math.inf) 
             )
     return kept
 
-
-Floats = NDArray[np.float64]
 
 ROUNDING = 0.25
 """Rows are regular samples where their times are within this share of a period of a common grid: times that were

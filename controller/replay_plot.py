@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, StatisticCourse, courses_of
@@ -16,12 +15,11 @@ from controller.recording.tables import ReplayError
 from controller.replay import all_readings
 from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
 from controller.scales import displayed, spaced
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 FORMATS = (".png", ".svg", ".pdf")
 

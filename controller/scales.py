@@ -12,10 +12,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Event
-from drivers.core.messages import Command
+from drivers.core.messages import Command, Floats
 
 NOTHING = "–"
 """In place of what was not seen."""
@@ -110,7 +109,7 @@ def shown_in(unit: str) -> tuple[str, float]:
     return SHOWN.get(unit, (unit, 1.0))
 
 
-def displayed(stream: str, values: NDArray[np.float64], unit: str) -> tuple[NDArray[np.float64], str]:
+def displayed(stream: str, values: Floats, unit: str) -> tuple[Floats, str]:
     """A signal as it is shown: a period as a frequency, in which thresholds are; any other by its unit."""
     if stream.endswith(".period"):
         return 1.0 / values, "Hz"

@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.recording.tables import ReplayError, read_columns
 from controller.signals.transducer import Kind, Sweep, analyse
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats
 
 UNITS_HZ = (("mhz", 1e6), ("khz", 1e3), ("hz", 1.0))
 """Units in a column's name; the first that is in it counts."""

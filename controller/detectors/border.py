@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BorderLeft, BorderNear, Detected
 from controller.detectors.protocol import Hysteresis, Quantity, decisions
 from controller.detectors.stream import OnStream, RunningMean
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import Settings, StreamName
-
-Floats = NDArray[np.float64]
 
 FORCES = (0, 1)
 """Channels of the input: Fx, Fy."""

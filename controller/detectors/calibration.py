@@ -8,11 +8,8 @@ from itertools import pairwise
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.core.messages import SampleBlock
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats, SampleBlock
 
 SPAN_S = 1.0
 """Alarms closer together than this count as one. Assumption: longer than a bump rings, shorter than a user

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from behaviors.events import BaselineRefused, Detected
-from controller.detectors.protocol import NOTHING, Compiled, Detector, Floats, readings_of
-from drivers.core.messages import SampleBlock
+from controller.detectors.protocol import NOTHING, Compiled, Detector, readings_of
+from drivers.core.messages import Floats, SampleBlock
 
 Make = Callable[[], Detector]
 Blocks = Sequence[SampleBlock]

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.protocol import NOTHING, rate_of
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, Ints, SampleBlock
 
-Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-Ints = NDArray[np.int64]
 
 UNKNOWN = -1
 """In `missing`: the stream restarted, so the length of the gap is unknown."""

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected
@@ -13,10 +12,8 @@ from controller.detectors.envelope import EnvelopeSamples, OnEnvelope, as_comple
 from controller.detectors.protocol import Quantity, decisions
 from controller.signals.iq import IqSettings
 from controller.signals.level import StepSearch, Window, find_steps, step_search, window, z_scores
+from drivers.core.messages import Floats, Ints
 from drivers.core.settings import DriveHz, Mismatch, Settings, StreamName
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DOING = "waiting for contact"
 

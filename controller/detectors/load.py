@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from behaviors.events import BaselineReady, Detected, LoadChanged
-from controller.detectors.protocol import Floats, Quantity, decisions
+from controller.detectors.protocol import Quantity, decisions
 from controller.detectors.stream import OnStream, RunningMean
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import Settings, StreamName
 
 RESTS, RESTED = 0.6, 0.2

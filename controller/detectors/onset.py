@@ -4,17 +4,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, Onset
 from controller.detectors.protocol import Quantity, decisions
 from controller.detectors.stream import OnStream
 from drivers.core.compiled import compiled
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import Settings, StreamName
-
-Floats = NDArray[np.float64]
 
 ORDER = 16
 """Differences of the signal from which the next is predicted."""

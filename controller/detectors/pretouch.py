@@ -14,10 +14,9 @@ from behaviors.events import Detected, PreTouch, PreTouchLost
 from controller.detectors.envelope import EncoderSync, EnvelopeSamples, OnEnvelope, as_complex, recorded
 from controller.detectors.protocol import Quantity, decisions
 from controller.signals.undulation import WaveFit, fit_wave, wave_fit
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import DriveHz, Settings, StreamName
 
-Floats = NDArray[np.float64]
 Direction = Annotated[tuple[float, float, float], Strict(False)]
 
 CELLS_PER_TURN = 16

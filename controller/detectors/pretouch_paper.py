@@ -6,16 +6,14 @@ from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
 from controller.detectors.envelope import EnvelopeSamples, OnEnvelope
 from controller.detectors.protocol import Hysteresis, Quantity, decisions
 from controller.signals.spectrum import BlockCutter
+from drivers.core.messages import Floats
 from drivers.core.settings import Settings, StreamName
-
-Floats = NDArray[np.float64]
 
 
 class PreTouchPaperSettings(Settings):

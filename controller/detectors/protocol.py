@@ -4,12 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Detected
-from drivers.core.messages import SampleBlock
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats, SampleBlock
 
 
 class Detector(Protocol):

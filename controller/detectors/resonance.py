@@ -5,16 +5,13 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactHeld, ContactLost, Detected
 from controller.detectors.protocol import Quantity, decisions
 from controller.detectors.stream import OnStream
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import BaselineS, Settings, StreamName
-
-Floats = NDArray[np.float64]
 
 HOPS = 9
 """Values of the envelope in a free period: one each 4 ms at 28 Hz."""

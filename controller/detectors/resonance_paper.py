@@ -6,15 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
 from controller.detectors.protocol import NOTHING, Quantity
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import BaselineS, Settings, StreamName
-
-Floats = NDArray[np.float64]
 
 
 class ResonancePaperSettings(Settings):
@@ -253,7 +250,7 @@ class CycleCounter:
         self._crossing_s = math.nan
         self._pending_s = math.nan
 
-    def push(self, times_s: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    def push(self, times_s: Floats, x: Floats) -> tuple[list[float], list[float]]:
         """Process the next samples.
 
         Args:

@@ -8,7 +8,6 @@ from statistics import NormalDist
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, Impact, SlipEnded, SlipStarted
@@ -30,10 +29,8 @@ from controller.signals.cusum import (
 from controller.signals.octaves import octaves
 from controller.signals.spectrum import BlockCutter, block_peaks
 from controller.signals.whitening import COUNT, FRESH, predictor
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import Settings, StreamName
-
-Floats = NDArray[np.float64]
 
 
 class SlipStreamSettings(Settings):

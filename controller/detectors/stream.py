@@ -5,13 +5,10 @@ from collections.abc import Sequence
 from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.protocol import NOTHING, channels_of, rate_of
-from drivers.core.messages import SampleBlock
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats, SampleBlock
 
 
 class OfStream(Protocol):

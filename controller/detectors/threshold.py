@@ -5,16 +5,13 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
 from controller.detectors.protocol import Hysteresis, Quantity, decisions
 from controller.detectors.stream import OnStream, RunningMean, running
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import BaselineS, Settings, StreamName
-
-Floats = NDArray[np.float64]
 
 NOISE_SIGMA = 8.0
 """Default threshold, in standard deviations of the running mean at rest. Assumption: half a second gives the noise to

@@ -6,14 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.border import BorderTrialSettings
 from behaviors.events import BorderNear, SlipStarted
 from controller.measures import Column
 from controller.measures.trial import TrialEvidence, delay_s
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats
 
 LATEST_S = 0.02
 """Over which the angle at a detection is taken, s: as the detector's running mean."""

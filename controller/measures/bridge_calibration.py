@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.recording.series import TrialRecording
+from drivers.core.messages import Floats
 
 DETECTED_SIGMA = 3.5
 """A change is detected when it is as many standard deviations of one sample. Assumption: the paper gives no value;
@@ -183,11 +183,11 @@ def _mean_points(steps: Iterable[Step]) -> Mapping[tuple[float, str], float]:
     return {key: float(np.mean(values)) for key, values in sorted(found.items())}
 
 
-def _slope(loads_n: NDArray[np.float64], volts: NDArray[np.float64]) -> float:
+def _slope(loads_n: Floats, volts: Floats) -> float:
     return float(loads_n @ volts / (loads_n @ loads_n))
 
 
-def _gain(loads_n: NDArray[np.float64], volts: NDArray[np.float64], weight_uncertainty: float) -> Estimate:
+def _gain(loads_n: Floats, volts: Floats, weight_uncertainty: float) -> Estimate:
     """Least squares through zero, with the residuals' and the weights' uncertainty."""
     from scipy.special import ndtri, stdtrit  # a third of what all of scipy.stats takes to load
 

@@ -3,14 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.chirp import ChirpSettings
 from controller.measures import Column
 from controller.measures.trial import TrialEvidence
 from controller.signals.transducer import peak
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats
 
 STEP_HZ = 250.0
 """Width of the bands in which the sweep is averaged: a hundred in a sweep of 26 kHz, each well above a millisecond."""

@@ -5,13 +5,13 @@ from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Resumed
 from behaviors.pointer import PointerSettings
 from controller.measures import Column
 from controller.measures.trial import TrialEvidence, spans_of
 from controller.recording.series import TrialRecording
+from drivers.core.messages import Floats
 
 RECORDED = "RECORDING"
 ZERO = "ZEROING"
@@ -104,7 +104,7 @@ def touches_of(
     return touches
 
 
-def turned_rad(start: NDArray[np.float64], now: NDArray[np.float64]) -> float:
+def turned_rad(start: Floats, now: Floats) -> float:
     """Angle about base y between two rotation vectors, shape (3,), rad."""
     from scipy.spatial.transform import Rotation
 
@@ -130,7 +130,7 @@ def errors_of(touches: Sequence[Touch]) -> Errors:
     )
 
 
-def _mean_vector(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _mean_vector(vectors: Floats) -> Floats:
     """Mean rotation vector, shape (3,); near half a turn either sign means the same, so all take the first one's."""
     signs = np.where(vectors @ vectors[0] < 0.0, -1.0, 1.0)
     length = np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import (
     BaselineReady,
@@ -22,9 +21,7 @@ from controller.detectors.slip import SlipDetector
 from controller.measures import Column
 from controller.measures.trial import TrialEvidence, delay_s, not_before, spans_within
 from controller.signals.spectrum import BlockCutter, block_peaks
-from drivers.core.messages import SampleBlock
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats, SampleBlock
 
 DETECTORS = ("paper", "ours")
 

@@ -7,10 +7,10 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.measures import Column, static
 from controller.measures.trial import TrialEvidence
+from drivers.core.messages import Floats
 
 if TYPE_CHECKING:
     from behaviors.stiffness import StiffnessSettings
@@ -64,14 +64,14 @@ def measure(evidence: TrialEvidence, settings: StiffnessSettings, outcome: str) 
     return outcome, row
 
 
-def phasor(times_s: NDArray[np.float64], x: NDArray[np.float64], at_hz: float) -> complex:
+def phasor(times_s: Floats, x: Floats, at_hz: float) -> complex:
     """Amplitude and phase of a record at a frequency, under a Hann window, in the record's unit."""
     window = np.hanning(len(x))
     turns = np.exp(-2j * np.pi * at_hz * (times_s - times_s[0]))
     return complex(2.0 * np.sum(window * (x - x.mean()) * turns) / window.sum())
 
 
-def ringing(x: NDArray[np.float64], rate_hz: float) -> float | None:
+def ringing(x: Floats, rate_hz: float) -> float | None:
     """Frequency of the strongest decaying oscillation of a record within `BAND_HZ`, Hz; None without one.
 
     Two oscillations and a constant are taken out of it by the matrix pencil (Y. Hua and T. K. Sarkar, IEEE Trans.

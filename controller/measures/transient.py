@@ -5,14 +5,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import BaselineReady, Contact
 from behaviors.transient import TransientSettings
 from controller.detectors.protocol import quantity_of
 from controller.measures import Column
 from controller.measures.trial import STEP_S, TrialEvidence, not_before
-from drivers.core.messages import Standstill
+from drivers.core.messages import Floats, Standstill
 
 ONSET_N = 0.005
 """The reference's onset: the load cell rises from 0 to 0.005 N (IV.B)."""
@@ -124,7 +123,7 @@ def precedes(t_s: float, touch_s: float, evidence: TrialEvidence) -> bool:
 
 def tared(
     evidence: TrialEvidence, stream: str | None, begun_s: float, channel: int = 0
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """Load cell of approach, stop and hold, less its mean over the baseline before."""
     baseline_s = evidence.entered_s.get("BASELINE", -math.inf)
     until_s = evidence.entered_s.get("RETRACTING", math.inf)
@@ -134,12 +133,12 @@ def tared(
     return times_s[~before], force_n[~before] - zero_n
 
 
-def pulls(force_n: NDArray[np.float64]) -> bool:
+def pulls(force_n: Floats) -> bool:
     """Whether a push was read as negative: the sensor's sign is wrong."""
     return bool(len(force_n) and force_n[abs(force_n).argmax()] <= -ONSET_N)
 
 
-def _largest(force_n: NDArray[np.float64]) -> float | None:
+def _largest(force_n: Floats) -> float | None:
     return float(force_n.max()) if len(force_n) else None
 
 
@@ -151,15 +150,13 @@ def _period(evidence: TrialEvidence, settings: TransientSettings, until_s: float
     return float(periods_s[-1]) if len(periods_s) else 1.0 / 28.0
 
 
-def _mean_over_oscillation(
-    times_s: NDArray[np.float64], force_n: NDArray[np.float64], end_s: float, period_s: float
-) -> float | None:
+def _mean_over_oscillation(times_s: Floats, force_n: Floats, end_s: float, period_s: float) -> float | None:
     """Mean force over the one oscillation that ends at `end_s`."""
     within = (times_s > end_s - period_s) & (times_s <= end_s)
     return float(force_n[within].mean()) if within.any() else None
 
 
-def positions_at(evidence: TrialEvidence, stream: str, at_s: tuple[float, ...]) -> NDArray[np.float64] | None:
+def positions_at(evidence: TrialEvidence, stream: str, at_s: tuple[float, ...]) -> Floats | None:
     """Mover's positions at some instants, between its reports (the speed between two of them is constant)."""
     positions = evidence.covered(stream, min(at_s), max(at_s))
     if not len(positions):

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Event
 from controller.detectors.protocol import Detector
 from controller.recording.series import Series, Span, TrialRecording
-from drivers.core.messages import Lost, Sent, Stop, StreamInfo
+from drivers.core.messages import Floats, Lost, Sent, Stop, StreamInfo
 
 E = TypeVar("E", bound=Event)
 
@@ -90,7 +89,7 @@ class TrialEvidence:
 
     def series(
         self, stream: str | None, since_s: float = -math.inf, until_s: float = math.inf, channel: int = 0
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Floats, Floats]:
         """Times (n,) in seconds and values (n,) of a stream's channel, in its unit, within a span; none of None.
 
         Raises:

@@ -8,7 +8,6 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import BaselineRefused, ContactLost, Event, GuardStopped
 from controller.detectors.protocol import Quantity
@@ -21,12 +20,11 @@ from controller.recording.series import BIN_S, DETECTOR, TrialRecording, bins_of
 from controller.recording.stream_writer import StreamWriter
 from controller.scales import as_text
 from drivers.core.clock import rest
-from drivers.core.messages import Command, Failed, Lost, Refused, SampleBlock, Stalled, StreamInfo
+from drivers.core.messages import Command, Failed, Floats, Lost, Refused, SampleBlock, Stalled, StreamInfo
 
 if TYPE_CHECKING:
     from controller.recording.joining import EndedTrial
 
-Floats = NDArray[np.float64]
 
 _ERRORS = (GuardStopped, Failed, Stalled)
 _WARNINGS = (Lost, Refused, BaselineRefused, ContactLost)

@@ -15,7 +15,7 @@ import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from numpy.typing import NDArray
 
-from drivers.core.messages import SampleBlock, StreamInfo
+from drivers.core.messages import Floats, SampleBlock, StreamInfo
 
 _Field = descriptor_pb2.FieldDescriptorProto
 _TYPES = {
@@ -135,7 +135,7 @@ class RowSchema(Schema):
             columns += [(f"tag{number}", "u1", (len(encoded),)), (f"value{number}", "<f8")]
         self._row = np.dtype(columns)
 
-    def encode(self, times_s: NDArray[np.float64], values: NDArray[np.float64]) -> list[bytes]:
+    def encode(self, times_s: Floats, values: Floats) -> list[bytes]:
         """Times, shape (n,), and values, (n, fields - 1), as n serialised messages."""
         rows = np.empty(len(times_s), self._row)
         for number, (tag, column) in enumerate(zip(self._tags, (times_s, *values.T), strict=True), start=1):

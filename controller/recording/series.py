@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.errors import lacking
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -56,8 +56,8 @@ class Series:
         name: Of the stream, `board.load_cell`.
     """
 
-    times_s: NDArray[np.float64]
-    values: NDArray[np.float64]
+    times_s: Floats
+    values: Floats
     unit: str = ""
     gaps: tuple[Gap, ...] = ()
     skipped: tuple[Span, ...] = ()
@@ -147,9 +147,9 @@ class TrialRecording:
         """The stream's blocks as they were recorded, the first ones left out; empty where there are none."""
         return tuple(self._blocks.get(stream, ())[first:])
 
-    def latest(self, name: str, samples: int) -> tuple[NDArray[np.float64], str]:
+    def latest(self, name: str, samples: int) -> tuple[Floats, str]:
         """The last samples of a stream, shape (n, channels) with n up to `samples`, and their unit."""
-        found: list[NDArray[np.float64]] = []
+        found: list[Floats] = []
         for block in reversed(self._blocks.get(name, ())):
             if samples <= 0:
                 break
@@ -181,7 +181,7 @@ def _joined(name: str, blocks: Sequence[SampleBlock], skipped: tuple[Span, ...])
     return Series(np.concatenate(times), values, blocks[0].unit, tuple(gaps), skipped, name)
 
 
-def extremes(values: NDArray[np.float64], points: int) -> NDArray[np.intp]:
+def extremes(values: Floats, points: int) -> NDArray[np.intp]:
     """Places of the least and the largest of each of `points` / 2 stretches, in order; all where they fit."""
     if len(values) <= points:
         return np.arange(len(values))
@@ -189,7 +189,7 @@ def extremes(values: NDArray[np.float64], points: int) -> NDArray[np.intp]:
     return np.union1d([0, len(values) - 1], extremes_of_each(values, starts))
 
 
-def bins_of(times_s: NDArray[np.float64], bin_s: float, *, ended: bool) -> tuple[NDArray[np.intp], int]:
+def bins_of(times_s: Floats, bin_s: float, *, ended: bool) -> tuple[NDArray[np.intp], int]:
     """Where each bin of time begins, and how many samples the bins have.
 
     The bins are of bench time: the cut of blocks and turns changes nothing. The last one may go on and is left out
@@ -200,7 +200,7 @@ def bins_of(times_s: NDArray[np.float64], bin_s: float, *, ended: bool) -> tuple
     return np.flatnonzero(np.diff(bins[:whole], prepend=-np.inf)), whole
 
 
-def extremes_of_each(values: NDArray[np.float64], starts: NDArray[np.intp]) -> NDArray[np.intp]:
+def extremes_of_each(values: Floats, starts: NDArray[np.intp]) -> NDArray[np.intp]:
     """Places of the least and the largest of each stretch, of each channel (n, channels) or of one (n,), in order, the
     first of equal ones."""
     stretch = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(values)))

@@ -27,9 +27,7 @@ from controller.recording.schemas import (
     schema_of,
 )
 from controller.recording.series import DETECTOR, PLOT_S, bins_of, extremes_of_each
-from drivers.core.messages import SampleBlock, StreamInfo
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats, Ints, SampleBlock, StreamInfo
 
 
 class StreamWriter:
@@ -56,7 +54,7 @@ class StreamWriter:
         self._start_ns = self._base_ns = round(wall_start.timestamp() * 1e6) * 1000  # exact to datetime's us
         self._streams = dict(streams)
         self._plots: dict[str, RowSchema] = {}
-        self._pieces: dict[str, list[tuple[Floats, Floats, NDArray[np.int64]]]] = {}
+        self._pieces: dict[str, list[tuple[Floats, Floats, Ints]]] = {}
         self._trial = -1
         self._limits: GuardSettings | None = None
         self._state = ""

@@ -21,8 +21,7 @@ from mcap.records import Chunk, Schema
 from numpy.typing import NDArray
 
 from controller.recording.mcap_file import LARGEST_CHUNK_BYTES, ChunkPlace, records
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats
 
 LARGEST_BYTES = 2**31
 """A file that holds more is refused before it is read: 45 minutes of a channel at 96 kHz as text. Assumption."""

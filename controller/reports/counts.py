@@ -10,11 +10,11 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.scales import NOTHING, figure, scale_of
+from drivers.core.messages import Floats
 
 if TYPE_CHECKING:
     from drivers.core.settings import Settings
@@ -133,7 +133,7 @@ def near(mean: Mean, aim: float, within: float) -> bool | None:
     return sure(off + half <= within, off - half > within)
 
 
-def median_within(ascending: NDArray[np.float64]) -> tuple[float, float]:
+def median_within(ascending: Floats) -> tuple[float, float]:
     """The 95 % interval of a median, from ranks; from 0 to infinity where there are fewer than six values."""
     from scipy.special import bdtr
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from behaviors.lift import LIFTING
 from controller.recording.reader import Run
@@ -33,6 +32,7 @@ from controller.reports.run_account import entered_s, recorded, setting_of
 from controller.reports.section import Figure, Headline, Result, Section, judged, kind_of
 from controller.reports.trial_signals import key_of, said_of
 from controller.scales import NOTHING
+from drivers.core.messages import Floats
 
 NIST = "NIST SP 1227, Performance Metrics and Test Methods for Robotic Hands"
 
@@ -50,8 +50,6 @@ WANTED = {
 
 GRIP = re.compile(r"Grip\(.*, ([0-9.e+-]+)\)")
 """A grip among an event's commands, and its force, N."""
-
-Floats = NDArray[np.float64]
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:

@@ -7,7 +7,6 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.detectors.calibration import poisson_interval
 from controller.measures.slip import BLOCK_S, PaperBlocks, paper_blocks
@@ -42,6 +41,7 @@ from controller.reports.slip_scores import (
     read_scores,
 )
 from controller.scales import NOTHING
+from drivers.core.messages import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -398,9 +398,6 @@ def _drawable(runs: Sequence[Run], sensor: str) -> Iterator[tuple[Run, Row, Tria
         plain = row.get("sensor") == sensor and condition_of(run, row).nuisance == PLAIN
         if plain and row.get("outcome") == "contact" and row.get("slips"):
             yield run, row, recording
-
-
-Floats = NDArray[np.float64]
 
 
 def draw_run(figures: Figures, run: Run, row: Row, recording: TrialRecording, sensor: str) -> str:

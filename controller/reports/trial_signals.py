@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.measures import meanings_of
 from controller.outcomes import UNMEASURED
@@ -17,8 +16,7 @@ from controller.reports.counts import is_number, title
 from controller.reports.papers import RECORDED, came_to
 from controller.reports.run_account import acting_of, setting_of, statistic_of
 from controller.scales import Scale, displayed, scale_of, spaced
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats
 
 POINTS = 1500
 """Most points of one curve: two for each of the dots that a wide screen shows side by side in a plot."""

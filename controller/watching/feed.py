@@ -14,7 +14,6 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.console import PAUSED, Console, ConsoleOperator
 from controller.live_view import Elapsed, LiveView, label
@@ -23,8 +22,7 @@ from controller.recording.series import DETECTOR, extremes
 from controller.scales import displayed, scale_of
 from controller.watching.between import Between
 from drivers.core.clock import rest
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats
 
 SOCKET = "watch.sock"
 """In the run folder, as long as the run goes on: a user who may write there may watch."""

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-Values = NDArray[np.float64] | NDArray[np.int32] | NDArray[np.int64]
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Values = Floats | Ints | NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)
