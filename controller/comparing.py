@@ -7,14 +7,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from scipy.special import stdtrit  # a third of what all of scipy.stats takes to load
 
 from controller.measures import meanings_of
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
-from controller.reports.counts import Row, mean_of
+from controller.reports.counts import Row, half_width, mean_of
 from controller.reports.generic import with_spread
 from controller.reports.section import Comparing
 from controller.reports.settings import flat
@@ -23,9 +21,6 @@ from controller.scales import Scale, scale_of
 
 SECOND = " (second)"
 """Ends the names of the second run's columns."""
-
-CONFIDENCE = 0.95
-"""Of the interval around a mean difference."""
 
 
 def compared(first: Run, second: Run) -> Iterator[str]:
@@ -122,16 +117,15 @@ def _cell(scale: Scale, value: Any) -> str:
 def _difference(scale: Scale, one: pd.Series[Any], other: pd.Series[Any]) -> str:
     """The mean of second less first over the pairs that have both, with Student's interval."""
     after, before = (pd.to_numeric(each, errors="coerce") for each in (other, one))
-    found = (after - before).dropna().to_numpy(float)
-    if not len(found):
+    found = (after - before).dropna().tolist()
+    if not found:
         return ""
-    mean, half = float(np.mean(found)), math.nan
-    if len(found) > 1:
-        error = np.std(found, ddof=1) / math.sqrt(len(found))
-        half = float(stdtrit(len(found) - 1, 0.5 + CONFIDENCE / 2) * error)
-    interval = "" if math.isnan(half) else f" ({scale.cell(mean - half)} to {scale.cell(mean + half)})"
-    sign = "+" * (mean >= 0.0)
-    return f"{scale.heading}: {sign}{scale.cell(mean)}{interval}, n = {len(found)}"
+    mean, half = mean_of(found), half_width(mean_of(found))
+    ends = (
+        f" ({scale.cell(mean.mean - half)} to {scale.cell(mean.mean + half)})" if math.isfinite(half) else ""
+    )
+    sign = "+" * (mean.mean >= 0.0)
+    return f"{scale.heading}: {sign}{scale.cell(mean.mean)}{ends}, n = {mean.n}"
 
 
 def _factors(first: Run, second: Run) -> list[str]:

@@ -67,10 +67,10 @@ class LiveView:
         recording: TrialRecording,
         detectors: Mapping[str, Detector],
         limits: GuardSettings,
-        behavior: Behavior | None = None,
-        events: Sequence[Event] = (),
-        lost: Mapping[str, int] | None = None,
-        now: Callable[[], float] = lambda: 0.0,
+        behavior: Behavior,
+        events: Sequence[Event],
+        lost: Mapping[str, int],
+        now: Callable[[], float],
     ) -> None:
         self.recording = recording
         self.now = now
@@ -78,7 +78,7 @@ class LiveView:
         self._limits = limits
         self._behavior = behavior
         self._events = events
-        self._lost = lost or {}
+        self._lost = lost
 
     # on the terminal
 
@@ -131,17 +131,16 @@ class LiveView:
     def thresholds(self) -> Iterator[tuple[str, float, float, str, bool]]:
         """Name, statistic, threshold and unit of each detector that has both: `contact 26.4 of 28.2 nats`; and whether
         the present state acts on it, or it only watches."""
-        behavior = self._behavior
-        acts = None if behavior is None else behavior.acts_on & behavior.plan.detectors
+        acts = self._behavior.acts_on & self._behavior.plan.detectors
         for name in self.deciding():
             readings, unit = self.recording.latest(f"{DETECTOR}{name}", 1)
             if len(readings) and np.isfinite(readings[-1]).all():
                 (value, threshold), unit = displayed(DETECTOR, readings[-1], unit)
-                yield name, float(value), float(threshold), unit, acts is None or name in acts
+                yield name, float(value), float(threshold), unit, name in acts
 
     def deciding(self) -> list[str]:
         """The detectors, what decides in the present state first."""
-        first = self._behavior.deciding if self._behavior is not None else ()
+        first = self._behavior.deciding
         return sorted(self._detectors, key=lambda name: first.index(name) if name in first else len(first))
 
     def channel(self, stream: str) -> int:
@@ -160,16 +159,12 @@ class LiveView:
     def diagram(self) -> dict[str, Any]:
         """States in their order, those that end, and transitions (from, to, event); those from everywhere left out."""
         behavior = self._behavior
-        if behavior is None:
-            return {"states": [], "final": [], "ways": []}
         rows = [row for row in behavior.table if row.dest is not None and len(row.sources) <= 2]
         ways = [(source, row.dest, row.trigger.replace("_", " ")) for row in rows for source in row.sources]
         return {"states": list(behavior.states), "final": list(behavior.final), "ways": ways}
 
     def after_resume(self) -> str:
         """The state that follows a resume now: by the first row of the table without a condition; "" for none."""
-        if self._behavior is None:
-            return ""
         here = self._behavior.state
         rows = (row for row in self._behavior.table if row.trigger == "resumed" and here in row.sources)
         return next((row.dest or here for row in rows if not row.conditions), here)
@@ -177,15 +172,17 @@ class LiveView:
     def detected(self) -> str:
         """What was last detected in this trial, by a detector that the behavior acts on: `contact at 12.31 s`; "" for
         nothing yet."""
-        acts_on = self._behavior.acts_on if self._behavior is not None else frozenset(self._detectors)
-        told = [each for each in self._events if isinstance(each, FELT) and each.detector in acts_on]
+        told = [
+            each
+            for each in self._events
+            if isinstance(each, FELT) and each.detector in self._behavior.acts_on
+        ]
         return f"{spaced(type(told[-1]).__name__)} at {told[-1].t_s:.2f} s" if told else ""
 
     def panels(self) -> list[str]:
         """Streams that are drawn: of what decides in the present state statistic and inputs; what the guard watches;
         the same of the other detectors, those that listen first."""
-        behavior = self._behavior
-        first, armed = (behavior.deciding, behavior.plan.detectors) if behavior is not None else ((), ())
+        first, armed = self._behavior.deciding, self._behavior.plan.detectors
         names = sorted(self.deciding(), key=lambda name: (name not in first, name not in armed))
         pairs = {name: (f"{DETECTOR}{name}", *self._detectors[name].inputs) for name in names}
         wanted = [stream for name in names if name in first for stream in pairs[name]]

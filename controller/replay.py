@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of, limits_of, proposed
-from controller.detectors.protocol import NOTHING, Detector, quantity_of, readings_of
+from controller.detectors.contract import part, trace
+from controller.detectors.protocol import Detector, quantity_of, readings_of
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
 from controller.recording.tables import Chosen, ReplayError, channel_numbers, read_columns
@@ -72,11 +73,7 @@ that which the largest is at least. Assumption: what stays farther away may be n
 def all_readings(detector: Detector, blocks: Sequence[SampleBlock]) -> Floats:
     """What a detector, reset, holds against its threshold, decision by decision; see `readings_of`."""
     detector.reset()
-    found = [NOTHING]
-    for block in blocks:
-        detector.push(block)
-        found.append(readings_of(detector))
-    return np.concatenate(found)
+    return trace(detector, blocks)[1]
 
 
 def nearest(blocks: Sequence[SampleBlock], detector: Detector) -> str:
@@ -433,16 +430,7 @@ def between(blocks: Sequence[SampleBlock], t0_s: float, t1_s: float = math.inf) 
     for block in blocks:
         first, last = (int(at) for at in np.searchsorted(block.times, [t0_s - 1e-9, t1_s - 1e-9]))
         if first < last:
-            timed = block.times_s is not None
-            kept.append(
-                replace(
-                    block,
-                    seq=block.seq + first,
-                    t0_s=float(block.times[first]),
-                    values=block.values[first:last],
-                    times_s=block.times[first:last] if timed else None,
-                )
-            )
+            kept.append(part(block, first, last))
     return kept
 
 

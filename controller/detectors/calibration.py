@@ -59,7 +59,8 @@ class Statistic(Protocol):
 
 @runtime_checkable
 class Joined(Statistic, Protocol):
-    """A detector whose statistic is computed from several streams."""
+    """A detector whose statistic is computed from several streams, with further settings that a recording without
+    events decides."""
 
     def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
         """Input of `statistic`, a row for each sample of the first input, shape (n, columns).
@@ -69,15 +70,10 @@ class Joined(Statistic, Protocol):
             times_s: Their times, NaN likewise, shape (n,).
         """
 
-
-@runtime_checkable
-class Proposing(Joined, Protocol):
-    """A detector with further settings that a recording without events decides."""
-
     def proposed(self, values: Floats, rate_hz: float) -> Mapping[str, float]:
         """The settings that this recording asks for; of several recordings the largest counts."""
 
-    def set_to(self, **settings: float) -> Proposing:
+    def set_to(self, **settings: float) -> Joined:
         """The same detector in its initial state, set otherwise."""
 
 
@@ -134,23 +130,6 @@ def limits_of(found: Calibration) -> Sequence[str]:
     return lines
 
 
-def calibrate(
-    detector: Statistic, values: Floats, rate_hz: float, false_alarm_interval_s: float
-) -> Calibration:
-    """Calibrate the threshold on a recording without events.
-
-    Args:
-        detector: The detector; its own threshold setting is ignored.
-        values: The recording, shape (n, channels) or (n,).
-
-    Raises:
-        ValueError: the recording is too short or too quiet, or the detector decides nothing on it.
-    """
-    columns = values[:, None] if values.ndim == 1 else values
-    maxima = span_maxima(detector.statistic(columns, rate_hz), rate_hz)
-    return _sound(threshold_for(maxima, false_alarm_interval_s), maxima, _dead(columns))
-
-
 def calibrate_pieces(
     pieces: Sequence[tuple[Statistic, Sequence[SampleBlock]]], false_alarm_interval_s: float
 ) -> Calibration:
@@ -159,10 +138,12 @@ def calibrate_pieces(
     The detector is reset before each piece and after each gap longer than a second; a shorter loss is a gap to it.
 
     Args:
-        pieces: Detector and recording: each stream in order, the detector's first input at one rate.
+        pieces: Detector, whose own threshold setting is ignored, and recording: each stream in order, the detector's
+            first input at one rate.
 
     Raises:
-        ValueError: as `calibrate`; or values that are not finite, irregular times, more than half lost.
+        ValueError: the recording is too short or too quiet, or the detector decides nothing on it; values that are not
+            finite, irregular times, more than half lost.
     """
     courses = [course for detector, blocks in pieces for course in courses_of(detector, blocks)]
     if not courses:
@@ -187,13 +168,13 @@ def proposed(
     """
     found: dict[str, float] = {}
     for detector, blocks in pieces:
-        if isinstance(detector, Proposing):
+        if isinstance(detector, Joined):
             for columns, _, _, rate_hz in _inputs_of(detector, blocks):
                 for name, value in detector.proposed(columns, rate_hz).items():
                     if name not in fixed:
                         found[name] = max(value, found.get(name, value))
     return found, [
-        (detector.set_to(**found) if found and isinstance(detector, Proposing) else detector, blocks)
+        (detector.set_to(**found) if found and isinstance(detector, Joined) else detector, blocks)
         for detector, blocks in pieces
     ]
 

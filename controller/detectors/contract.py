@@ -108,15 +108,18 @@ CLAUSES = (
 
 def cut(block: SampleBlock, size: int) -> Iterator[SampleBlock]:
     """A block in pieces of at most `size` samples."""
-    for start in range(0, len(block), size):
-        part = slice(start, start + size)
-        yield replace(
-            block,
-            seq=block.seq + start,
-            t0_s=float(block.times[start]),
-            values=block.values[part],
-            times_s=None if block.times_s is None else block.times_s[part],
-        )
+    return (part(block, start, start + size) for start in range(0, len(block), size))
+
+
+def part(block: SampleBlock, first: int, last: int) -> SampleBlock:
+    """The samples first <= k < last of a block, at least one."""
+    return replace(
+        block,
+        seq=block.seq + first,
+        t0_s=float(block.times[first]),
+        values=block.values[first:last],
+        times_s=None if block.times_s is None else block.times_s[first:last],
+    )
 
 
 def trace(detector: Detector, blocks: Blocks) -> tuple[list[Detected], Floats]:

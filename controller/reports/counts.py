@@ -75,10 +75,8 @@ def over_rows(pairs: Iterable[tuple[float, float]]) -> Comparison | None:
     same = int((np.sign(difference) == np.sign(ours - paper)).sum())
     if len(known) < 3:
         return Comparison(ours, paper, same=same, n=len(known))
-    from scipy.special import stdtrit  # a fifth of a second, for few
-
-    half = float(stdtrit(len(known) - 1, 0.975) * difference.std(ddof=1) / math.sqrt(len(known)))
-    low, high = float(difference.mean()) - half, float(difference.mean()) + half
+    mean = mean_of(difference.tolist())
+    low, high = mean.mean - half_width(mean), mean.mean + half_width(mean)
     return Comparison(ours, paper, low <= 0.0 <= high, low, high, same, len(known))
 
 

@@ -12,6 +12,7 @@ import time
 from decimal import Decimal
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import example, given
@@ -300,7 +301,8 @@ def test_off_a_terminal_an_approach_has_a_line_before_and_after_where_its_trial_
     for trial in (1, 2):
         events = []
         console.trial_started(trial, {})
-        console.watch(LiveView(TrialRecording(1), {}, GuardSettings(travel_m=0.012), events=events))
+        behavior, limits = SimpleNamespace(deciding=()), GuardSettings(travel_m=0.012)
+        console.watch(LiveView(TrialRecording(1), {}, limits, behavior, events, {}, float))
         console.state("BASELINE", 0.0)
         events.append(foreseen)
         console.state("APPROACH", 0.1)

@@ -11,10 +11,17 @@ from controller.live_view import BARS, SPARKS, LiveView, label, sparkline
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock
 
+LIMITS = GuardSettings(travel_m=0.012)
+WAITS = SimpleNamespace(deciding=())
+
 
 def block(stream, values, unit, start_s=0.0):
     values = np.asarray(values, float).reshape(-1, 1)
     return SampleBlock(stream, 0, start_s, values, 100.0, None, unit)
+
+
+def view_of(recording, detectors, limits=LIMITS, behavior=WAITS, events=()):
+    return LiveView(recording, detectors, limits, behavior, events, {}, lambda: 0.0)
 
 
 def test_a_sparkline_runs_from_the_least_to_the_largest():
@@ -29,7 +36,7 @@ def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margin
     limits = GuardSettings(
         force_stream="board.load_cell", force_n=2.0, position_stream="stage.position", travel_m=0.012
     )
-    view = LiveView(recording, {"contact": detector}, limits)
+    view = view_of(recording, {"contact": detector}, limits)
     assert view.lines() == [], "nothing has arrived"
     recording.add(block("board.period", 1.0 / np.linspace(27.0, 28.0, 60), "s"))
     readings = np.array([[28.02, 28.13]])
@@ -47,7 +54,7 @@ def test_a_glimpse_shows_the_deciding_signal_its_threshold_and_the_guards_margin
 
 def test_what_an_approach_will_do_is_shown_until_it_has_done_it():
     events = [Forecast(0.1, "stage", 0.004, 0.0003, None, 1.5)]
-    view = LiveView(TrialRecording(1), {}, GuardSettings(travel_m=0.012), events=events)
+    view = view_of(TrialRecording(1), {}, events=events)
     assert view.lines() == ["stage: forecast, speed 4 mm/s, travel 0.3 mm, most 1.5 N"]
     events.append(Approached(0.9, "stage", 0.0002, 0.15))
     assert view.lines() == ["stage: approached, travel 0.2 mm, pressed 0.15 N"]
@@ -58,7 +65,7 @@ def test_what_decides_is_shown_whatever_the_profiles_order():
     detectors = {"contact": SimpleNamespace(inputs=("board.period",)), "ours": Waveform()}
     plan = SimpleNamespace(detectors=frozenset({"contact", "ours"}))
     behavior = SimpleNamespace(deciding=["ours"], acts_on=frozenset({"ours", "touch"}), plan=plan)
-    view = LiveView(recording, detectors, GuardSettings(travel_m=0.012), behavior)
+    view = view_of(recording, detectors, behavior=behavior)
     recording.add(block("board.period", [0.5, 1.0], "s"))
     recording.add(block("board.accelerometer", [1.0, 1.5], "m/s2"))
     for name, held, unit in (("contact", [28.0, 28.2], "Hz"), ("ours", [2.1, 5.3], "σ")):
@@ -106,4 +113,4 @@ class Raising:
 def test_a_detector_that_cannot_be_shown_ends_no_trial(detector, lines):
     recording = TrialRecording(1)
     recording.add(block("board.period", [0.5, 1.0], "s"))
-    assert LiveView(recording, {"own": detector}, GuardSettings(travel_m=0.012)).lines() == lines
+    assert view_of(recording, {"own": detector}).lines() == lines

@@ -14,7 +14,7 @@ from scipy.io import savemat, wavfile
 
 from behaviors.events import BaselineReady, SlipStarted
 from config.assemble import make_detector
-from controller.detectors.calibration import calibrate
+from controller.detectors.calibration import span_maxima, threshold_for
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.recording.tables import ReplayError, read_columns
@@ -200,7 +200,8 @@ def test_a_threshold_is_the_same_from_blocks_and_from_the_whole():
     blocks = noise_blocks()
     line = asked(blocks)
     whole = np.concatenate([block.physical for block in blocks])
-    assert line["threshold"] == calibrate(paper(), whole, 1000.0, 10.0).threshold
+    maxima = span_maxima(paper().statistic(whole, 1000.0), 1000.0)
+    assert line["threshold"] == threshold_for(maxima, 10.0).threshold
     assert line["threshold_low"] < line["threshold"] < line["threshold_high"]
     assert (line["detector"], line["extrapolated"], line["recording_s"]) == ("slip.paper", False, 120.0)
     assert line["false_alarm_interval_s"] == 10.0

@@ -3,8 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from controller.detectors.calibration import calibrate, span_maxima, threshold_for
+from controller.detectors.calibration import calibrate_pieces, span_maxima, threshold_for
 from controller.detectors.slip import SlipPaperDetector, SlipPaperSettings
+from drivers.core.messages import SampleBlock
 
 
 def exponential(n, seed=1):
@@ -52,7 +53,8 @@ def test_spans_without_a_decision_do_not_count():
 def test_a_calibrated_detector_alarms_as_often_as_was_asked_for():
     rng = np.random.default_rng(3)
     detector = SlipPaperDetector("slip", SlipPaperSettings())
-    found = calibrate(detector, rng.standard_normal(600_000), 1000.0, 30.0)
+    quiet = SampleBlock("board.tangential", 0, 0.0, rng.standard_normal((600_000, 1)), rate_hz=1000.0)
+    found = calibrate_pieces([(detector, [quiet])], 30.0)
     fresh = detector.statistic(rng.standard_normal((1_800_000, 1)), 1000.0)
     alarms = np.nansum(span_maxima(fresh, 1000.0) > found.threshold)
     # 60 are expected, give or take 8, from a threshold known to within a quarter

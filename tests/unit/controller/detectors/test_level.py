@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact, ContactHeld, ContactLost
-from controller.detectors.calibration import calibrate, span_maxima
+from controller.detectors.calibration import calibrate_pieces, span_maxima
 from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
 from drivers.core.messages import SampleBlock
 
@@ -227,11 +227,12 @@ def unsettled(count, gap_s=1.25, seed=1):
 
 def test_it_can_be_calibrated_on_a_recording_without_contact():
     columns = unsettled(200)
-    found = calibrate(ours(), columns, RATE_HZ, 25.0)
+    recorded = [(ours(), [SampleBlock("signals.right", 0, 0.0, columns, rate_hz=RATE_HZ)])]
+    found = calibrate_pieces(recorded, 25.0)
     scores = span_maxima(ours().statistic(columns, RATE_HZ), RATE_HZ)
     # 250 s, once in 25: nine seconds are above, and the tenth is the threshold itself
     assert np.sum(scores > found.threshold) == 9
-    beyond = calibrate(ours(), columns, RATE_HZ, 3600.0)
+    beyond = calibrate_pieces(recorded, 3600.0)
     assert beyond.extrapolated
     assert beyond.threshold > found.threshold
 
@@ -240,9 +241,9 @@ def test_it_can_be_calibrated_on_a_recording_without_contact():
 def test_a_quiet_recording_asks_for_no_threshold_and_is_not_called_dead(interval_s):
     quiet = REST + noise(120_000, 5e-5)
     with pytest.raises(ValueError, match=r"of 120 pieces hold anything .* too quiet to ask for a threshold"):
-        calibrate(ours(), np.column_stack([quiet.real, quiet.imag]), RATE_HZ, interval_s)
+        calibrate_pieces([(ours(), [block(quiet)])], interval_s)
     with pytest.raises(ValueError, match="is the sensor alive"):
-        calibrate(ours(), np.full((120_000, 2), 0.09), RATE_HZ, interval_s)
+        calibrate_pieces([(ours(), [block(np.full(120_000, 0.09 + 0.09j))])], interval_s)
 
 
 def test_spans_that_do_not_grow_are_refused():

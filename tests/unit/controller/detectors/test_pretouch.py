@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import PreTouch, PreTouchLost
-from controller.detectors.calibration import calibrate, calibrate_pieces
+from controller.detectors.calibration import calibrate_pieces, span_maxima, threshold_for
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 from controller.signals.undulation import fit_wave
@@ -149,10 +149,10 @@ def test_it_can_be_calibrated_with_the_position_as_third_column_and_not_without(
     back_and_forth_m = np.abs((np.arange(120_000) * 1e-5 + 0.02) % 0.08 - 0.04)
     signal, _ = blocks_of(back_and_forth_m, size=0.0)
     columns = np.column_stack([signal.values, back_and_forth_m])
-    found = calibrate(ours(), columns, RATE_HZ, 30.0)
-    assert 3.0 < found.threshold < 30.0
+    scores = ours().statistic(columns, RATE_HZ)
+    assert 3.0 < threshold_for(span_maxima(scores, RATE_HZ), 30.0).threshold < 30.0
     with pytest.raises(ValueError, match="three columns"):
-        calibrate(ours(), signal.values, RATE_HZ, 30.0)
+        ours().statistic(signal.values, RATE_HZ)
 
 
 def columns_of(way_m, wall_fs=0.0, size=0.0, seed=1):
@@ -194,7 +194,8 @@ def test_calibrating_compiles_nothing_beside_what_a_bench_needs():
 def test_blocks_of_envelope_and_encoder_give_the_threshold_of_the_three_columns():
     way_m = np.abs((np.arange(120_000) * 1e-5 + 0.02) % 0.08 - 0.04)
     signal, encoder = blocks_of(way_m, size=0.0)
-    from_columns = calibrate(ours(), np.column_stack([signal.values, way_m]), RATE_HZ, 30.0)
+    scores = ours().statistic(np.column_stack([signal.values, way_m]), RATE_HZ)
+    from_columns = threshold_for(span_maxima(scores, RATE_HZ), 30.0)
     cut = [
         SampleBlock(block.stream, at, at / block.rate_hz, block.values[at : at + 500], rate_hz=block.rate_hz)
         for block in (signal, encoder)
