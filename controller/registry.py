@@ -70,10 +70,19 @@ class DriverKind(PlainKind):
 
     @classmethod
     def own(cls, name: str, folders: Sequence[Path]) -> DriverKind:
-        """Its mock and its twin stand beside it: `MockScale` and `EmulatedScale` beside `Scale`."""
+        """Its mock and its twin stand beside it: `MockScale` and `EmulatedScale` beside `Scale`; what the twin can
+        show beside its line's faults is its `faults`."""
         module, _, made = name.partition(":")
-        twin = f"{module}:Emulated{made}"
-        return cls(name, mock=f"{module}:Mock{made}", emulated=twin, emulated_faults=LINE_FAULTS)
+        mock, twin = f"Mock{made}", f"Emulated{made}"
+        own = getattr(getattr(sys.modules.get(module), twin, None), "faults", ())
+        shown = (*LINE_FAULTS, *own)
+        return cls(
+            name,
+            mock=f"{module}:{mock}",
+            emulated=f"{module}:{twin}",
+            mock_faults=shown,
+            emulated_faults=shown,
+        )
 
     def at(self, port: str) -> str:
         """The mock driver at "mock", the real one elsewhere."""

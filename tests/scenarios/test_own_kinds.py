@@ -258,6 +258,25 @@ def test_settings_of_the_users_own_are_held_against_the_rest_by_their_own_rule(v
     check_refusal(err, "--set: [detectors.contact] threshold_n is above the guard's force; lower it")
 
 
+def test_a_device_of_the_users_own_shows_its_lines_faults_and_those_that_its_twin_names(verb, lab):
+    path = lab / "my_lab" / "cell.py"
+    path.write_text(path.read_text() + "\n\nclass EmulatedCell:\n    faults = ('stall',)\n")
+
+    def told(action, kind):
+        fault = f'faults=[{{ device = "board", kind = "{kind}", at_s = 1.0 }}]'
+        code, _, err = verb(action, lab / "touch.toml", "--set", fault, "--set", SOON)
+        return code, err
+
+    assert told("check", "stall") == (0, "")
+    code, err = told("check", "overheat")
+    assert (code, "it can show corrupt, drift, late, lose, silent, stall, stuck, unplug, wrong" in err) == (
+        2,
+        True,
+    )
+    code, err = told("run", "unplug")
+    assert (code, "board failed: the link is gone (unplug" in err) == (3, True), (code, err)
+
+
 def test_a_file_is_replayed_by_a_detector_that_is_found_in_the_present_folder(verb, lab, monkeypatch):
     monkeypatch.chdir(lab)
     rows = "\n".join(f"{0.01 * n:.2f},{0.0 if n < 5 else 1.0}" for n in range(10))

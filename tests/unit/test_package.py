@@ -106,6 +106,8 @@ def test_each_public_class_has_a_name_of_its_own() -> None:
 def test_every_page_begins_with_what_it_is_for() -> None:
     pages = sorted((ROOT / "docs").rglob("*.md"))
     assert len(pages) <= 30
+    led_to = set(re.findall(r'"(docs/.+?\.md)"', (ROOT / "zensical.toml").read_text("utf-8")))
+    assert {page.relative_to(ROOT).as_posix() for page in pages} == led_to
     firsts = {page.name: page.read_text("utf-8").split("\n\n")[1] for page in pages}
     assert {name: first for name, first in firsts.items() if not re.match(r"For [^\n]+[.:?]", first)} == {}
     assert len((ROOT / "docs/reference/glossary.md").read_text("utf-8").splitlines()) <= 50, "one screen"
