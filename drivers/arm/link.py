@@ -120,8 +120,8 @@ class ArmLink(Protocol):
     """One arm's link, made in the arm's process with its settings and the bench's clock.
 
     Attributes:
-        package: The distribution that it needs.
-        extra: Of touchbench, which brings it.
+        package: The distribution that it needs; "" for none.
+        extra: Of touchbench, which brings it; "" for none.
     """
 
     package: ClassVar[str]

@@ -81,8 +81,9 @@ class ArmProcess:
         realtime = _ask_for_realtime(self._settings.realtime_priority)
         opened = self._link.open(self._again)
         package = self._link.package
+        client = {"client": f"{package} {version(package)}"} if package else {}
         asked = {"realtime": realtime} if self._settings.realtime_priority else {}
-        details = {"client": f"{package} {version(package)}", **asked, **opened.details}
+        details = {**client, **asked, **opened.details}
         self._seen = Seen(opened.row, math.inf).then(opened.row)
         self._heartbeat_s = self._clock.monotonic_s()
         threading.Thread(target=self._listen, name="listener", daemon=True).start()

@@ -61,9 +61,10 @@ def lacking(library: str, extra: str) -> tuple[str, str]:
     """Reason and advice where a library is missing that is installed on demand.
 
     Args:
-        extra: Of touchbench, which brings it.
+        extra: Of touchbench, which brings it; "" where none does.
     """
-    return f"{library} is not installed", f"install it: pip install 'touchbench[{extra}]'"
+    brings = f"'touchbench[{extra}]'" if extra else library
+    return f"{library} is not installed", f"install it: pip install {brings}"
 
 
 def check_streams(device: str, command: object, streams: Iterable[str], known: Iterable[str]) -> None:

@@ -36,9 +36,10 @@ class Client:
         self.calls.append("leave")
 
 
-@pytest.mark.parametrize("priority", [10, 0])
-def test_an_arm_that_opens_has_its_report_a_listener_and_a_program_that_ends(monkeypatch, priority):
+@pytest.mark.parametrize(("priority", "package"), [(10, "pytest"), (0, "pytest"), (0, "")])
+def test_an_arm_that_opens_has_its_report_a_listener_and_a_program_that_ends(monkeypatch, priority, package):
     arm, threads, again = Arm(monkeypatch), [], []
+    arm.link.package = package
     arm.process._settings = SETTINGS.model_copy(update={"realtime_priority": priority})
     opened = Opened("UR5", "20195500", "5.9.4", ArmRow(103.0, 9.0, START, REST, REST), {"tool": 2})
 
@@ -59,7 +60,8 @@ def test_an_arm_that_opens_has_its_report_a_listener_and_a_program_that_ends(mon
     report = arm.messages()[0]
     arm.close()
     assert again == [False]
-    details = {"client": f"pytest {version('pytest')}", "tool": 2}
+    details = {"client": f"pytest {version('pytest')}"} if package else {}
+    details |= {"tool": 2}
     details |= {"realtime": True} if priority else {}  # what is not asked for is not missing
     assert report == Opened("UR5", "20195500", "5.9.4", opened.row, details)
     ((listener, heartbeat_s),) = threads
@@ -175,3 +177,9 @@ def test_the_process_is_handed_the_clock_of_the_bench_whichever_it_is(begun):
 def test_whatever_ends_the_process_is_reported_first(begun, error, report):
     sent, ended = begun(error)
     assert (sent.args, ended) == (report, (1,))
+
+
+def test_a_client_that_no_extra_brings_is_installed_by_its_own_name(begun, monkeypatch):
+    monkeypatch.setattr(MadeLink, "extra", "")
+    sent, _ = begun(ModuleNotFoundError("No module named 'arm_client'"))
+    assert sent.args[2] == "install it: pip install arm_client"
