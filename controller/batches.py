@@ -11,9 +11,9 @@ from controller.campaign import EXIT_DONE, Campaign, foremost
 from controller.console import PAUSED
 from controller.loop import Aborted
 from controller.recording.joining import EndedRun
-from controller.recording.ledger import read_ledger
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder, RunFolderError
+from controller.recording.trial_rows import read_rows
 
 POLL_S = 0.1
 """How often the operator is polled while a campaign is paused, seconds (assumption: Enter is not pressed faster)."""
@@ -80,7 +80,7 @@ class CampaignInBatches(Campaign):
             if end["status"] == "failed":  # its own disk took no more: nothing else is to be reported
                 return ended, False
             raise
-        rows, _ = read_ledger(folder.trials_path)
+        rows, _ = read_rows(folder.trials_path)
         for trial, row in zip(trials.values(), rows, strict=True):
             self._console.trial_started(trial.number, {name: row[name] for name in self._plan.factors})
             recorder.take_over(trial)

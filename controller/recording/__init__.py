@@ -1,1 +1,1 @@
-"""Recorder, reader, run folder and ledger: what stays of a run."""
+"""Recorder, reader, run folder and rows: what stays of a run."""

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from controller.outcomes import UNMEASURED
-from controller.recording.ledger import read_ledger
 from controller.recording.mcap_file import Topic, topics
 from controller.recording.reader import RecordedTrial, RecordingIndex
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError, lock, replace_file
+from controller.recording.trial_rows import read_rows
 
 
 class EndedTrial(NamedTuple):
@@ -92,7 +92,7 @@ def broken_off(folder: RunFolder) -> ResumedRun:
     """
     manifest = folder.read_manifest()
     try:
-        rows, _ = read_ledger(folder.trials_path)
+        rows, _ = read_rows(folder.trials_path)
         whole = [(int(row["trial"]), str(row["outcome"])) for row in rows]  # type: ignore[arg-type]
     except (ValueError, KeyError, TypeError) as error:
         raise RunFolderError(

@@ -16,7 +16,6 @@ import numpy as np
 from mcap.records import Channel, Footer, Metadata
 
 from controller.outcomes import counted, is_success
-from controller.recording.ledger import Cell, read_ledger
 from controller.recording.mcap_file import CLOSED_AFTERWARDS, ChunkPlace, close_cut, messages, records, topics
 from controller.recording.run_folder import RunFolder, RunFolderError
 from controller.recording.schemas import (
@@ -31,6 +30,7 @@ from controller.recording.schemas import (
     schema_of,
 )
 from controller.recording.series import Series, TrialRecording
+from controller.recording.trial_rows import Cell, read_rows
 from controller.scales import si_unit
 from drivers.core.messages import SampleBlock
 
@@ -209,7 +209,7 @@ def open_run(path: str | Path, root: Path = Path("runs")) -> Run:
         _check([{"successes": [], **manifest}], {"successes": list | None})
         ended = sum((manifest.get("outcomes") or {}).values())
     with _reading(folder.trials_path):
-        trials, row_cut = read_ledger(folder.trials_path)
+        trials, row_cut = read_rows(folder.trials_path)
         _check(trials, {"trial": int, "outcome": str})
     with _reading(folder.events_path):
         events, event_cut = _read_events(folder.events_path)

@@ -13,11 +13,11 @@ from behaviors.events import BaselineRefused, ContactLost, Event, GuardStopped
 from controller.detectors.protocol import Quantity
 from controller.limits import GuardSettings
 from controller.recording.disk import DiskThread
-from controller.recording.ledger import EventLog, Ledger
 from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import BIN_S, DETECTOR, TrialRecording, bins_of, extremes_of_each
 from controller.recording.stream_writer import StreamWriter
+from controller.recording.trial_rows import EventLog, TrialRows
 from controller.scales import as_text
 from drivers.core.clock import rest
 from drivers.core.messages import Command, Failed, Floats, Lost, Refused, SampleBlock, Stalled, StreamInfo
@@ -69,7 +69,7 @@ class Recorder:
         self._now_s = self._offset_s = 0.0
         self._readings: dict[str, list[Floats]] = {}
         self._quantities: Mapping[str, Quantity] = {}
-        self._ledger = Ledger(folder.trials_path, factors, measures)
+        self._rows = TrialRows(folder.trials_path, factors, measures)
         self._streams = StreamWriter(folder.new_recording(), wall_start, streams, mirror)
         try:
             self._events = EventLog(folder.events_path)
@@ -77,7 +77,7 @@ class Recorder:
             self._streams.abandon()
             raise
         self._busy_s = busy_s
-        self._disk = DiskThread((self._streams, self._events, self._ledger), patient=patient)
+        self._disk = DiskThread((self._streams, self._events, self._rows), patient=patient)
 
     @property
     def failure(self) -> RecordingError | None:
@@ -178,10 +178,10 @@ class Recorder:
         for detector in list(self._readings):
             self._keep_readings(detector, ended=True)
         row = {**self.trial.factors, **measures, "trial": self.trial.trial, "outcome": outcome}
-        line = self._ledger.line(row)
-        self._disk.post(self._ledger, self._ledger.add, line)
+        line = self._rows.line(row)
+        self._disk.post(self._rows, self._rows.add, line)
         self._log(self._now_s, "trial", f"trial {self.trial.trial} ends: {outcome}", "INFO")
-        self._disk.post(self._streams, self._streams.end_trial, length_s, self._ledger.cells(line))
+        self._disk.post(self._streams, self._streams.end_trial, length_s, self._rows.cells(line))
         self._disk.flush(sync=False)
         self._raise_failure()
 
@@ -191,10 +191,10 @@ class Recorder:
         post(streams, streams.begin_trial, trial.number, recorded.factors, self._offset_s)
         for chunk in recorded.chunks:
             post(streams, streams.copy, recorded.path, chunk, trial.topics, recorded.base_ns)
-        post(streams, streams.end_trial, recorded.length_s, self._ledger.cells(trial.row))
+        post(streams, streams.end_trial, recorded.length_s, self._rows.cells(trial.row))
         for line in trial.events:
             post(self._events, self._events.add_line, line)
-        post(self._ledger, self._ledger.add, trial.row)
+        post(self._rows, self._rows.add, trial.row)
         self._offset_s += recorded.length_s or 0.0
 
     def attach(self, name: str, data: bytes) -> None:

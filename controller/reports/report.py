@@ -104,7 +104,7 @@ def build_report_with_summary(
         temporary.replace(path)
     except OSError as error:
         raise RecordingError(path, "writing", error, option="") from error
-    lines = [line for part in parts for line in in_lines(part)]
+    lines = [line for part in parts for line in terminal_lines(part)]
     return path, [*lines, *guard_lines(runs), _verdict(parts)[0]]
 
 
@@ -340,7 +340,7 @@ class SectionPart:
         return agreement_of(self.results)
 
 
-def in_lines(part: SectionPart) -> Iterator[str]:
+def terminal_lines(part: SectionPart) -> Iterator[str]:
     """A part's name, its table where it has one, and its results, those that may be judged before the others."""
     yield f"{part.section.title}, {part.name}"
     if part.section.terminal:

@@ -434,7 +434,7 @@ def _file(name: str, data: bytes) -> Path:
 
 
 def _run_folder(data: bytes) -> None:
-    """Recording, ledger, events and manifest, parted by a mark; what is missing is as a small run leaves it."""
+    """Recording, table, events and manifest, parted by a mark; what is missing is as a small run leaves it."""
     parts = dict(zip(RUN_FILES, data.split(MARK), strict=False))
     folder = _folder() / "2026-01-01T00-00-00Z_mock-fuzz_0000"
     folder.mkdir(exist_ok=True)

@@ -76,8 +76,8 @@ def test_an_exception_anywhere_stops_flushes_and_keeps_the_row(run_profile, tmp_
     assert bench.run.manifest["exit"]["reason"] == bench.outcome.line
     axis = rigs[0].devices["stage"].axis
     assert not axis.moving(rigs[0].clock.now())
-    ledgers = [(folder / "trials.csv").read_text() for folder in (tmp_path / "runs").iterdir()]
-    assert sum(",fault," in ledger for ledger in ledgers) == 1
+    tables = [(folder / "trials.csv").read_text() for folder in (tmp_path / "runs").iterdir()]
+    assert sum(",fault," in table for table in tables) == 1
 
 
 def test_ctrl_c_once_pauses_and_the_trial_goes_on_after_a_new_baseline(run_profile, script):

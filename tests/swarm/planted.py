@@ -39,7 +39,7 @@ class Planted(NamedTuple):
 
 LOOP, GUARD, ARRIVALS = "controller.loop:Loop", "controller.guard:Guard", "controller.arrivals:Arrivals"
 CAMPAIGN, BOUNDS = "controller.campaign:Campaign", "controller.limits:Bounds"
-RECORDER, LEDGER = "controller.recording.recorder:Recorder", "controller.recording.ledger:Ledger"
+RECORDER, ROWS = "controller.recording.recorder:Recorder", "controller.recording.trial_rows:TrialRows"
 
 HANGS = '"hang"[^}]*(after = "APPROACH"[^}]*amount = (0.3|2.0)|amount = (0.3|2.0)[^}]*after = "APPROACH")'
 
@@ -121,8 +121,8 @@ DEFECTS = (
     Planted(f"{CAMPAIGN}._trials", 'if outcome != "aborted":', "if False:"),
     Planted(f"{CAMPAIGN}._trial", "counts[outcome] = counts.get(outcome, 0) + 1", "pass"),
     Planted(f"{CAMPAIGN}._trial", 'verdict = "aborted"', 'verdict = ""'),
-    Planted(f"{RECORDER}.end_trial", "self._disk.post(self._ledger, self._ledger.add, line)", "len(line)"),
-    Planted(f"{LEDGER}.commit", 'lines, self._lines = self._lines, ""', "lines = self._lines"),
+    Planted(f"{RECORDER}.end_trial", "self._disk.post(self._rows, self._rows.add, line)", "len(line)"),
+    Planted(f"{ROWS}.commit", 'lines, self._lines = self._lines, ""', "lines = self._lines"),
     Planted("controller.recording.joining:broken_off", "if outcome not in UNMEASURED", "if outcome"),
     Planted("controller.recording.joining:clear", "if len(whole) < len(rows):", "if False:"),
     Planted(

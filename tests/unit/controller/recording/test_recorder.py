@@ -14,13 +14,13 @@ from controller.export import tidy
 from controller.limits import GuardSettings
 from controller.recording import disk
 from controller.recording.layouts import FOXGLOVE, PLOTJUGGLER, write_layouts
-from controller.recording.ledger import EventLog, read_ledger
 from controller.recording.mcap_file import McapWriter
 from controller.recording.reader import open_run
 from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
 from controller.recording.series import BIN_S, PLOT_S
 from controller.recording.stream_writer import StreamWriter
+from controller.recording.trial_rows import EventLog, read_rows
 from drivers.core.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
@@ -321,7 +321,7 @@ def test_an_events_file_that_is_full_is_reported_at_the_trials_end(folder):
     recorder.event(Contact(1.0, "contact", 30.0, 29.0), state="APPROACH")
     with pytest.raises(RecordingError, match=r"events\.jsonl; make room"):
         recorder.end_trial("contact", {})
-    assert [row["outcome"] for row in read_ledger(folder.trials_path)[0]] == ["contact"]
+    assert [row["outcome"] for row in read_rows(folder.trials_path)[0]] == ["contact"]
     with pytest.raises(RecordingError, match=r"events\.jsonl"):
         recorder.close()
 

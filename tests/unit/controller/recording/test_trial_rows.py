@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.recording.ledger import Ledger, format_cell, read_ledger
 from controller.recording.run_folder import RecordingError
+from controller.recording.trial_rows import TrialRows, format_cell, read_rows
 
 ROWS = [
     {"trial": 3, "outcome": "contact", "location": "f", "speed_m_s": 0.003785, "delay_s": 0.2},
@@ -14,9 +14,9 @@ ROWS = [
 ]
 
 
-def ledger(path, *rows):
-    """A ledger that has written these rows."""
-    written = Ledger(path, ["location", "speed_m_s"], ["delay_s"])
+def table(path, *rows):
+    """A table that has written these rows."""
+    written = TrialRows(path, ["location", "speed_m_s"], ["delay_s"])
     for row in rows:
         written.add(written.line(row))
     written.commit()
@@ -24,7 +24,7 @@ def ledger(path, *rows):
 
 
 def test_the_file_is_this_to_the_byte(tmp_path):
-    ledger(tmp_path / "trials.csv", *ROWS)
+    table(tmp_path / "trials.csv", *ROWS)
     assert (tmp_path / "trials.csv").read_bytes() == (
         b"trial,outcome,location,speed_m_s,delay_s\n"
         b"3,contact,f,0.003785,0.2\n"
@@ -36,7 +36,7 @@ def test_the_file_is_this_to_the_byte(tmp_path):
 def test_the_order_of_trials_changes_no_row(tmp_path):
     files = []
     for number, order in enumerate(itertools.permutations(ROWS)):
-        ledger(tmp_path / f"{number}.csv", *order)
+        table(tmp_path / f"{number}.csv", *order)
         files.append(sorted((tmp_path / f"{number}.csv").read_bytes().splitlines()))
     assert all(rows == files[0] for rows in files)
 
@@ -62,9 +62,9 @@ def test_a_cell_is_written_by_one_rule(value, text):
 
 def test_what_is_read_is_what_was_written(tmp_path):
     path = tmp_path / "trials.csv"
-    ledger(path, ROWS[0])
-    ledger(path, ROWS[1])
-    rows, cut = read_ledger(path)
+    table(path, ROWS[0])
+    table(path, ROWS[1])
+    rows, cut = read_rows(path)
     assert rows == ROWS[:2]
     assert not cut
 
@@ -72,50 +72,50 @@ def test_what_is_read_is_what_was_written(tmp_path):
 @pytest.mark.parametrize("text", ["nan", "inf", "1_000", "0x10", "a"])
 def test_text_that_python_would_take_for_a_number_stays_text(tmp_path, text):
     path = tmp_path / "trials.csv"
-    ledger(path, {"trial": 1, "location": text})
-    assert read_ledger(path)[0][0]["location"] == text
+    table(path, {"trial": 1, "location": text})
+    assert read_rows(path)[0][0]["location"] == text
 
 
 def test_a_cut_last_line_is_left_out_and_reported(tmp_path):
     path = tmp_path / "trials.csv"
-    ledger(path, ROWS[0], ROWS[1])
+    table(path, ROWS[0], ROWS[1])
     path.write_bytes(path.read_bytes()[:-3])
-    rows, cut = read_ledger(path)
+    rows, cut = read_rows(path)
     assert [row["trial"] for row in rows] == [3]
     assert cut
 
 
 def test_a_resumed_ledger_drops_the_cut_line_and_goes_on(tmp_path):
     path = tmp_path / "trials.csv"
-    ledger(path, ROWS[0])
+    table(path, ROWS[0])
     path.write_bytes(path.read_bytes() + b"1,no_con")
-    ledger(path, ROWS[2])
-    rows, cut = read_ledger(path)
+    table(path, ROWS[2])
+    rows, cut = read_rows(path)
     assert [row["trial"] for row in rows] == [3, 2]
     assert not cut
 
 
 def test_a_ledger_with_other_columns_is_refused(tmp_path):
     path = tmp_path / "trials.csv"
-    ledger(path)
+    table(path)
     with pytest.raises(ValueError, match="columns are not those"):
-        Ledger(path, ["location"], ["delay_s"])
+        TrialRows(path, ["location"], ["delay_s"])
 
 
 def test_a_measure_without_a_column_is_refused_by_name(tmp_path):
     with pytest.raises(ValueError, match="no column delai_s"):
-        ledger(tmp_path / "trials.csv", {"trial": 1, "delai_s": 0.1})
+        table(tmp_path / "trials.csv", {"trial": 1, "delai_s": 0.1})
 
 
 def test_a_row_of_another_length_is_refused_with_its_line(tmp_path):
     path = tmp_path / "trials.csv"
     path.write_text("trial,outcome\n1,contact\n2,contact,0.3\n")
     with pytest.raises(ValueError, match="line 3 has 3 cells, the header has 2"):
-        read_ledger(path)
+        read_rows(path)
 
 
 def test_no_file_is_no_trial(tmp_path):
-    assert read_ledger(tmp_path / "trials.csv") == ([], False)
+    assert read_rows(tmp_path / "trials.csv") == ([], False)
 
 
 def test_a_full_disk_is_one_line_with_the_remedy(tmp_path):
@@ -124,7 +124,7 @@ def test_a_full_disk_is_one_line_with_the_remedy(tmp_path):
     with pytest.raises(
         RecordingError, match=r"No space left on device while appending to .*; make room"
     ) as caught:
-        ledger(path)
+        table(path)
     assert "\n" not in str(caught.value)
     assert isinstance(caught.value, OSError)
     assert caught.value.path == Path(path)

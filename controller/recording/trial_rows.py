@@ -25,7 +25,7 @@ _INTEGER = re.compile(r"-?\d+")
 _NUMBER = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?")
 
 
-class Ledger:
+class TrialRows:
     """Appends rows with fixed columns: `trial`, `outcome`, the factors, the measures; implements `disk.DiskFile`.
 
     A row depends on its own trial alone; rows stand in the order in which trials ran.
@@ -59,7 +59,7 @@ class Ledger:
         """A row as it is appended.
 
         Raises:
-            ValueError: the row has a column that the ledger has not.
+            ValueError: the row has a column that the table has not.
         """
         unknown = sorted(set(row) - set(self.columns))
         if unknown:
@@ -104,7 +104,7 @@ def format_cell(value: object) -> str:
     return "" if math.isnan(number) else f"{number + 0.0:.{DIGITS}g}"  # + 0.0: no minus before zero
 
 
-def read_ledger(path: Path) -> tuple[list[dict[str, Cell]], bool]:
+def read_rows(path: Path) -> tuple[list[dict[str, Cell]], bool]:
     """All whole rows, and whether a last one was cut off.
 
     Cells become numbers, booleans, None (empty) or text.
