@@ -9,7 +9,7 @@ BIN := .venv/bin
 run: .venv/run.stamp            ## the main job on the mock bench: 126 approaches, from nothing to a report
 	$(BIN)/python run.py run papers/table_1
 
-SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_together)) \
+SAFETY := $(addprefix tests/unit/controller/test_,$(addsuffix .py,arrivals guard loop loop_together stop_all)) \
 	$(addprefix tests/unit/drivers/,arm test_axis_limits.py barrett_hand can_gripper gripper robotiq sensor_board/test_sensor_board_driver.py ur_arm zaber_stage)
 
 test: export PYTHONDONTWRITEBYTECODE :=

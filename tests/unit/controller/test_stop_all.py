@@ -3,9 +3,11 @@
 import fcntl
 import json
 import os
+from contextlib import nullcontext
 from threading import Event, Lock
 from time import sleep
 from types import SimpleNamespace
+from typing import ClassVar
 
 import pytest
 
@@ -78,6 +80,80 @@ def test_a_silent_mover_keeps_no_other_from_being_stopped(stop):
 def test_movers_on_one_line_are_stopped_one_after_the_other(stop):
     bench = Sessions(**{f"axis{number}": "/dev/ttyUSB0" for number in range(8)})
     assert stop(bench)[0]
+
+
+class Program:
+    """Another program that has the stage: whether it ends once it is asked, and which movers it left moving."""
+
+    pid = 4194304
+    devices: ClassVar[dict[str, dict[str, str]]] = {"stage": {"port": "/dev/ttyUSB7"}}
+
+    def __init__(self, ends, not_at_rest=None):
+        self._ends, self._asked, self.not_at_rest = ends, False, not_at_rest
+
+    def __str__(self):
+        return "the other program"
+
+    def ask(self):
+        self._asked = True
+
+    def ended(self, patience_s):
+        return self._asked and self._ends
+
+
+def opens(outcome="done", movers=("stage",)):
+    """A session with the stage, in which a stop comes out so."""
+    result = SimpleNamespace(outcome=outcome, reason="no answer")
+    return lambda name: nullcontext(SimpleNamespace(movers=movers, limits=None, run=lambda *_, **__: result))
+
+
+def silent(name):
+    raise DeviceError(name, "opening", "it is silent", "look at its cable")
+
+
+ENDS, HANGS = (True,), (False,)
+
+
+@pytest.mark.parametrize(
+    ("program", "open_one", "beside", "still", "words"),
+    [
+        (None, opens(), None, True, "stopped, and stands still"),
+        (None, opens("fault"), None, False, "no answer"),
+        (None, opens(movers=()), None, True, "does not move by itself"),
+        (None, silent, None, False, "nothing else reaches it: press the emergency stop if it moves"),
+        (None, silent, "", True, "its controller was told to stop, and it stands still"),
+        (None, silent, "it is off", False, "it is off: press the emergency stop if it moves"),
+        (None, None, None, True, "no program has this bench"),
+        (ENDS, opens(), None, True, "stopped, and stands still"),
+        (ENDS, None, None, False, "ended without a word"),
+        ((True, {"stage"}), None, None, False, "look at the bench"),
+        ((True, {"another"}), None, None, True, "saw its movers stand still"),
+        (HANGS, opens(), None, False, "/dev/ttyUSB7 is held by the other program"),
+        (HANGS, opens(), "", True, "the other program does not end: kill -9 4194304"),
+        (HANGS, opens(), "it is off", False, "it is off; press the emergency stop"),
+    ],
+)
+def test_of_each_mover_it_is_said_whether_it_stands_and_how_that_is_known(
+    monkeypatch, program, open_one, beside, still, words
+):
+    programs, asked = [Program(*program)] if program else [], []
+    monkeypatch.setattr(stopping, "unwatched", lambda limits: limits)
+    monkeypatch.setattr(stopping, "holders", lambda profile, where: programs)
+    made = (
+        SimpleNamespace()
+        if beside is None
+        else SimpleNamespace(stop_beside=lambda s: asked.append(s) or beside)
+    )
+    settings = SimpleNamespace(model_copy=lambda update: update)
+    said = []
+    entries = {"stage": SimpleNamespace(made=made, settings=settings)}
+    assert stopping.Stopping("", Program.devices, entries, said.append, open_one).run() is still
+    line = said[-1]
+    assert line.startswith("stage: " if still else "stage: NOT seen standing still: ")
+    assert words in line
+    assert said[:-1] == ["the other program is asked to stop"] * len(programs)
+    if asked and programs:
+        assert asked == [Program.devices["stage"]], "at the address where the program has it"
 
 
 STAGE = {"stage": {"port": "/dev/ttyUSB7"}}
