@@ -366,40 +366,42 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
         rate_hz = self._envelope.free_hz + rates_hz
         keep = math.exp(-self._envelope.hop_s / self.settings.follow_s)
         slow_keep = math.exp(-1.0 / self._memory)
-        way = {"rises": (1.0,), "falls": (-1.0,), "either": (1.0, -1.0)}[self.settings.stiffness]
+        rises, falls = (self.settings.stiffness != way for way in ("falls", "rises"))
         events: list[Detected] = []
-        for i in range(len(s)):
-            self._slow_hz += (1.0 - slow_keep) * (float(rate_hz[i]) - self._slow_hz)
-            t_s, free = float(past[i, 0]), math.isnan(self._contact_s)
-            s[i] = self._over_noise(float(s[i]), float(surprise[i]), free)
-            crept = any(sign * (self._slow_hz - self._reference_hz) > self._creep_hz for sign in way)
+        hops = zip(*(each.tolist() for each in (past[:, 0], past[:, 1], s, surprise, rate_hz)), strict=True)
+        for i, (t_s, level, deviation, surprised, hop_hz) in enumerate(hops):
+            self._slow_hz += (1.0 - slow_keep) * (hop_hz - self._slow_hz)
+            free = math.isnan(self._contact_s)
+            s[i] = value = self._over_noise(deviation, surprised, free)
+            gone_hz = self._slow_hz - self._reference_hz
             if free:
-                if s[i] > self._limit or crept:
+                crept = (rises and gone_hz > self._creep_hz) or (falls and -gone_hz > self._creep_hz)
+                if value > self._limit or crept:
                     self._contact_s, self._held_reported, self._quiet_hops = t_s, False, 0
-                    value, limit = (float(s[i]), self._limit)
-                    if s[i] <= self._limit:
-                        side = math.copysign(self._creep_hz, self._slow_hz - self._reference_hz)
-                        value, limit = self._slow_hz, self._reference_hz + side
-                    events.append(Contact(t_s, self.name, value, limit))
+                    found, limit = value, self._limit
+                    if value <= limit:
+                        side = math.copysign(self._creep_hz, gone_hz)
+                        found, limit = self._slow_hz, self._reference_hz + side
+                    events.append(Contact(t_s, self.name, found, limit))
                 else:
-                    self._reference_hz += (1.0 - keep) * float(rate_hz[i] - self._reference_hz)
+                    self._reference_hz += (1.0 - keep) * (hop_hz - self._reference_hz)
                 continue
             if (
                 not self._held_reported
                 and t_s - self._contact_s >= self.settings.hold_s - 0.5 * self._envelope.hop_s
             ):
                 self._held_reported = True
-                events.append(ContactHeld(t_s, self.name, float(s[i]), self._limit))
+                events.append(ContactHeld(t_s, self.name, value, self._limit))
             quiet = (
-                surprise[i] < SURPRISE
-                and abs(rate_hz[i] - self._reference_hz) < QUIET * self._spread_hz
-                and abs(past[i, 1] - self._levels[0]) < QUIET * self._levels[1]
+                surprised < SURPRISE
+                and abs(hop_hz - self._reference_hz) < QUIET * self._spread_hz
+                and abs(level - self._levels[0]) < QUIET * self._levels[1]
             )
             self._quiet_hops = self._quiet_hops + 1 if quiet else max(0, self._quiet_hops - DOUBT)
             if self._quiet_hops * self._envelope.hop_s >= self.settings.release_s:
                 self._contact_s = math.nan
                 self._slow_hz = self._reference_hz
-                events.append(ContactLost(t_s, self.name, float(s[i]), self._limit))
+                events.append(ContactLost(t_s, self.name, value, self._limit))
         self.readings = np.concatenate([self.readings, decisions(past[:, 0], s, self._limit)])
         return events
 

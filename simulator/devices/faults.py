@@ -154,6 +154,10 @@ class FaultSchedule:
         self._counts: dict[str, int] = {}
         self._counted = {fault.after for fault in self._faults if " " in fault.after}
 
+    def copy_kept(self) -> Self:
+        """Itself, for one without faults does not change; of a bench, one with some is kept by itself."""
+        return self
+
     def add(self, fault: Fault) -> None:
         """One more, in this trial alone."""
         self._faults.append(fault)

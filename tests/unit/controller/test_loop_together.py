@@ -1,6 +1,7 @@
 """Turns that the loop takes together: a bench goes the same way as turn by turn, in few looks."""
 
 import math
+from collections.abc import Sequence
 from copy import copy
 from types import SimpleNamespace
 from typing import ClassVar
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact
-from behaviors.machine import Behavior, StatePlan, on
+from behaviors.machine import Behavior, Row, StatePlan, on
 from controller.guard import Guard, GuardSettings
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.rig import Rig
@@ -155,7 +156,7 @@ class Sum:
 class Approach(Behavior):
     """Rests, approaches until contact, stops."""
 
-    table = (
+    table: ClassVar[Sequence[Row]] = (
         on("deadline", "REST", "APPROACH"),
         on("contact", "APPROACH", "STOPPING"),
         on("reached", "APPROACH", "STOPPING"),
