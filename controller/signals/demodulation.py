@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.signals.demodulation_kernel import cic_counts, cic_packed, fused_counts, fused_packed
+from drivers.core.messages import Floats, Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Counts = NDArray[np.int32] | NDArray[np.uint8]
 
 FULL_SCALE_BITS: Final = 23
@@ -65,7 +64,7 @@ def cosine_taps(decimation: int) -> Floats:
     return np.asarray(taps / np.sum(taps))
 
 
-def cic_taps(decimation: int) -> NDArray[np.int64]:
+def cic_taps(decimation: int) -> Ints:
     """Impulse response of three sums over `decimation` frames in a row, whole numbers, shape (3 decimation - 2,)."""
     taps = np.ones(1, np.int64)
     for _ in range(CIC_STAGES):

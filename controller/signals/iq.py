@@ -12,11 +12,8 @@ from pydantic import Field, model_validator
 
 from controller.signals.demodulation import CIC_DECIMATION_MAX, SPAN, Cic, Fused, Oscillator
 from controller.signals.demodulation_kernel import peak
-from drivers.core.messages import SampleBlock, Saturated, StreamInfo
+from drivers.core.messages import Floats, Ints, SampleBlock, Saturated, StreamInfo
 from drivers.core.settings import DriveHz, Mismatch, Settings, StreamName
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CARRIER_FROM_HZ: Final = 4000.0
 """A stream with fewer samples a second is an envelope already (bench at envelope level)."""

@@ -1,9 +1,8 @@
 """Spectra of short records, and of consecutive blocks of a stream."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats, Ints
 
 
 def dominant_frequency(x: Floats, rate_hz: float) -> float:
@@ -50,7 +49,7 @@ class BlockCutter:
         """Drop the block begun: the next sample is the first of a new one."""
         self._begun: Floats | None = None
 
-    def push(self, values: Floats) -> tuple[NDArray[np.int64], Floats]:
+    def push(self, values: Floats) -> tuple[Ints, Floats]:
         """Process the next samples, shape (n, channels).
 
         Returns:

@@ -4,9 +4,8 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats
 
 Kind = Literal["amplitude", "conductance"]
 
