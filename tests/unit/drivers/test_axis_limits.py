@@ -27,7 +27,7 @@ NAN, INF = math.nan, math.inf
 def test_a_motion_out_of_bounds_is_refused_with_its_place_and_a_remedy(
     command: MoveAt | MoveTo, reason: str, remedy: str
 ) -> None:
-    with refused(CommandError, "x: ", reason, remedy):
+    with refused(CommandError, "x: ", "moving to", reason, remedy):
         LIMITS.checked("x", command)
 
 

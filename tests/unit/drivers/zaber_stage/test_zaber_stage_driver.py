@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from drivers.core.clock import VirtualClock
-from drivers.core.errors import PortError, ProtocolError, RefusedError, SilentError
+from drivers.core.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
 from drivers.core.messages import (
     Command,
     DeviceInfo,
+    Excite,
     Failed,
     Home,
     Listen,
@@ -31,6 +32,7 @@ from drivers.zaber_stage.codec import LONGEST_S, meaning
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
 from simulator.mocks.base import MemoryLine
+from tests.refusals import refused
 from tests.unit.drivers.zaber_stage.stage_bench import EVERYTHING, STEP_M, StageBench, Wire
 
 
@@ -305,6 +307,11 @@ def test_a_stop_before_the_stage_is_open_says_that_it_is_not() -> None:
     stage = driver(MemoryLine(Wire(), VirtualClock()))
     stage.apply(Stop("stage"))
     assert list(stage.poll()) == [Failed(0.0, "stage", "it is not open")]
+
+
+def test_a_command_for_another_kind_of_device_is_refused_under_the_stages_name() -> None:
+    with refused(CommandError, "stage: ", "only moves", "another device"):
+        Bench().stage.apply(Excite("stage", True))
 
 
 def test_nothing_of_an_older_session_is_left_after_it_is_opened_again() -> None:
