@@ -80,6 +80,7 @@ def test_a_request_without_a_number_has_none_on_the_wire() -> None:
     ("line", "message"),
     [
         (b"hello", "no Zaber ASCII line: b'hello'"),
+        (b"@01 1 04 YES IDLE -- 0:B1", "no Zaber ASCII message: b'@01 1 04 YES IDLE -- 0:B1'"),
         (b"@01 1 04 OK IDLE -- 24188:32", "wrong checksum: b'@01 1 04 OK IDLE -- 24188:32'"),
         (b"@01 1 04 OK IDLE -- 24188", "no checksum: b'@01 1 04 OK IDLE -- 24188'"),
     ],
