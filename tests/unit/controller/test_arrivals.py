@@ -186,7 +186,8 @@ def test_turns_seen_as_one_are_whole_where_no_gap_is_wider_than_half_of_what_is_
 
 
 def test_what_sticks_within_a_block_is_found_however_the_stream_is_cut():
-    assert watching("board.load").check(1.0, [block("board.load", 1.0, [7] * 202)], moving=False) is not None
+    failed = watching("board.load").check(1.0, [block("board.load", 1.0, [7] * 202)], moving=False)
+    assert "for 0.201 s, since 0.799 s" in failed.reason
     values = [1, 2, *[7] * 230, 8]
     arrivals = watching("board.load")
     failed = arrivals.check(1.0, [block("board.load", 1.0, values)], moving=False)
