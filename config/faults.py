@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 WORDS: Mapping[str, str] = {
@@ -54,13 +54,3 @@ def fault_of(words: str) -> dict[str, Any]:
     if kind == "intermittent" and "every_s" not in fault:
         fault |= {"for_s": fault.get("for_s", 0.02), "every_s": 0.1}
     return fault
-
-
-def as_toml(faults: Sequence[Mapping[str, Any]]) -> str:
-    """Faults as one value in TOML."""
-    tables = [", ".join(f"{key} = {_value(value)}" for key, value in fault.items()) for fault in faults]
-    return "[" + ", ".join(f"{{ {table} }}" for table in tables) + "]"
-
-
-def _value(value: Any) -> str:
-    return f'"{value}"' if isinstance(value, str) else repr(value)

@@ -350,7 +350,7 @@ def with_setting(text: str, path: KeyPath, value: Any, comment: str) -> str:
     Raises:
         ProfileError: it stands there in a way that is not changed here, in an inline table for one; the line to write.
     """
-    given, *table = f"{_value(value)}  # {comment}", *path[:-1]
+    given, *table = f"{toml_value(value)}  # {comment}", *path[:-1]
     lines, here, header = text.rstrip("\n").split("\n"), list[str](), None
     for number, line in enumerate(lines):
         key, equals, _ = line.partition("=")
@@ -399,18 +399,19 @@ def _lines(table: Mapping[str, Any], path: KeyPath, origin: Callable[[KeyPath], 
 def _rows(value: Any) -> str:
     """A value; a list of tables has a line for each."""
     if isinstance(value, list) and value and all(isinstance(row, Mapping) for row in value):
-        return "\n".join(["[", *(f"    {_value(row)}," for row in value), "]"])
-    return _value(value)
+        return "\n".join(["[", *(f"    {toml_value(row)}," for row in value), "]"])
+    return toml_value(value)
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """A value as a profile writes it, on one line."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(key)} = {_value(leaf)}" for key, leaf in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(key)} = {toml_value(leaf)}" for key, leaf in value.items()) + " }"
     if isinstance(value, list):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
     # A JSON text is a TOML text but for DEL; numbers and truth values are the same in both.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _key(key: str) -> str:
-    return key if _BARE.fullmatch(key) else _value(key)
+    return key if _BARE.fullmatch(key) else toml_value(key)

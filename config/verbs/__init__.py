@@ -36,6 +36,9 @@ PLOT_HELP = "Draw signal, statistic, threshold and events: a PNG, SVG or PDF fil
 COLOURS = {"Went well": "green", "Went partly": "yellow", "Broken off": "yellow", "Went badly": "red"}
 """Of a verdict, by how it begins."""
 
+NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
+"""How loader and system say that no memory is left."""
+
 MISTAKES = 24
 """How many mistakes of a profile are listed at once."""
 
@@ -114,8 +117,16 @@ def _lacking(missing: ModuleNotFoundError) -> str:
     return f"{sys.executable} lacks {missing.name}: call .venv/bin/python {PROGRAM}, which `make run` sets up"
 
 
+def _starved(error: BaseException | None) -> bool:
+    """Whether no memory was left, by an error or by one behind it."""
+    says = isinstance(error, MemoryError) or any(words in str(error).lower() for words in NO_MEMORY)
+    return error is not None and (says or _starved(error.__cause__ or error.__context__))
+
+
 def explained(error: Exception) -> tuple[int, str]:
     """Exit code and line for an error; an unforeseen one is the program's own."""
+    if _starved(error):
+        return FAILED, "no memory is left for this program; close others, or raise its limit (ulimit -v)"
     try:
         from config.jobs import JobsError
         from config.source import ProfileError
@@ -133,16 +144,15 @@ def explained(error: Exception) -> tuple[int, str]:
         lines = list(error.problems[:MISTAKES])
         more = len(error.problems) - len(lines)
         return USAGE, "\n".join([*lines, f"and {more} more"] if more else lines)
-    if isinstance(error, GuardRefusal):
-        return GUARD, f"guard: {error}"
     sorts = {
+        GUARD: (GuardRefusal,),
         USAGE: (RunFolderError, ReplayError, JobsError),
         DEVICE: (DeviceError,),
         FAILED: (RecordingError,),
     }
     for code, kinds in sorts.items():
         if isinstance(error, kinds):
-            return code, str(error)
+            return code, f"guard: {error}" if code == GUARD else str(error)
     message = " ".join(str(error).split())
     kind, place = type(error).__name__, own_place(error)
     line = f"{place}: {kind}: {message}" if place else f"unexpected {kind}: {message}"

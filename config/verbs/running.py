@@ -117,14 +117,15 @@ def run(
 
 def _with_faults(profile: str, overrides: Mapping[str, str], words: Sequence[str]) -> dict[str, str]:
     """The settings of the command line with these faults beside those that the profile has."""
-    from config.faults import as_toml, fault_of
+    from config.faults import fault_of
+    from config.source import toml_value
 
     try:
         more = [fault_of(each) for each in words]
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="--fault") from None
     had = [fault.model_dump(exclude_none=True) for fault in verbs.loaded_profile(profile, overrides).faults]
-    return {**overrides, "faults": as_toml([*had, *more])}
+    return {**overrides, "faults": toml_value([*had, *more])}
 
 
 @click.command(cls=verbs.Verb, short_help="Go on with a run that broke off.")

@@ -302,6 +302,19 @@ def test_an_unforeseen_error_is_one_line_and_shows_its_place_with_debug(verb, mo
         cli.main(["list", "--debug"], prog_name="run.py")
 
 
+@pytest.mark.parametrize(
+    "said", [MemoryError(), ImportError("libx.so: failed to map segment from shared object")]
+)
+def test_where_no_memory_is_left_the_line_says_so(verb, monkeypatch, said):
+    def starved(*_):
+        raise OSError("libllvmlite.so is not there") from said
+
+    monkeypatch.setattr("config.listing.listed_profiles", starved)
+    code, _, err = verb("list")
+    assert code == 1
+    check_refusal(err, "no memory is left", "raise its limit (ulimit -v)")
+
+
 def test_a_reader_who_leaves_early_is_no_error():
     reading, writing = os.pipe()
     os.close(reading)
