@@ -271,7 +271,8 @@ def read_trial(path: Path, trial: int | None) -> tuple[Mapping[str, Any], TrialR
     trials = run.recorded_trials
     chosen = trials[0] if trial is None and trials else trial
     if not trials:
-        raise ReplayError(f"{path}: holds no recording of a trial (recording.mcap)")
+        reason = " ".join(["holds no recording of a trial (recording.mcap).", *run.notes])
+        raise ReplayError(f"{path}: {reason.rstrip('.')}")
     if chosen is None or chosen not in trials:
         raise ReplayError(
             f"{path}: no recording of trial {trial}; recorded are {min(trials)} to {max(trials)}"

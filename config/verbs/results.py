@@ -105,6 +105,8 @@ def export(run: str, to: str, into: Path | None, out: Path) -> None:
     from controller.recording.reader import open_run
 
     opened = open_run(run, out)
+    for note in opened.notes:
+        verbs.complain(note)
     for path in exported(opened, to, into or opened.folder.path / to):
         click.echo(path)
 
