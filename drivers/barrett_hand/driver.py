@@ -1,10 +1,9 @@
 """The BarrettHand's finger torques, polled on a CAN bus."""
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field, Strict
+from pydantic import Field
 
 from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
@@ -22,10 +21,6 @@ QUIET_S = 0.3
 class BarrettHandSettings(CanPort, FingerStrainSettings):
     """A BarrettHand on a CAN bus."""
 
-    fingers: Annotated[tuple[int, ...], Strict(False)] = codec.FINGERS
-    """Nodes of the fingers that have a strain gauge (docs/reference/sensors.md)."""
-    poll_hz: float = Field(default=1000.0, ge=1.0, le=1000.0)
-    """How often the gauges are polled; samples that the bus does not carry are reported as lost (the paper: 1 kHz)."""
     answer_timeout_s: float = Field(default=0.02, gt=0.0, le=1.0)
     """When an answer counts as lost. Assumption: the longest delay measured on a pty is 16 ms."""
     wake_s: float = Field(default=1.0, gt=0.0, le=30.0)

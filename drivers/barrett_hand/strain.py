@@ -1,10 +1,11 @@
 """One finger's strain gauge: raw readings → blocks in newtons, zero, saturation. Pure."""
 
 from collections import deque
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
 from drivers.core.messages import SampleBlock, Saturated, StreamInfo
@@ -15,8 +16,12 @@ TARE_SAMPLES = 50
 
 
 class FingerStrainSettings(Settings):
-    """Scale and zero of a strain gauge."""
+    """Which gauges are read, how often, their scale and zero: of the real hand and of the mock one."""
 
+    fingers: Annotated[tuple[int, ...], Strict(False)] = codec.FINGERS
+    """Nodes of the fingers that have a strain gauge (docs/reference/sensors.md)."""
+    poll_hz: float = Field(default=1000.0, ge=1.0, le=1000.0)
+    """How often the gauges are polled; samples that the bus does not carry are reported as lost (the paper: 1 kHz)."""
     newton_per_count: float = Field(default=codec.NEWTON_PER_COUNT, gt=0.0, le=1.0)
     """Force at the fingertip for each count; roughly, until it is calibrated."""
     zero_counts: int = Field(default=codec.UNLOADED_COUNTS, ge=0, le=codec.COUNTS_MAX)

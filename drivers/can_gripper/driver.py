@@ -38,19 +38,13 @@ UNSEEN_POLLS = 5
 T = TypeVar("T", bound=Answer)
 
 
-class CanGripperSettings(CanPort):
+class CanGripperSettings(CanPort, units.CanGripperLimits):
     """A gripper on a CAN bus; widths are the opening between its fingers."""
 
     node: int = Field(default=0, ge=0, le=15)
     """Node number on the bus (docs/reference/grippers.md: 0 by default)."""
     closed_width_m: float = Field(default=units.CLOSED_MIN_M, ge=units.CLOSED_MIN_M, le=units.CLOSED_MAX_M)
     """Opening of the closed jaws: set by the brackets that the fingers stand on, 48 mm less than the open ones."""
-    max_speed_m_s: float = Field(default=0.1, gt=0.0, le=units.SPEED_MAX_M_S)
-    """Greatest rate of the opening (assumption: a quarter of what it can do)."""
-    max_force_n: float = Field(default=units.FORCE_MAX_N, ge=units.FORCE_MIN_N, le=units.FORCE_MAX_N)
-    """Greatest force that may be asked for."""
-    release_force_n: float = Field(default=15.0, ge=units.FORCE_MIN_N, le=units.FORCE_MAX_N)
-    """How hard it may press outwards while it opens (assumption: twice what steady motion needs)."""
     force_n_per_ma: float = Field(default=units.FORCE_N_PER_MA, gt=0.0, le=1.0)
     """Force of the jaws in N for each mA of motor current."""
     watchdog_s: float = Field(default=1.0, ge=0.2, le=60.0)
@@ -63,13 +57,6 @@ class CanGripperSettings(CanPort):
     """When an answer counts as lost. Assumption: three times the longest delay measured on a pty."""
     silence_timeout_s: float = Field(default=0.5, gt=0.0, le=30.0)
     """Silence after which the gripper has failed (assumption: ten lost answers)."""
-    object_hold_s: float = Field(default=0.03, ge=0.0, le=1.0)
-    """How long something must hold the jaws to be an object: a start at full current looks like one for some ms."""
-
-    @property
-    def forces_n(self) -> tuple[float, float]:
-        """Least and greatest force that may be asked for."""
-        return units.FORCE_MIN_N, self.max_force_n
 
     @model_validator(mode="after")
     def _fed_in_time(self) -> Self:

@@ -4,8 +4,11 @@ import math
 from dataclasses import replace
 from typing import Final
 
+from pydantic import Field
+
 from drivers.can_gripper.codec import DriveOrder
 from drivers.core.messages import Grip, Release
+from drivers.core.settings import Settings
 from drivers.gripper.units import JawUnits
 
 LONGEST_S: Final = 0.05
@@ -69,6 +72,24 @@ def speed_ticks_s(count: int) -> float:
 def speed_m_s(count: int) -> float:
     """How fast the opening changes at a speed, in m/s."""
     return speed_ticks_s(count) / TICKS_PER_M
+
+
+class CanGripperLimits(Settings):
+    """What a gripper may be asked for."""
+
+    max_speed_m_s: float = Field(default=0.1, gt=0.0, le=SPEED_MAX_M_S)
+    """Greatest rate of the opening (assumption: a quarter of what it can do)."""
+    max_force_n: float = Field(default=FORCE_MAX_N, ge=FORCE_MIN_N, le=FORCE_MAX_N)
+    """Greatest force that may be asked for."""
+    release_force_n: float = Field(default=15.0, ge=FORCE_MIN_N, le=FORCE_MAX_N)
+    """How hard it may press outwards while it opens (assumption: twice what steady motion needs)."""
+    object_hold_s: float = Field(default=0.03, ge=0.0, le=1.0)
+    """How long something must hold the jaws to be an object: a start at full current looks like one for some ms."""
+
+    @property
+    def forces_n(self) -> tuple[float, float]:
+        """Least and greatest force that may be asked for."""
+        return FORCE_MIN_N, self.max_force_n
 
 
 class GripperUnits(JawUnits):

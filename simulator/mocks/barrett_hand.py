@@ -2,29 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
-from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
+from drivers.barrett_hand.strain import FingerStrain
+from drivers.barrett_hand.strain import FingerStrainSettings as MockBarrettHandSettings
 from drivers.core.messages import Command, DeviceInfo, Listen, SampleBlock, Tare
 from drivers.core.wire import check_sensor
 from simulator.devices.barrett_hand import counts
 from simulator.mocks.base import MockSensor
 from simulator.physics.bench import part
-
-
-class MockBarrettHandSettings(FingerStrainSettings):
-    """The mock hand."""
-
-    fingers: Annotated[tuple[int, ...], Strict(False)] = codec.FINGERS
-    """Nodes of the fingers that have a strain gauge."""
-
-    poll_hz: float = Field(default=1000.0, ge=1.0, le=1000.0)
-    """How often the gauges are polled, as in the real driver."""
 
 
 class MockBarrettHand(MockSensor):

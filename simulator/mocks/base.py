@@ -180,6 +180,19 @@ class MockDriver(Driver):
         """Whether nothing that it sends arrives whole."""
         return self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt")
 
+    def _passed(self, blocks: Sequence[SampleBlock], now_s: float) -> Sequence[SampleBlock]:
+        """What of some blocks passes its link whole; what does not is lost."""
+        if self._gone(now_s):
+            for block in blocks:
+                self._unheard_of(block.stream, len(block))
+            return ()
+        self._heard(now_s)
+        if self._garbled(now_s):
+            for block in blocks:
+                self._lost(now_s, block.stream, len(block))
+            return ()
+        return blocks
+
 
 class MockSensor(MockDriver):
     """A sensor in the process: sample k of a stream is at k / rate, computed while subscribed, and may be lost."""
@@ -212,17 +225,7 @@ class MockSensor(MockDriver):
         """What was sampled since the last call."""
         now_s = self._clock.now()
         self._advance(now_s)
-        blocks = [block for stream in self._next for block in self._due(stream, now_s)]
-        if self._gone(now_s):
-            for block in blocks:
-                self._unheard_of(block.stream, len(block))
-            return ()
-        self._heard(now_s)
-        if self._garbled(now_s):
-            for block in blocks:
-                self._lost(now_s, block.stream, len(block))
-            return ()
-        return blocks
+        return self._passed([block for stream in self._next for block in self._due(stream, now_s)], now_s)
 
     def _advance(self, now_s: float) -> None:
         """Let the bench's time pass."""

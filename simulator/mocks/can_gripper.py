@@ -9,12 +9,10 @@ from pydantic import Field
 
 from drivers.can_gripper.codec import DriveOrder
 from drivers.can_gripper.units import (
-    FORCE_MAX_N,
-    FORCE_MIN_N,
     FORCE_N_PER_MA,
     LONGEST_S,
     POSITION_COUNTS,
-    SPEED_MAX_M_S,
+    CanGripperLimits,
     GripperUnits,
     speed_ticks_s,
 )
@@ -30,7 +28,6 @@ from drivers.core.messages import (
     Stop,
     StreamInfo,
 )
-from drivers.core.settings import Settings
 from drivers.gripper.outcome import GripperOutcome
 from drivers.gripper.state import GripFinding, GripperState
 from simulator.mocks.base import MockDriver
@@ -40,28 +37,11 @@ WATCHDOG_S = 1.0
 """How long it takes to be told nothing before it goes to sleep: the real driver's own default."""
 
 
-class MockCanGripperSettings(Settings):
-    """The mock gripper; its brackets are the plant's."""
+class MockCanGripperSettings(CanGripperLimits):
+    """The mock gripper: the real one's limits, without its link; its brackets are the plant's."""
 
     poll_hz: float = Field(default=100.0, ge=1.0, le=500.0)
     """How often its state is polled, as in the real driver."""
-
-    max_speed_m_s: float = Field(default=0.1, gt=0.0, le=SPEED_MAX_M_S)
-    """Greatest rate of the opening, as in the real driver."""
-
-    max_force_n: float = Field(default=FORCE_MAX_N, gt=0.0, le=FORCE_MAX_N)
-    """Greatest force that may be commanded, as in the real driver."""
-
-    release_force_n: float = Field(default=15.0, gt=0.0, le=FORCE_MAX_N)
-    """How hard it may press outwards while it opens, as in the real driver."""
-
-    object_hold_s: float = Field(default=0.03, ge=0.0, le=1.0)
-    """How long something must hold the jaws to be an object, as in the real driver."""
-
-    @property
-    def forces_n(self) -> tuple[float, float]:
-        """Least and greatest force that may be asked for, as of the real driver."""
-        return FORCE_MIN_N, self.max_force_n
 
 
 class MockCanGripper(MockDriver):

@@ -254,16 +254,7 @@ class MockUrArm(MockDriver):
         blocks = [self._block(stream, ticks, times_s, now_s) for stream in sorted(self._subscribed)]
         self._next_tick = last + 1
         self._seq += len(ticks)
-        if self._gone(now_s):
-            for stream in self._subscribed:
-                self._unheard_of(stream, len(ticks))
-            return ()
-        self._heard(now_s)
-        if self._garbled(now_s):
-            for stream in sorted(self._subscribed):
-                self._lost(now_s, stream, len(ticks))
-            return ()
-        return blocks
+        return self._passed(blocks, now_s)
 
     def _block(
         self, stream: str, ticks: NDArray[np.int64], times_s: NDArray[np.float64], now_s: float
