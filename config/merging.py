@@ -1,7 +1,8 @@
 """Shards joined into the run folder that one run would have written; and whether a run can go on."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,17 @@ SHOWN = 5
 """How many trials, or differences, are named at once."""
 
 
+@contextmanager
+def _of_this_version() -> Iterator[None]:
+    """A manifest that lacks something was written by a program that did not know it yet."""
+    try:
+        yield
+    except KeyError as error:
+        reason = f"a manifest has no {error}: another version of this program wrote it"
+        raise RunFolderError(f"{reason}; run it anew, or go back to the commit that it names") from error
+
+
+@_of_this_version()
 def merged(names: Sequence[str], out: Path) -> RunFolder:
     """Write the run that the shards make up, as far as one run would have come; later trials of a shard are left out.
 
@@ -142,6 +154,7 @@ def _named(trials: Iterable[int]) -> str:
     return f"trial{'s' * (len(numbers) > 1)} {', '.join([*numbers[:SHOWN], *more])}"
 
 
+@_of_this_version()
 def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Trial]]:
     """The profile of a run, and all its trials in the order in which they are run.
 

@@ -22,6 +22,7 @@ from controller.recording.run_folder import RunFolder
 from drivers.core.messages import Failed
 from run import cli
 from simulator.mocks.zaber_stage import MockZaberStage
+from tests.refusals import check_refusal
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = ("--set", "behavior.settle_s=2.0", "--set", "trials.repeats=1", "--no-report")
@@ -147,6 +148,30 @@ def test_another_program_profile_or_device_is_refused_by_name(verb, whole, tmp_p
     assert found == code, out + err
     assert message in err
     assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("given", [("resume",), ("merge", "--out", "joined")])
+def test_a_manifest_that_lacks_what_it_has_today_is_refused_by_name(verb, whole, tmp_path, given):
+    run = (
+        broken(whole, tmp_path, 3) if given == ("resume",) else Path(shutil.copytree(whole, tmp_path / "run"))
+    )
+    changed(run, lambda m: m.pop("commit"))
+    code, _, err = verb(given[0], run, *given[1:])
+    assert code == 2
+    check_refusal(err, "'commit'", "another version", "run it anew")
+
+
+def test_a_recording_of_before_the_first_release_is_refused_by_name(verb, whole, tmp_path):
+    run = Path(shutil.copytree(whole, tmp_path / "run"))
+    recording = run / "recording.mcap"
+    recording.write_bytes(recording.read_bytes().replace(b"base_ns", b"else_ns"))
+    code, _, err = verb("replay", run, "--detector", "resonance")
+    assert code == 2
+    check_refusal(err, str(recording), "before the first release", "the commit of its manifest")
+    code, out, err = verb("export", run, "--to", "csv")
+    assert code == 0
+    assert out.splitlines() == [str(run / "csv" / "trials.csv")]
+    check_refusal(err, str(recording), "before the first release")
 
 
 def test_a_run_that_goes_on_elsewhere_is_left_alone(verb, whole, tmp_path):
