@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
-from config.faults import as_toml
 from config.profile import Profile, load_profile
-from config.source import flatten, nest
+from config.source import flatten, nest, toml_value
 from config.swarm.cells import MOVING, NEEDS, PLANS, Cell, had
 
 Settings = Mapping[str, Any]
@@ -225,7 +224,7 @@ class Plan:
                 *([f'experiment = "{scene.behavior}"'] if scene.behavior else []),
                 *(f"{section} = {_table(table)}" for section, table in nest(self.settings.items()).items()),
                 f'trials = {{ order = "listed", repeats = 1, list = [{rows}], grid = {_table(grid)} }}',
-                f"faults = {as_toml(self.faults)}",
+                f"faults = {toml_value([*self.faults])}",
                 "",
             ]
         )

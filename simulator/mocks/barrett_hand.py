@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.barrett_hand import codec
-from drivers.barrett_hand.strain import FingerStrain
-from drivers.barrett_hand.strain import FingerStrainSettings as MockBarrettHandSettings
+from drivers.barrett_hand.strain import FingerStrain, FingerStrainSettings
 from drivers.core.messages import Command, DeviceInfo, Listen, SampleBlock, Tare
 from drivers.core.wire import check_sensor
 from simulator.devices.barrett_hand import counts
 from simulator.mocks.base import MockSensor
 from simulator.physics.bench import part
+
+MockBarrettHandSettings = FingerStrainSettings
 
 
 class MockBarrettHand(MockSensor):
