@@ -62,6 +62,9 @@ def test_until_when_nothing_can_happen_is_known():
     pause = schedule(kind="pause", at_s=2.0)
     assert pause.begun(2.5, "pause")
     assert pause.quiet_until_s(2.6) == np.inf, "it was for an instant, though no end is given"
+    late = schedule(kind="late", at_s=2.0, for_s=1.0, amount=0.5)
+    assert late.quiet_until_s(3.4) == 3.4, "what came last is still on its way"
+    assert late.quiet_until_s(3.6) == np.inf
     assert schedule(kind="refuse").quiet_until_s(1.0) == np.inf, "only a command is refused"
     gone = schedule(kind="unplug", at_s=2.0)
     assert gone.begun(2.5, "unplug")
