@@ -287,11 +287,11 @@ def _required(story: Any) -> Iterator[Violation]:
         for effect in story.effects:
             if effect["trial"] != trial.number or effect["kind"] not in CUT or "every_s" in effect:
                 continue
-            ends_s = _ends_s(effect, trial)
+            ends_s, again_s = _ends_s(effect, trial), _again_s(trial)
             # a mover's positions have no numbers by which a loss shows: what is missing may be in transit for as long
             hole_s = 0.1 if effect["device"] in movers else 0.06
             for state, since_s, until_s in _spans(trial):
-                cut_s = min(until_s, ends_s) - max(since_s, effect["effect_s"])
+                cut_s = min(until_s, ends_s) - max(since_s, effect["effect_s"], again_s)
                 # the first look at a device may come long after its samples are due: count from there
                 if state in DECIDING and cut_s > hole_s and effect["device"] in story.measured.get(state, ()):
                     yield Violation(
@@ -310,6 +310,19 @@ def _ends_s(effect: Mapping[str, Any], trial: Any) -> float:
     begun_s = max((each_s for each_s in entered if each_s <= effect["effect_s"] + 1e-9), default=0.0)
     begins_s = min(begun_s + effect.get("at_s", 0.0), effect["effect_s"])
     return float(begins_s + effect.get("for_s", math.inf))
+
+
+def _again_s(trial: Any) -> float:
+    """When what a pause interrupted was begun again from an earlier state on: what came before is not measured."""
+    names, times_s = [name for name, _ in trial.states], [t_s for _, t_s in trial.states]
+    again = (
+        times_s[place + 2]
+        for place in range(len(names) - 2)
+        if names[place] == "PAUSED"
+        and times_s[place + 1] == times_s[place + 2]
+        and names[place + 2] in names[:place]
+    )
+    return max(again, default=0.0)
 
 
 def _spans(trial: Any) -> Iterator[tuple[str, float, float]]:
