@@ -259,7 +259,7 @@ def replayed(path: Path) -> Sequence[Violation]:
         story = played(plan, profile, folder)
         seen += checkers.check(story)
         if story.error is None:
-            slow = replace(profile, faults=(*profile.faults, Fault(**SLOW)))
+            slow = replace(profile, faults=(*profile.faults, Fault.model_validate(SLOW)))
             seen += checkers.same(story, played(plan, slow, folder), "the same plan on a slow disk")
             if "board" in profile.devices and not any(each.kind in TOLD for each in profile.faults):
                 cut = load_profile(path, {"devices.board.block_samples": "3"})
