@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -36,7 +37,14 @@ def abandoned(
     """
     context = get_context("spawn")
     here, there = context.Pipe(duplex=False)
-    arguments = (profile.name, profile.resolved, profile.source.folders, endpoints, mover, there)
+    arguments = (
+        profile.name,
+        profile.resolved,
+        profile.source.folders,
+        endpoints,
+        pickle.dumps(mover),
+        there,
+    )
     program = context.Process(target=_creep, args=arguments)
     program.start()
     there.close()
@@ -67,7 +75,7 @@ def _creep(
     resolved: Mapping[str, Any],
     folders: Sequence[Path],
     endpoints: Mapping[str, Any] | None,
-    mover: Mover,
+    packed: bytes,
     told: Connection,
 ) -> None:
     """The program: creep, say where the mover is, and go on until killed."""
@@ -76,7 +84,11 @@ def _creep(
     from controller.certify import RUN_S
     from drivers.core.messages import Listen, Reached
 
-    rig = build_rig(load_resolved(name, resolved, folders), endpoints, devices={mover.name})
+    profile = load_resolved(name, resolved, folders)
+    mover: Mover = pickle.loads(
+        packed
+    )  # after its settings' class was found: it may stand beside the profile
+    rig = build_rig(profile, endpoints, devices={mover.name})
     device: Device = rig.devices[mover.name]
     device.open()
     rig.clock.restart()

@@ -98,6 +98,7 @@ PRESS_N = 0.5
 """A force limit up to this is pressed for as well, by the mover itself (assumption: no probe is the worse for it)."""
 
 NOT_AT_REST = "NOT seen standing still: look at the bench"
+UNKNOWN = "how it moves is not known here (the settings of a stage of your own are an `AxisLimits`)"
 
 Verdict = Literal["acted", "failed", "not shown", "nothing to bound", "not tried"]
 
@@ -421,7 +422,7 @@ class Certifier:
                 if found.verdict == "failed" and grave:
                     ended = f"{proof.limit} failed: a bench that does not stop is driven past nothing"
             for name in sorted({*session.movers} - {mover.name for mover in movers}):
-                reason = "how this device moves is not known here; drive it past its limits by hand"
+                reason = f"{UNKNOWN}; drive it past its limits by hand"
                 yield Proof(f"limits of {name}", "", "nothing", "not shown", reason)
 
     def _mover(self, name: str) -> Mover | None:
@@ -523,7 +524,8 @@ class Certifier:
         """Force, and sensors that leave their range."""
         limits, value = self._limits, f"{self._limits.force_n:g} N" if self._limits.force_n else "none"
         if limits.force_n is None or limits.force_stream is None or not movers:
-            reason = "nothing moves on this bench" if not movers else "this bench has no stream of forces"
+            still = UNKNOWN if self.session.movers else "nothing moves on this bench"
+            reason = "this bench has no stream of forces" if movers else still
             yield _nothing("limits.force_n", f"{limits.force_n or 'none'}", reason)
         else:
             for force_n in (BEYOND * limits.force_n, -BEYOND * limits.force_n):

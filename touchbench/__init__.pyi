@@ -72,6 +72,7 @@ from drivers.arm.link import ArmRow as ArmRow
 from drivers.arm.link import LinkError as LinkError
 from drivers.arm.link import Opened as Opened
 from drivers.arm.settings import ArmSettings as ArmSettings
+from drivers.core.axis import AxisLimits as AxisLimits
 from drivers.core.can_frame import CanFrame as CanFrame
 from drivers.core.can_link import CanLink as CanLink
 from drivers.core.can_link import CanPort as CanPort
@@ -131,6 +132,7 @@ from drivers.core.messages import StreamInfo as StreamInfo
 from drivers.core.messages import Tare as Tare
 from drivers.core.messages import Tone as Tone
 from drivers.core.messages import Twist as Twist
+from drivers.core.numbering import Samples as Samples
 from drivers.core.numbering import SampleStream as SampleStream
 from drivers.core.numbering import StreamTrack as StreamTrack
 from drivers.core.protocols import Device as Device
@@ -154,3 +156,4 @@ from simulator.devices.faults import FaultSchedule as FaultSchedule
 from simulator.mocks.base import MockDriver as MockDriver
 from simulator.mocks.base import MockSensor as MockSensor
 from simulator.mocks.base import OverMemory as OverMemory
+from simulator.physics.stage_axis import StageAxis as StageAxis

@@ -103,11 +103,16 @@ class OverMemory(WireDriver[Any]):
         self, name: str, settings: Any, clock: Clock, bench: Any, faults: FaultSchedule | None = None
     ) -> None:
         self._bench = bench
+        self._carries: Any = None  # what the far end has mounted the bench's tool on
         self._faults = faults or FaultSchedule()
         super().__init__(name, settings, clock, self._switch_on)
 
     def _switch_on(self, *_: object) -> MemoryLine:
+        if self._carries is not None:
+            self._bench.mover = None
+        bare = getattr(self._bench, "mover", None) is None
         self._twin = type(self)._far_end(self._settings, self._bench)
+        self._carries = getattr(self._bench, "mover", None) if bare else None
         return MemoryLine(self._twin, self._clock, self._faults)
 
     def restart(self) -> None:

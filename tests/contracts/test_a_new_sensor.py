@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from simulator.look_ahead import Snapshot
+from simulator.physics.bench import Bench
 from tests.contracts.crank import Crank
 from tests.contracts.sensor_suite import SensorContract
-from tests.data.force_sensor.device import MockForceSensor
+from tests.data.force_sensor.device import EmulatedForceSensor, MockForceSensor
 from tests.data.force_sensor.driver import ForceSensor, ForceSensorSettings, encode
 from touchbench import (
     CodecError,
@@ -22,7 +23,9 @@ from touchbench import (
     Lost,
     MoveTo,
     Sent,
+    Settings,
     SilentError,
+    StageAxis,
     StreamInfo,
     VirtualClock,
 )
@@ -187,3 +190,20 @@ def test_a_trial_begins_anew(trial_s: float) -> None:
         bench.clock.restart()
         device.restart()
         bench.blocks.clear()
+
+
+def test_a_far_end_that_carries_the_tool_is_mounted_anew_at_each_trial() -> None:
+    class Carrying(MockForceSensor):
+        """Its far end moves the tool."""
+
+        @staticmethod
+        def _far_end(settings: object, bench: Bench) -> EmulatedForceSensor:  # type: ignore[override]
+            bench.mount(StageAxis(acceleration_m_s2=1.0, max_speed_m_s=0.1))
+            return EmulatedForceSensor(settings, bench)
+
+    bench = Bench(Settings(), "probe")
+    device = Carrying("scale", ForceSensorSettings(port="mock"), VirtualClock(), bench)
+    device.open()
+    first = bench.mover
+    device.restart()
+    assert bench.mover is not first

@@ -260,6 +260,13 @@ def test_a_person_is_asked_before_each_motion_and_may_end_it():
     assert all("stage" in text for text in asked)
 
 
+def test_a_mover_of_which_nothing_is_known_is_no_bench_on_which_nothing_moves(monkeypatch):
+    monkeypatch.setattr(Certifier, "_mover", lambda self, name: None)
+    found = {proof.limit: proof for proof in proved("mock/transient")}
+    assert "AxisLimits" in found["limits.force_n"].acted
+    assert found["limits of stage"].verdict == "not shown"
+
+
 def test_the_verb_writes_a_certificate_and_its_exit_code_says_it(verb, tmp_path, monkeypatch):
     code, out, _ = verb("certify", "mock/weights", "--out", tmp_path)
     assert code == 0

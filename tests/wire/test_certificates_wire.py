@@ -80,12 +80,36 @@ def test_the_limits_of_each_profile_are_those_of_a_mock_bench_but_for_what_the_l
         assert profile.limits.model_dump(exclude=given) == twin.limits.model_dump(exclude=given), name
 
 
+OWN_STAGE = """
+from drivers.zaber_stage.driver import ZaberStage, ZaberStageSettings
+from simulator.devices.zaber_stage import emulated as EmulatedOwnStage
+
+
+class OwnStageSettings(ZaberStageSettings):
+    pass
+
+
+class OwnStage(ZaberStage):
+    pass
+"""
+"""A stage beside its profile: the program that is killed has to find its class as well."""
+
+
+def with_own_stage(folder):
+    """A profile of `emulated/transient` with that stage."""
+    (folder / "lab_of_stages.py").write_text(OWN_STAGE)
+    text = 'extends = "emulated/transient"\ndevices.stage = { driver = "lab_of_stages:OwnStage", port = "emulated" }\n'
+    (folder / "own.toml").write_text(text)
+    return str(folder / "own.toml")
+
+
 @pytest.mark.parametrize("name", BENCHES)
-def test_every_limit_of_an_emulated_bench_acts(name, monkeypatch):
+def test_every_limit_of_an_emulated_bench_acts(name, monkeypatch, tmp_path):
     left_out, shown = BENCHES[name]
     for cases in left_out:
         monkeypatch.setattr(Certifier, cases, lambda *_: ())
-    proofs = list(certifier_of(load_profile(name)).proofs())
+    profile = load_profile(with_own_stage(tmp_path) if name == "emulated/transient" else name)
+    proofs = list(certifier_of(profile).proofs())
     assert [proof for proof in proofs if proof.verdict not in ("acted", "nothing to bound")] == []
     assert {proof.limit for proof in proofs} >= shown
     killed = [proof for proof in proofs if "its program is killed" in proof.done]
