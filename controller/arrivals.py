@@ -138,17 +138,18 @@ class Arrivals:
         starts_s = np.concatenate(([first_s], times_s[changes]))
         self._held[block.stream] = values[-1], float(min(starts_s[-1], last_s))
         ends_s = np.minimum(np.concatenate((times_s[changes - 1], times_s[-1:])), last_s)
-        longest = int(np.argmax(ends_s - starts_s))
-        since_s, until_s = float(starts_s[longest]), float(ends_s[longest])
-        if until_s - since_s <= self._stuck_s:
+        beyond = np.flatnonzero(ends_s - starts_s > self._stuck_s)
+        if not len(beyond):
             return None
-        stuck = block.physical[changes[longest - 1] if longest else 0]
+        last = int(beyond[-1])  # however the stream is cut into blocks
+        since_s, until_s = float(starts_s[last]), float(ends_s[last])
+        stuck = block.physical[changes[last - 1] if last else 0]
         reason = (
             f"{block.stream} sticks at {', '.join(f'{value:.6g}' for value in stuck[:3])} {info.unit}"
             f" for {until_s - since_s:.3f} s, since {since_s:.3f} s (limits.stuck_s = {self._stuck_s:g}):"
             f" no sensor is so quiet; {REMEDY}"
         )
-        return Failed(last_s, self._device(block.stream), reason)
+        return Failed(until_s, self._device(block.stream), reason)
 
     def named(self, stream: str) -> str:
         """A stream, and of which others it is made."""

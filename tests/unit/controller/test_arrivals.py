@@ -192,6 +192,7 @@ def test_what_sticks_within_a_block_is_found_however_the_stream_is_cut():
     arrivals = watching("board.load")
     failed = arrivals.check(1.0, [block("board.load", 1.0, values)], moving=False)
     assert failed.reason.startswith("board.load sticks at 0.007 N for 0.229 s, since 0.770 s")
+    assert failed.t_s == pytest.approx(0.999), "the last sample that repeats, not the last of the block"
     arrivals = watching("board.load")
     cuts = [block("board.load", 0.768 + 0.001 * place, [value]) for place, value in enumerate(values)]
     assert any(arrivals.check(cut.last_s, [cut], moving=False) for cut in cuts)
