@@ -72,8 +72,13 @@ class Approach:
 
     @property
     def detected(self) -> bool:
-        """Whether it ended by a contact that was none before the touch."""
-        return self.row["outcome"] == "contact" and self["delay_s"] is not None
+        """Whether it ended by a contact that was not seen to come before the touch, with a delay or without."""
+        return bool(self.row["outcome"] == "contact")
+
+    @property
+    def unjudged(self) -> bool:
+        """Whether nothing on its bench tells a true contact from a false one."""
+        return self.detected and self["false_contacts"] is None
 
     @property
     def false_contacts(self) -> int:
@@ -274,7 +279,7 @@ class DetectorScore(NamedTuple):
     """One detector over all approaches in which it ran, whether it stopped them or only observed.
 
     Attributes:
-        n: How many approaches.
+        n: How many approaches that tell a true contact from a false one.
         true: Contacts after the touch.
         false: Contacts before it.
         silent: Approaches that ended, stopped by another detector or at the limit, before it detected anything.
@@ -296,7 +301,7 @@ def score_detectors(approaches: Sequence[Approach]) -> dict[str, DetectorScore]:
     }
     scores = {}
     for name in sorted(set().union(*listening.values())):
-        members = [each for each in approaches if name in listening[id(each.run)]]
+        members = [each for each in approaches if name in listening[id(each.run)] and not each.unjudged]
         false, silent, delays_s = 0, 0, []
         for each in members:
             t_s, onset_s, touch_s = each.contact_s(name), each["onset_s"], each["truth_contact_s"]

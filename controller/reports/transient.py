@@ -83,7 +83,9 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "asterisk": any(row.fitted(bound) for row in rows for bound in BOUNDS),
             "bounds": [_bound(each) for each in bounded],
             "trends": [_trend(name, *found) for name, found in trends(rows).items()] if rows else [],
-            "alarmed": share(sum(each.false_contacts for each in plain), len(plain)),
+            "alarmed": share(
+                sum(each.false_contacts for each in plain), sum(not each.unjudged for each in plain)
+            ),
             "learned": _learned(runs[0], acting),
             "detectors": [_score(name, score) for name, score in scores.items()],
             "stops": list(_stops(approaches)),
@@ -239,12 +241,19 @@ def _summary(
             own = chosen and each.bound["column"] in ("delay_s", "extent_m")
             yield _beside_table_1(each, Kind.FITTED if own else kind)
     text = f"{_counted(approaches)}: {len(contacts)} stopped at a contact, {false} at a false "
-    text += f"contact, {rate(false, n)}{f', {rest} otherwise' if rest > 0 else ''}"
+    unjudged = sum(each.unjudged for each in contacts)
+    text += f"contact{f', {rate(false, n - unjudged)}' * (unjudged < n)}{f', {rest} otherwise' * (rest > 0)}"
     yield Result(None, text + ("; the paper reports no false one." if false else "."))
+    if unjudged:
+        text = f"{_without_delay(unjudged, len(contacts))}, and may be false: no load cell is read, or its noise alone "
+        yield Result(None, f"{text}comes near the onset of {ONSET_N:g} N.")
+    if lighter := sum(each["delay_s"] is None for each in contacts) - unjudged:
+        text = _without_delay(lighter, len(contacts))
+        yield Result(None, f"{text}: the load cell did not reach the onset of {ONSET_N:g} N before the end.")
     if other:
         yield from _sooner(scores, acting, other)
     for name in scores:
-        if name not in (acting, other) and simulated:
+        if name not in (acting, other) and simulated and scores[name].n:
             false_rate = rate(scores[name].false, scores[name].n)
             yield Result(None, f"The detector “{name}” on the same approaches: {false_rate} false contacts.")
     yield from _scatter(table_rows(approaches), simulated)
@@ -255,6 +264,10 @@ def _summary(
     if peaks := [each["force_peak_n"] for each in contacts if each["force_peak_n"] is not None]:
         text = "The instantaneous peak of the load cell, which the paper does not print, reaches "
         yield Result(None, f"{text}{number(max(peaks), 3)} N.")
+
+
+def _without_delay(some: int, contacts: int) -> str:
+    return f"{some} of {contacts} {'contact has' if contacts == 1 else 'contacts have'} no delay"
 
 
 def _sooner(scores: Mapping[str, DetectorScore], acting: str, other: str) -> Iterator[Result]:

@@ -52,6 +52,8 @@ class Given:
     location: str = "f"
     speed_m_s: float = 0.004843
     delay_s: float | None = 0.2
+    """From onset; None of a contact: the load cell shows no onset."""
+
     force_n: float | None = 0.05
     outcome: str = "contact"
     noise_scale: float | None = None
@@ -145,6 +147,9 @@ def write_approach(recorder: Recorder, trial: int, given: Given, offset_s: float
     if given.outcome == "false_contact":
         detect_s = ONSET_S - 0.5
         row |= {"false_contacts": 1, "detect_s": detect_s, "onset_s": None, "truth_contact_s": None}
+    elif given.outcome == "contact" and given.delay_s is None:  # a real load cell that shows no onset
+        detect_s = ONSET_S + 0.2
+        row |= {"false_contacts": None, "detect_s": detect_s, "onset_s": None, "truth_contact_s": None}
     elif given.outcome == "contact":
         row |= {"detect_s": detect_s, "delay_s": given.delay_s, "force_n": given.force_n}
         row["extent_m"] = given.speed_m_s * given.delay_s

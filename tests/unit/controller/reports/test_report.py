@@ -372,6 +372,12 @@ def with_settings(run, **settings):
     return open_run(run.folder.path)
 
 
+def test_a_contact_without_an_onset_is_counted_as_one_and_its_missing_delay_is_explained(tmp_path, undrawn):
+    text = text_of(build_report([write_transient(tmp_path, [Given(delay_s=None)], bench="emulated")]))
+    said = "1 approach: 1 stopped at a contact, 0 at a false contact. 1 of 1 contact has no delay, and may be false:"
+    assert said in text
+
+
 def test_runs_of_different_settings_stand_apart_and_the_page_says_what_differs(tmp_path, undrawn):
     usual, same = (write_transient(tmp_path, [Given(delay_s=delay_s)]) for delay_s in (0.2, 0.4))
     other = with_settings(
