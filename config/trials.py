@@ -154,6 +154,18 @@ def distinct(trials: Sequence[Trial]) -> list[Trial]:
     return [same[0] for same in alike(trials)]
 
 
+def of_each_value(trials: Sequence[Trial]) -> list[Trial]:
+    """As few trials as show each value of each factor, the first that have it: not every combination."""
+    seen: set[tuple[str, Any]] = set()
+    found = []
+    for trial in trials:
+        values = {("", None), *trial.factors.items()}
+        if not values <= seen:
+            found.append(trial)
+            seen |= values
+    return found
+
+
 def alike(trials: Sequence[Trial]) -> list[list[Trial]]:
     """Trials by their combination of factors: each with its repetitions."""
     found: dict[str, list[Trial]] = {}

@@ -18,6 +18,7 @@ from drivers.core.errors import PROGRAM, lacking
 if TYPE_CHECKING:
     from config.jobs import Crew
     from config.profile import Profile
+    from config.trials import Trial
     from controller.campaign import CampaignPlan, Outcome
     from controller.console import Console, ConsoleOperator
     from controller.recording.joining import ResumedRun
@@ -112,7 +113,30 @@ def run(
             param_hint="--shard",
         )
     others = {trial.id for trial in picked} - {trial.id for trial in own}
-    return _carried_out(loaded, plan_campaign(loaded, picked, seed, done=others, asked=asked), out, **how)
+    plan = plan_campaign(loaded, picked, seed, done=others, asked=asked)
+    _rehearse(loaded, plan, own)
+    return _carried_out(loaded, plan, out, **how)
+
+
+def _rehearse(loaded: Profile, plan: CampaignPlan, trials: Sequence[Trial]) -> None:
+    """See that guard and movers permit what the trials command, before anything is opened. A simulated scene is refused
+    before anything moves in any case. A behavior of the user's own may command by what it remembers: a rehearsal could
+    refuse what runs.
+
+    Raises:
+        ProfileError: they do not.
+    """
+    from config.assemble import plan_campaign
+    from config.rehearsal import refusals
+    from config.source import ProfileError
+    from config.trials import of_each_value
+    from controller.own_modules import is_own
+
+    if is_own(loaded.experiment):
+        return
+    few = plan_campaign(loaded, of_each_value(trials), plan.seed, devices=plan.devices).trials
+    if problems := list(refusals(loaded, few, lambda scene: None)):
+        raise ProfileError(problems)
 
 
 def _with_faults(profile: str, overrides: Mapping[str, str], words: Sequence[str]) -> dict[str, str]:

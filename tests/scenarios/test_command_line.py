@@ -158,6 +158,12 @@ def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(ve
     check_refusal(err, named)
 
 
+@pytest.fixture
+def unrehearsed(monkeypatch):
+    """Has runs begin without a rehearsal: what they are refused then comes from the bench."""
+    return lambda: monkeypatch.setattr("config.rehearsal.refusals", lambda *_: ())
+
+
 @pytest.mark.parametrize(
     ("name", "sets", "named"),
     [
@@ -170,16 +176,25 @@ def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(ve
         ("mock/objects", ["trials.list=[{object='nix'}]", "trials.grid={}"], ["taking nix", "pipe"]),
     ],
 )
-def test_check_names_what_a_run_would_be_refused_when_it_has_begun(verb, tmp_path, name, sets, named):
+def test_check_names_what_a_run_would_be_refused_when_it_has_begun(
+    verb, tmp_path, name, sets, named, unrehearsed
+):
     chosen = [word for each in sets for word in ("--set", each)]
     code, out, err = verb("check", name, *chosen)
     assert code == 2
     assert "nothing is missing" not in out
     line = next(line for line in err.splitlines() if named[0] in line)
     check_refusal(line, name, "trial", *named)
+    unrehearsed()
     code, _, err = verb("run", name, *chosen, "--only", 1, "--out", tmp_path, "--no-report")
     assert code in (3, 4), "a check that refuses what runs is as wrong"
     assert named[-1] in err.splitlines()[-1]
+
+
+def test_a_run_beyond_its_limits_is_refused_before_anything_is_opened(verb, tmp_path):
+    sets = ("--set", "limits.travel_m=0.008")
+    code, _, err = verb("run", "mock/transient", *sets, "--out", tmp_path / "runs")
+    assert (code, err.count("\n"), "APPROACH" in err, list(tmp_path.iterdir())) == (2, 1, True, [])
 
 
 def test_check_wires_an_emulated_bench_and_refuses_what_its_run_would(verb):
@@ -408,7 +423,8 @@ def test_a_device_that_fails_is_exit_code_3_with_one_line_and_a_report(verb, tmp
     assert "report: " in out
 
 
-def test_a_command_beyond_the_limits_is_exit_code_4(verb, tmp_path):
+def test_a_command_beyond_the_limits_is_exit_code_4(verb, tmp_path, unrehearsed):
+    unrehearsed()
     limit = ["--set", "limits.speed_m_s=0.001"]
     code, _, err = verb("run", "mock/transient", "--only", 16, "--out", tmp_path, *limit, *QUICK)
     assert code == 4
