@@ -1,6 +1,6 @@
 """Every trial's signal laid over one another, time zero at what really happened: what does a detector have to see?
 
-    python examples/around_the_decision.py [RUN [STREAM]]     # latest board.load_cell
+    PYTHONPATH=. .venv/bin/python examples/around_the_decision.py [RUN [STREAM]]     # latest board.load_cell
 
 Writes around_the_decision.png. Needs a simulated run, whose trials have the true time of contact.
 """

@@ -1,6 +1,6 @@
 """One dot a trial: a measured column against a factor, successes and others in two colours.
 
-    python examples/delay_by_factor.py [RUN [COLUMN [FACTOR]]]     # latest delay_s speed_m_s
+    PYTHONPATH=. .venv/bin/python examples/delay_by_factor.py [RUN [COLUMN [FACTOR]]]     # latest delay_s speed_m_s
 
 Writes COLUMN_by_FACTOR.png. Needs a run that has both columns, as `run.py run mock/transient` leaves.
 """

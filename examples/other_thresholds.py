@@ -1,6 +1,6 @@
 """What other thresholds would have done, from the recorded statistic alone: false alarms against delay.
 
-    python examples/other_thresholds.py [RUN [DETECTOR]]     # latest contact
+    PYTHONPATH=. .venv/bin/python examples/other_thresholds.py [RUN [DETECTOR]]     # latest contact
 
 Writes other_thresholds.png. A threshold is taken as a multiple of the recorded one's distance from the statistic's
 median before the contact. Needs a simulated run, whose trials have the true time of contact. The statistic ends where

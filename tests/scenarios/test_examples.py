@@ -109,9 +109,11 @@ def test_the_script_in_the_docs_runs(tmp_path, monkeypatch, capsys):
     run: Any = scope["run"]
     assert [row["speed_m_s"] for row in run.trials] == pytest.approx([0.002, 0.003, 0.0045, 0.00675])
     assert "0.002 contact" in capsys.readouterr().out
-    exec(compile(reading.replace("signal(5,", "signal(2,"), str(PAGE), "exec"), scope)  # it has four trials
-    force: Any = scope["force"]
-    assert len(force.times_s) == len(force.values) > 0
+    second = reading.replace("signal(5,", "signal(2,").replace("trials[4]", "trials[1]")  # it has four trials
+    exec(compile(second, str(PAGE), "exec"), scope)
+    near: Any = scope["near"]
+    assert len(near) > 0
+    assert not near.skipped, "no line is drawn across what was not recorded"
 
 
 def test_a_bad_factor_is_refused_before_anything_is_written(tmp_path):
