@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from config.assemble import make_detector
 from config.hints import near_or_all
 from config.source import ProfileError, given_value
@@ -125,8 +127,20 @@ def load_quiet(
             for span, blocks in zip(spans, cut, strict=False):
                 if not blocks:
                     raise ReplayError(f"{path}: no sample from {span[0]:g} to {span[1]:g} s")
+            _check_finite(path, [block for blocks in cut for block in blocks], whole.detector.inputs[0])
             loaded += [whole._replace(blocks=blocks) for blocks in cut]
     return loaded
+
+
+def _check_finite(path: Path, blocks: Sequence[SampleBlock], stream: str) -> None:
+    """Refuse a recording whose values no statistic can be made of."""
+    for block in blocks:
+        lost_s = block.times[~np.isfinite(block.physical).all(axis=1)]
+        if block.stream == stream and len(lost_s):
+            raise ReplayError(
+                f"{path}: a value at {lost_s[0]:.6g} s is not finite; name the seconds before and after it with --span"
+                " T0:T1, or cut the recording there"
+            )
 
 
 def not_calibratable(kind: str) -> ReplayError:

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Detected
-from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of, limits_of, proposed
+from controller.detectors.calibration import (
+    Statistic,
+    calibrate_pieces,
+    courses_of,
+    limits_of,
+    proposed,
+    span_maxima,
+)
 from controller.detectors.contract import part, trace
 from controller.detectors.protocol import Detector, quantity_of, readings_of
 from controller.recording.reader import open_run
@@ -33,6 +40,9 @@ SLOW_HZ = 5.0
 RAIL, RAIL_LEVELS, RAIL_LOOK = 5, 16, 100_000
 """Samples in a row at the least or the largest value that are a converter at its rail, and of how many different values
 in how many samples at least. Assumptions: noise of an unclipped sensor does not hold its extreme so long."""
+
+ALIKE = 0.01
+"""Two sample rates that differ by no more than this share are one (assumption)."""
 
 LEAST_STEP_S, LATEST_S = 1e-9, 2.0**32
 """Between two rows of a file at least, and the latest time of one: a nanosecond, and the year 2106 where seconds count
@@ -123,10 +133,26 @@ def calibration_line(
     except ValueError as error:
         raise ReplayError(f"{kind}: {error}") from None
     if notes is not None:
-        notes += limits_of(found)
+        notes += [*_own_alarms(pieces, kind, found.threshold), *limits_of(found)]
     named = {"low": "threshold_low", "high": "threshold_high"}
     plain = {name: value if math.isfinite(value) else None for name, value in found._asdict().items()}
     return {"detector": kind, **others, **{named.get(name, name): value for name, value in plain.items()}}
+
+
+def _own_alarms(
+    pieces: Sequence[tuple[Statistic, Sequence[SampleBlock]]], kind: str, threshold: float
+) -> Iterator[str]:
+    """What is said where the threshold that is proposed is above the detector's own, and that would have alarmed."""
+    own = getattr(getattr(pieces[0][0], "settings", None), "threshold", None)
+    if own is None or not own < threshold:
+        return
+    courses = [course for detector, blocks in pieces for course in courses_of(detector, blocks)]
+    seconds = np.concatenate([span_maxima(course.statistic, course.rate_hz) for course in courses])
+    if count := int(np.count_nonzero(seconds >= own)):
+        yield (
+            f"{kind}'s own threshold of {own:g} is reached in {count} of {len(seconds)} s: if those are true events,"
+            " name the quiet seconds with --span"
+        )
 
 
 def as_line(event: Detected, kind: str) -> dict[str, Any]:
@@ -336,13 +362,14 @@ def _from_columns(
         row = int(np.flatnonzero(wrong)[0])
         raise ReplayError(
             f"{path}: {chosen.clock}: {times_s[row]:.9g} s in row {row + 1}: times must be finite and rise from row to"
-            f" row, by {LEAST_STEP_S:g} s at least"
+            f" row, by {LEAST_STEP_S:g} s at least; where they were rounded too coarsely, call the column something"
+            " else and give --rate HZ"
         )
     bracketed = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", chosen.name)  # as in `acc_z (m/s^2)` or `Force [N]`
     unit = bracketed[1] if bracketed else si_unit(chosen.name.lower())
     t0_s = 0.0 if times_s is None else float(times_s[0])
     if times_s is None or rate_hz is not None:
-        remark = "" if asked_hz else f"; rate from {chosen.clock}"
+        remark = _other_rate(chosen, asked_hz) if asked_hz else f"; rate from {chosen.clock}"
         return [SampleBlock(stream, 0, t0_s, values, rate_hz=rate_hz, unit=unit)], remark
     # periods and frequencies come one a cycle: even where they look regular they are no samples
     found, remark = None if unit in ("s", "Hz") else regular(times_s, values), f"; times from {chosen.clock}"
@@ -356,6 +383,18 @@ def _from_columns(
         remark += f"; resampled, for its times wander by up to {1e3 * found.jitter_s:.3g} ms"
     slow = "; are these milliseconds? then call the column t_ms" if found.rate_hz < SLOW_HZ else ""
     return blocks, remark + slow
+
+
+def _other_rate(chosen: Chosen, asked_hz: float) -> str:
+    """What is said where a file's own times give another rate than the one asked for, by the usual step between rows
+    (some may be missing) and by the mean one (times may be rounded); "" where either agrees."""
+    if chosen.times_s is None or len(chosen.times_s) < 2:
+        return ""
+    steps_s = np.diff(chosen.times_s)
+    own_hz = [1.0 / float(np.median(steps_s)), 1.0 / float(np.mean(steps_s))]
+    if any(abs(asked_hz / each_hz - 1.0) <= ALIKE for each_hz in own_hz):
+        return ""
+    return f"; but {chosen.clock} says {own_hz[0]:.6g} Hz, and --rate was taken: leave it out if the column is right"
 
 
 def _no_times(times_s: Floats) -> NDArray[np.bool_]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.option(
     "--trial", type=click.IntRange(min=1), metavar="N", help="Of a run folder; its first otherwise."
 )
-@verbs.rate_option("Sample rate of a file without times.")
+@verbs.rate_option("Sample rate of a file without times, or in place of them.")
 @verbs.many(
     "--quiet",
     callback=verbs.all_spans,
@@ -105,6 +105,8 @@ def _made(kinds: Sequence[str], overrides: Mapping[str, str]) -> dict[str, Calla
     from config.source import ProfileError
     from controller.detectors.calibration import Statistic
 
+    if "threshold" in overrides:
+        raise ProfileError("--set threshold: characterize finds the thresholds itself; leave it out")
     kinds = kinds or ("slip", "force.threshold", "onset")
     made: dict[str, Callable[[], Statistic]] = {}
     for kind in kinds:

@@ -64,8 +64,9 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
 def calibrate(detector: str, interval_s: float, **given: Any) -> None:
     """Find the threshold with which a detector alarms falsely once in a stated time, on average.
 
-    A RECORDING is one in which nothing happens that the detector shall report, but everything that it shall not: a run
-    folder (all its trials), a part of its name or `latest`, or a file as `replay` takes it. Prints one JSON line: the
+    A RECORDING is one in which nothing happens that the detector shall report, but everything that it shall not; if
+    it has events too, name the quiet seconds with --span. It is a run folder (all its trials), a part of its name or
+    `latest`, or a file as `replay` takes it. Prints one JSON line: the
     threshold, its 95 % interval, whether the recordings were so short that it was extrapolated, and the false alarms
     that thresholds gave on pieces which were left out when they were set. Of `pretouch` it proposes `background_fs`
     too, unless --set gives it: the threshold holds with that.

@@ -289,7 +289,7 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     if body and (fields := len(_fields(body[0], separator))) != len(names):
         raise ReplayError(
             f"no table of numbers under one line of names: {len(names)} names ({', '.join(names[:NAMED])}), but"
-            f" {fields} fields in the row below"
+            f" {fields} fields in the row below; name each column, or mark that line with #"
         )
     if separator:  # what a program wrote between two rows
         body = [row for row in body if row.count(separator) == body[0].count(separator) or not _wordy(row)]
@@ -344,6 +344,8 @@ def _below_preamble(rows: Sequence[str]) -> Sequence[str]:
         above = rows[max(0, place - 3) : place]
         same = [row for row in above if _separator(row) == _separator(rows[place])]
         header = next((row for row in same if {len(_split(row))} == counts and _wordy(row)), None)
+        if header is None and same[-1:] == above[-1:] and _amiss(above[-1:], len(proof[0])):
+            header = above[-1]
         return ([header] if header else []) + list(rows[place:])
     odd = next((row for row in rows[1:] if _wordy(row)), rows[0])
     if any(map(_numeric, _split(odd))):
@@ -352,6 +354,12 @@ def _below_preamble(rows: Sequence[str]) -> Sequence[str]:
         f"no table of numbers: the first line that was not understood is '{odd.strip()[:60]}'; mark what stands"
         " above the table with #"
     )
+
+
+def _amiss(above: Sequence[str], columns: int) -> bool:
+    """Whether the line above a table has single words for one column more or less than there are."""
+    names = _split(above[0]) if above and _separator(above[0]) and _wordy(above[0]) else []
+    return len(names) > 1 and abs(len(names) - columns) == 1 and all(len(name.split()) == 1 for name in names)
 
 
 def _separator(row: str) -> str:

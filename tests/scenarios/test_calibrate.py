@@ -192,3 +192,34 @@ def test_from_a_table_to_a_threshold_and_a_picture_in_two_commands(verb, tmp_pat
     assert code == 0
     assert 15.0 <= json.loads(out.splitlines()[0])["t_s"] <= 15.2
     assert (tmp_path / "drag.png").stat().st_size > 10_000
+
+
+def sensor(path, spoil):
+    """A minute of noise at 1 kHz with times, spoiled."""
+    x = 0.003 * np.random.default_rng(6).standard_normal(60_000)
+    spoil(x)
+    np.savez(path, t_s=np.arange(60_000) / 1000.0, x=x)
+    return [path, "--detector", "slip", "--false-alarm-interval", 10]
+
+
+def test_a_value_that_is_not_finite_is_named_with_its_file_and_spans_around_it_hold(verb, tmp_path):
+    asked = sensor(tmp_path / "hole.npz", lambda x: x.__setitem__(28_000, np.nan))
+    code, out, err = verb("calibrate", *asked)
+    assert (code, out) == (2, "")
+    check_refusal(err, "hole.npz", "at 28 s", "--span")
+    assert verb("calibrate", *asked, "--span", "0:27.9", "--span", "28.1:60")[0] == 0
+
+
+def test_a_recording_with_events_is_told_from_a_quiet_one(verb, tmp_path):
+    rng = np.random.default_rng(7)
+
+    def slips(x):
+        for at in range(5500, 60_000, 6000):
+            x[at : at + 500] += 0.1 * rng.standard_normal(500)
+
+    said = "slip's own threshold of 25 is reached in"
+    code, _, err = verb("calibrate", *sensor(tmp_path / "slips.npz", slips))
+    assert code == 0
+    assert said in err
+    assert "--span" in err
+    assert said not in verb("calibrate", *sensor(tmp_path / "quiet.npz", lambda x: None))[2]

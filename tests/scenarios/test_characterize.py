@@ -39,6 +39,15 @@ def certified(name="cell", seed=1):
     return certificate(recorded, Truth([(0.0, 20.0)]), detectors, name=name, per_newton=2.0)
 
 
+def test_a_threshold_that_is_given_is_refused_for_it_would_change_nothing(verb, tmp_path):
+    np.savez(tmp_path / "cell.npz", x=np.zeros(10))
+    code, out, err = verb(
+        "characterize", tmp_path / "cell.npz", "--detector", "slip", "--set", "threshold=18"
+    )
+    assert (code, out) == (2, "")
+    assert "--set threshold: characterize finds the thresholds itself" in err
+
+
 def test_a_certificate_finds_what_was_put_into_a_signal():
     found = certified()
     rows = {row["quantity"]: row for row in found["rows"]}

@@ -266,6 +266,12 @@ TIMES = "times must be finite and rise"
         ("close.csv", b"t_s,a\n0,1\n1e-10,1\n1,1\n", [TIMES]),
         ("late.csv", b"t_s,a\n0,1\n1,1\n1e300,1\n", [TIMES]),
         ("back.csv", b"t_s,a\n0,1\n0.1,2\n0.05,3\n", ["t_s: 0.05 s in row 3", TIMES]),
+        ("coarse.csv", b"t_s,a\n0,1\n0,2\n0.001,3\n", ["t_s: 0 s in row 2", "rounded", "--rate HZ"]),
+        (
+            "short.csv",
+            b"t_s,a\n" + b"".join(b"%d,1,2\n" % n for n in range(9)),
+            ["(t_s, a)", "3 fields in the row below"],
+        ),
         ("dead.csv", b"t_s,a\n0,nan\n0.1,\n0.2,inf\n", ["a: no value is a finite number"]),
         ("text.csv", b"t_s,a\n0,1\n0.1,ERR\n", ["column a holds 'ERR' in row 2"]),
         ("end.csv", b"t_s,a\n0,1\nend,\n", ["column t_s holds 'end' in row 2"]),
@@ -679,3 +685,21 @@ def test_a_detector_without_an_event_says_how_near_it_came_and_what_to_set():
     assert 4.0 < t_s < 4.5
     fresh = SlipDetector("slip", SlipSettings(threshold=advised))
     assert any(isinstance(event, SlipStarted) for event in replay(blocks, fresh))
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "said"), [(250.0, "but t_s says 2500 Hz"), (2500.0, ""), (2490.0, ""), (None, "")]
+)
+def test_a_rate_that_the_times_deny_is_taken_and_said(tmp_path, rate_hz, said):
+    np.savetxt(
+        tmp_path / "a.csv",
+        [[n / 2500.0, n % 7] for n in range(5000)],
+        delimiter=",",
+        header="t_s,a",
+        comments="",
+    )
+    notes: list[str] = []
+    blocks = read_blocks(tmp_path / "a.csv", STREAM, rate_hz=rate_hz, notes=notes)
+    assert blocks[0].rate_hz == pytest.approx(rate_hz or 2500.0)
+    assert said in notes[0]
+    assert ("--rate" in notes[0]) == bool(said)
