@@ -109,7 +109,7 @@ def test_the_script_in_the_docs_runs(tmp_path, monkeypatch, capsys):
     run: Any = scope["run"]
     assert [row["speed_m_s"] for row in run.trials] == pytest.approx([0.002, 0.003, 0.0045, 0.00675])
     assert "0.002 contact" in capsys.readouterr().out
-    second = reading.replace("signal(5,", "signal(2,").replace("trials[4]", "trials[1]")  # it has four trials
+    second = reading.replace("signal(5,", "signal(2,").replace("loc[5,", "loc[2,")  # it has four trials
     exec(compile(second, str(PAGE), "exec"), scope)
     near: Any = scope["near"]
     assert len(near) > 0
