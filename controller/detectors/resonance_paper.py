@@ -117,7 +117,7 @@ class ResonancePaperDetector:
         twin = ResonancePaperDetector(self.name, self.settings)
         found = []
         for t_s, period_s in zip(times_s.tolist(), values.tolist(), strict=True):
-            twin._update(t_s, 1.0 / period_s)
+            twin._update(t_s, 1.0 / period_s if period_s > 0.0 else math.nan)
             found.append((t_s, twin._above_sigma))
         known = np.array([each for each in found if math.isfinite(each[1])]).reshape(-1, 2)
         return known[:, 0], {"average": known[:, 1]}

@@ -99,10 +99,8 @@ def curve(periods: TimedValues, tendon: TimedValues) -> Mapping[str, Any]:
 
 def _rise_hz(evidence: TrialEvidence, settings: FlexionSettings, until_s: float) -> float | None:
     since_s = evidence.entered_s.get("BASELINE", -math.inf)
-    periods, tendon = (
-        evidence.series(stream, since_s, until_s)
-        for stream in (settings.period_stream, settings.tendon_stream)
-    )
+    periods = evidence.periods(settings.period_stream, since_s, until_s)
+    tendon = evidence.series(settings.tendon_stream, since_s, until_s)
     if len(periods[0]) < 10 or not len(tendon[0]):
         return None
     terms = curve(periods, tendon)["terms"]

@@ -51,7 +51,7 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
             amplitude_m_s2=amplitude_m_s2,
             amplitude_m=amplitude_m_s2 / (2.0 * math.pi * frequency_hz) ** 2,
         )
-    _, periods_s = evidence.series(settings.period_stream, begun_s, ended_s)
+    _, periods_s = evidence.periods(settings.period_stream, begun_s, ended_s)
     if len(periods_s) > 1:
         row["frequency_sd_hz"] = float(np.std(1.0 / periods_s, ddof=1))
     _, force_n = evidence.series(settings.load_cell_stream, begun_s, ended_s)

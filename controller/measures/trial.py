@@ -101,6 +101,21 @@ class TrialEvidence:
         wanted = (series.times_s >= since_s) & (series.times_s <= until_s)
         return series.times_s[wanted], series.values[wanted, channel]
 
+    def periods(self, stream: str | None, since_s: float, until_s: float) -> tuple[Floats, Floats]:
+        """As `series`, of a stream of periods, in s.
+
+        Raises:
+            MissingDataError: as `covered`; or one of them is not above zero.
+        """
+        times_s, periods_s = self.series(stream, since_s, until_s)
+        wrong = np.flatnonzero(~(periods_s > 0.0))
+        if len(wrong):
+            raise MissingDataError(
+                f"{stream}: {periods_s[wrong[0]]:g} s at {times_s[wrong[0]]:.3f} s is no period; look at the"
+                f" comparator of {self._device(str(stream))}, then run this trial again"
+            )
+        return times_s, periods_s
+
     def require_samples(self, detector: str, since_s: float, until_s: float) -> None:
         """Check that a detector's inputs cover a span in which its events are counted.
 

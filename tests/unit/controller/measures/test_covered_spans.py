@@ -125,3 +125,13 @@ def test_a_signal_of_which_nothing_came_is_as_strict_as_its_source():
     found = evidence(FORCE, (0.0, 2.0), sources={"signals.tip": ("board.force",)})
     with pytest.raises(MissingDataError, match=r"signals.tip: no samples .* of board, then"):
         found.covered("signals.tip", 0.5, 1.5)
+
+
+def test_a_period_that_is_not_above_zero_is_no_period():
+    found = evidence(PERIOD, (0.0, 2.0))
+    assert len(found.periods("board.period", 0.5, 1.5)[1]) == 21
+    broken = part(PERIOD, 2.0, 3.0)
+    broken.values[3] = 0.0
+    found.recording.add(broken)
+    with pytest.raises(MissingDataError, match=r"board.period: 0 s at 2.150 s is no period"):
+        found.periods("board.period", 0.5, 2.9)
