@@ -85,9 +85,8 @@ def _creep(
     from drivers.core.messages import Listen, Reached
 
     profile = load_resolved(name, resolved, folders)
-    mover: Mover = pickle.loads(
-        packed
-    )  # after its settings' class was found: it may stand beside the profile
+    # only now is the class of its settings found, which may stand beside the profile
+    mover: Mover = pickle.loads(packed)
     rig = build_rig(profile, endpoints, devices={mover.name})
     device: Device = rig.devices[mover.name]
     device.open()
