@@ -215,10 +215,6 @@ class Behavior:
             self._fire(trigger)
         return self._taken()
 
-    def heeds(self, kind: type[Event]) -> bool:
-        """Whether a row is for such events."""
-        return _snake(kind.__name__) in self._machine.events
-
     def rehearse(self, state: str) -> Sequence[Command]:
         """What a state commands when it is entered, as far as that needs nothing that the trial has yet to see; this
         behavior stays where it is."""

@@ -62,7 +62,10 @@ class Arrivals:
         Returns:
             Which device no longer sends what it should, and why; None while all arrives.
         """
-        self.moves(t_s, moving)
+        if not moving:
+            self._moves_since_s = None
+        elif self._moves_since_s is None:
+            self._moves_since_s = t_s
         stuck = None
         for block in blocks:
             if len(block) and block.stream in self._seen_s:
@@ -71,13 +74,6 @@ class Arrivals:
                 self._seen_s[block.stream] = last_s
                 stuck = self._sticks(block, last_s) or stuck
         return self._silent(t_s, late_s) or stuck
-
-    def moves(self, t_s: float, moving: bool) -> None:
-        """Know from a turn on whether anything moves."""
-        if not moving:
-            self._moves_since_s = None
-        elif self._moves_since_s is None:
-            self._moves_since_s = t_s
 
     def whole_until_s(self, t_s: float, blocks: Iterable[SampleBlock]) -> float:
         """Until when no stream is silent, in turns that are processed as one; infinite: beyond `t_s`.

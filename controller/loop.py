@@ -222,7 +222,6 @@ class Loop:
         self.account = LoopAccount()
         self.events: list[Event] = []
         self.visits: list[tuple[str, float]] = []
-        self._come: tuple[Sequence[Sent], Sequence[Detected]] = (), ()
 
     def run(
         self, behavior: Behavior, detectors: Mapping[str, Detector], signals: Sequence[Signal] = ()
@@ -386,21 +385,12 @@ class Loop:
             return False
         trial.turn = self._next(stride) + (turns - 1) * stride
         self.account.turns += turns
-        t_s, (sent, found) = self._clock.now(), self._come
-        for event in sent:
-            self._handle(event)
-        self._attend(t_s)
-        self._conclude(t_s, found)
+        self._attend(self._clock.now())
         return True
 
-    def _look(self, first_s: float, last_but_one_s: float) -> tuple[float, bool] | None:
-        """See what has come in turns that are to be taken as one; where they may be, all is recorded, and what is to be
-        handled in the last of them is in `_come`: what detectors found in that turn itself, and which commands went
-        out, where the behavior takes no notice.
-
-        Returns:
-            When the first thing happened that keeps them apart, and whether it would not in the last one; else None.
-        """
+    def _look(self) -> float | None:
+        """See what has come since the last turn; when the first thing happened in it, or None where nothing did and all
+        is recorded."""
         t_s = self._clock.now()
         try:
             gathered, statuses = self._gather()
@@ -408,26 +398,18 @@ class Loop:
             blocks = [*gathered, *made]
             found, readings = self._detect(blocks)
         except Exception:  # what it is, and when, the turn that meets it reports
-            return t_s, False
-        sent = (
-            [] if self._trial.behavior.heeds(Sent) else [each for each in statuses if isinstance(each, Sent)]
-        )
-        events: list[Event] = [*(each for each in statuses if each not in sent), *saturated]
-        events_s = min((event.t_s for event in events), default=math.inf)
-        found_s = min((event.t_s for event in found), default=math.inf)
-        if events or found_s < last_but_one_s + 1e-6 / self._settings.rate_hz:
-            return min(events_s, found_s), found_s < events_s
-        moving = bool(self._trial.moving)
-        self._guard.arrivals.moves(first_s, moving)
-        whole_s = self._guard.arrivals.whole_until_s(t_s, blocks)
+            return t_s
+        events: list[Event] = [*statuses, *saturated, *found]
+        if events:
+            return min(event.t_s for event in events)
+        moving, whole_s = bool(self._trial.moving), self._guard.arrivals.whole_until_s(t_s, blocks)
         if whole_s < math.inf:
-            return whole_s, False
+            return whole_s
         if self._guard.check(t_s, blocks, moving) or self._guard.arrivals.check(t_s, blocks, moving):
-            return t_s, False
+            return t_s
         self._record_blocks(gathered)
         self._record_blocks(made)
         self._record_readings(readings)
-        self._come = sent, sorted(found, key=lambda event: event.t_s)
         return None
 
     # one turn
@@ -493,10 +475,6 @@ class Loop:
             events.insert(0, missing)
         if reason is not None:
             events.insert(0, GuardStopped(t_s, reason))
-        self._conclude(t_s, events)
-
-    def _conclude(self, t_s: float, events: Sequence[Event]) -> None:
-        """Pass a turn's events on, in order, and wait in a pause."""
         for event in [*events, Tick(t_s)]:
             if self._passes_on(event):
                 self._handle(event)

@@ -23,12 +23,9 @@ lost in going back."""
 LONGEST_S = 2.0
 """Longest span in any case. Simulated benches remember four seconds of what devices may still ask for."""
 
-FIRST_TURNS = 32
-"""Turns of the first look after something happened, where detectors listen. Of 8, 16 and 32 the last cost least on five
-mock profiles: a look costs as much as half a second of samples, whether in vain or not."""
-
-GROWTH = 4
-"""How many times longer the next look is when nothing happened and detectors listen."""
+GROWTH = 8
+"""How many times longer the next look is when nothing happened and detectors listen. Assumption: a look costs some ten
+turns' worth of samples, whether in vain or not."""
 
 Copier = Callable[[Any, dict[int, Any]], Any]
 
@@ -57,9 +54,8 @@ class LookAhead:
     def restart(self) -> None:
         """Begin a trial."""
         _FIXED.clear()
-        self._begins = True  # the first turn is taken by itself
-        self._turns = FIRST_TURNS  # of the next look
-        self._known = False  # whether something happens at the end of these, or in the turn after them
+        self._turns = 1  # of the next look
+        self._known = False  # whether something happens in the turn after these
         self._apart = False  # whether the latest turn was taken by itself
         self._events = 0
 
@@ -70,7 +66,7 @@ class LookAhead:
         rate_hz: float,
         until_s: float,
         changed: Sequence[object],
-        look: Callable[[float, float], tuple[float, bool] | None],
+        look: Callable[[], float | None],
         armed: bool,
         events: int,
     ) -> int:
@@ -80,36 +76,28 @@ class LookAhead:
             first: Number of the next turn; turn k is due at k / rate_hz.
             stride: From a turn's number to the next one's.
             rate_hz: Of the turns' numbers.
-            until_s: Before it nothing happens by itself; the turn that sees it may be the last of these.
+            until_s: Before it nothing happens by itself.
             changed: What a look changes beside the bench.
-            look: Sees what has come by now in turns of which it is given the first one's time and that of the last but
-                one. Returns when the first thing happened that they may not be taken as one with, and whether they may
-                where it comes in the last; None where nothing did.
+            look: Sees what has come by now; when the first thing happened in it, None where nothing did.
             armed: Whether detectors listen.
             events: How many there were in the trial so far that something may follow from.
 
         Returns:
             How many turns have passed; 0 where the next one is to be taken by itself.
         """
-        begins, self._begins = self._begins, False
-        if begins or events > self._events:
-            self._turns, self._known = FIRST_TURNS if armed else sys.maxsize, False
+        if events > self._events:
+            self._turns, self._known = 1, False  # what follows from it comes in the next turn
         elif self._apart:
             self._quiet(armed)
-        self._events, self._apart = events, not begins
-        if begins:
-            return 0
+        self._events, self._apart = events, True
         blind_s = min((each.blind_s for each in self._leashed), default=math.inf)
         now_s = self._clock.now()
         quiet_s = min((schedule.quiet_until_s(now_s) for schedule in self._faults), default=math.inf)
         if blind_s <= stride / rate_hz or quiet_s <= now_s:
             return 0
         alone_s = min((each.alone_s for each in self._acting), default=math.inf)
-        due_s = min(quiet_s, now_s + min(alone_s, LONGEST_S))
-        most = min(
-            turns_before(due_s, first, stride, rate_hz), turns_before(until_s, first, stride, rate_hz) + 1
-        )
-        while (turns := min(self._turns, most)) > 1:
+        due_s = min(until_s, quiet_s, now_s + min(alone_s, LONGEST_S))
+        while (turns := min(self._turns, turns_before(due_s, first, stride, rate_hz))) > 1:
             try:
                 before = Snapshot([*self.roots, *changed])
             except TypeError:
@@ -118,27 +106,24 @@ class LookAhead:
             for each in self._leashed:
                 each.watched_until_s = last_s
             self._clock.wait_until(last_s)
-            happened = look(first / rate_hz, last_s - stride / rate_hz)
-            if happened is None:
+            happened_s = look()
+            if happened_s is None:
                 self._apart = False
                 self._quiet(armed)
                 return turns
             before.restore()
-            happened_s, joins = happened
-            self._happened(turns, turns_before(happened_s, first, stride, rate_hz), joins)
+            self._happened(turns, turns_before(happened_s, first, stride, rate_hz))
         return 0
 
     def _quiet(self, armed: bool) -> None:
         """Nothing happened in as many turns. Where no detector is armed, little can happen in many."""
-        longer = min(GROWTH * self._turns, MOST_TURNS) if armed else sys.maxsize
-        self._turns = 1 if self._known else longer
+        self._turns = 1 if self._known else min(GROWTH * self._turns, MOST_TURNS) if armed else sys.maxsize
         self._known = False
 
-    def _happened(self, turns: int, before: int, joins: bool) -> None:
-        """Something happened in so many turns, and nothing in those `before` it; all but one where that is unknown. Its
-        own turn may be taken with these where it `joins` them."""
+    def _happened(self, turns: int, before: int) -> None:
+        """Something happened in so many turns, and nothing in those `before` it; all but one where that is unknown."""
         self._known = before < turns - 1
-        self._turns = max(1, before + joins if self._known else turns // 2)
+        self._turns = max(1, before if self._known else turns // 2)
 
 
 def turns_before(t_s: float, first: int, stride: int, rate_hz: float) -> int:

@@ -114,7 +114,7 @@ class Quiet:
         self.device = SimpleNamespace(**bench)
         self.ahead = LookAhead(self.clock, SimpleNamespace(), [self.device], faults)
         self.turn = self.events = 0
-        self.happens_s, self.joins = math.inf, False
+        self.happens_s = math.inf
 
     def passed(self, asked, *, armed=True, until_s=math.inf):
         """How many turns pass as one, each time; a turn by itself follows where none do."""
@@ -123,63 +123,52 @@ class Quiet:
             found.append(self.ahead.skip(self.turn + 1, 1, 200.0, until_s, (), self.look, armed, self.events))
             self.turn += found[-1] or 1
             self.clock.wait_until(self.turn / 200.0)
-            if self.clock.now() >= self.happens_s:
+            if not found[-1] and self.clock.now() >= self.happens_s:
                 self.events, self.happens_s = self.events + 1, math.inf
         return found
 
-    def look(self, first_s, last_but_one_s):
-        assert first_s == (self.turn + 1) / 200.0
-        apart = not self.joins or self.happens_s <= last_but_one_s
-        return (self.happens_s, self.joins) if apart and self.happens_s <= self.clock.now() else None
+    def look(self):
+        return self.happens_s if self.happens_s <= self.clock.now() else None
 
 
 def test_looks_grow_while_nothing_happens_and_end_before_what_does():
     loop = Quiet()
-    assert loop.passed(4) == [0, 32, 128, 128]
-    loop.happens_s = 294.5 / 200.0
-    assert loop.passed(5) == [5, 0, 32, 128, 128], "turn 295 sees it; what follows comes in the look after it"
-
-
-def test_what_joins_the_turns_before_it_ends_a_look():
-    loop = Quiet()
-    loop.passed(2)
-    loop.joins, loop.happens_s = True, 40.5 / 200.0
-    assert loop.passed(3) == [8, 32, 128], "turn 41 sees it, the last of eight after 33"
-    loop.happens_s = 201.5 / 200.0
-    assert loop.passed(2) == [0, 32], "the turn that sees it is the next one"
+    assert loop.passed(4) == [0, 8, 64, 128]
+    loop.happens_s = 206.5 / 200.0
+    assert loop.passed(6) == [5, 0, 0, 8, 64, 128], (
+        "turn 207 sees it, and what follows comes in the one after"
+    )
 
 
 def test_where_it_is_not_known_when_something_happens_looks_are_halved():
     loop = Quiet()
     loop.passed(2)
-    loop.happens_s = 160.5 / 200.0
-    assert loop.passed(1) == [64], "turn 161, the last of 128"
+    loop.happens_s = 72.5 / 200.0
+    assert loop.passed(1) == [32], "turn 73, the last of 64"
 
 
-def test_a_look_ends_before_what_is_known_to_come_and_with_what_the_loop_does_by_itself():
-    loop = Quiet()
-    assert loop.passed(2, until_s=10 / 200.0) == [0, 9]
+def test_a_look_ends_before_what_is_known_to_come():
+    assert Quiet().passed(3, until_s=10 / 200.0) == [0, 8, 0]
     assert Quiet(alone_s=6.5 / 200.0).passed(2) == [0, 6]
     assert Quiet().passed(2, armed=False) == [0, 200.0 * LONGEST_S - 1]
 
 
-def test_a_trial_begins_with_a_single_turn():
+def test_a_trial_begins_with_single_turns():
     loop = Quiet()
     loop.passed(3)
     loop.ahead.restart()
-    loop.events += 1
-    assert loop.passed(2) == [0, 32]
+    assert loop.passed(2) == [0, 8]
 
 
 def test_a_fault_and_a_mover_that_must_be_polled_are_gone_through_turn_by_turn():
     fault = Fault(device="stage", kind="stall")
     assert Quiet([FaultSchedule([fault])]).passed(3) == [0, 0, 0]
-    ends = Fault(device="stage", kind="silent", at_s=35 / 200.0, for_s=1.0)
-    assert Quiet([FaultSchedule([ends])]).passed(3) == [0, 32, 0], "a look ends before a fault begins"
+    ends = Fault(device="stage", kind="silent", at_s=11 / 200.0, for_s=1.0)
+    assert Quiet([FaultSchedule([ends])]).passed(3) == [0, 8, 0], "a look ends before a fault begins"
     assert Quiet(blind_s=0.005, watched_until_s=0.0).passed(3) == [0, 0, 0]
     loop = Quiet(blind_s=0.006, watched_until_s=0.0)
-    assert loop.passed(2) == [0, 32]
-    assert loop.device.watched_until_s == 33 / 200.0
+    assert loop.passed(2) == [0, 8]
+    assert loop.device.watched_until_s == 9 / 200.0
 
 
 class Ring:
