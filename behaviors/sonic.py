@@ -119,9 +119,11 @@ class SonicBehavior(Behavior):
 
     @property
     def answering(self) -> str:
-        """See `Behavior.answering`: the gripper, where one of its rows is the way on."""
-        rows = (row for row in self.rows if self.state in row.sources)
+        """See `Behavior.answering`: the gripper, where one of its rows is the way on, or a grip and no motion is."""
+        rows = [row for row in self.rows if self.state in row.sources]
+        triggers = {row.trigger for row in rows}
         asked = any(SonicBehavior.from_gripper in row.conditions for row in rows)
+        asked |= "gripped" in triggers and "reached" not in triggers
         return self.settings.gripper if asked else super().answering
 
     def touched(self) -> bool:
