@@ -407,7 +407,7 @@ def toml_value(value: Any) -> str:
     """A value as a profile writes it, on one line."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{_key(key)} = {toml_value(leaf)}" for key, leaf in value.items()) + " }"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return "[" + ", ".join(toml_value(item) for item in value) + "]"
     # A JSON text is a TOML text but for DEL; numbers and truth values are the same in both.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

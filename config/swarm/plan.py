@@ -215,37 +215,22 @@ class Plan:
         grid = {key: [self.trials[0][key]] for key in known(self.experiment).grid}
         scene = SCENES[self.experiment]
         rows = ", ".join(
-            _table({key: value for key, value in row.items() if key not in grid}) for row in self.trials
+            toml_value({key: value for key, value in row.items() if key not in grid}) for row in self.trials
         )
         return "\n".join(
             [
                 f"# {comment or f'seed {self.seed} of the swarm'}",
                 f'extends = "mock/{scene.extends or self.experiment}"',
                 *([f'experiment = "{scene.behavior}"'] if scene.behavior else []),
-                *(f"{section} = {_table(table)}" for section, table in nest(self.settings.items()).items()),
-                f'trials = {{ order = "listed", repeats = 1, list = [{rows}], grid = {_table(grid)} }}',
+                *(
+                    f"{section} = {toml_value(table)}"
+                    for section, table in nest(self.settings.items()).items()
+                ),
+                f'trials = {{ order = "listed", repeats = 1, list = [{rows}], grid = {toml_value(grid)} }}',
                 f"faults = {toml_value([*self.faults])}",
                 "",
             ]
         )
-
-
-def _table(table: Mapping[str, Any]) -> str:
-    return "{ " + ", ".join(f"{_key(key)} = {_toml(value)}" for key, value in table.items()) + " }"
-
-
-def _key(key: str) -> str:
-    return f'"{key}"' if "." in key else key
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, dict):
-        return _table(value)
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return f'"{value}"' if isinstance(value, str) else repr(value)
 
 
 class Known(NamedTuple):

@@ -229,9 +229,8 @@ class FaultSchedule:
                 times, ago_s = fault.phase(t_s - begins_s)
                 waits = fault.kind in ONCE and self._begun.get(fault, -1) < times
                 lasts = fault.kind not in ONCE or fault.kind == "unplug"
-                held_s = (
-                    fault.much if fault.kind == "late" else 0.0
-                )  # what came last is on its way for so long
+                # what came last is on its way for so long
+                held_s = fault.much if fault.kind == "late" else 0.0
                 if waits or (lasts and ago_s < (fault.for_s or math.inf) + held_s):
                     return t_s
                 if fault.every_s is None or times + 1 == fault.times:
