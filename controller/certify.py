@@ -393,7 +393,7 @@ class Certifier:
         fresh = made.make_signals
         made.make_signals = lambda: [SignalSeam(signal, self._wrong) for signal in fresh()]
         self._limits, self._guarded = made.limits, sorted(Guard(made.limits).inputs)
-        self._wrong, self._left_alone, self._end_m = Wrong(), False, math.nan
+        self._wrong, self._left_alone, self._end_m, self._gone = Wrong(), False, math.nan, ""
 
     def poll(self) -> str | None:
         """The operator's request."""
@@ -419,7 +419,9 @@ class Certifier:
                     continue
                 yield (found := tried(proof))
                 grave = number < len(first) or NOT_AT_REST in found.acted
-                if found.verdict == "failed" and grave:
+                if self._gone:
+                    ended = f"{self._gone}: a bench without it is driven past nothing"
+                elif found.verdict == "failed" and grave:
                     ended = f"{proof.limit} failed: a bench that does not stop is driven past nothing"
             for name in sorted({*session.movers} - {mover.name for mover in movers}):
                 reason = f"{UNKNOWN}; drive it past its limits by hand"
@@ -732,6 +734,8 @@ class Certifier:
             seam.restart(wrong, shown)
         streams = {shown, wrong.stream} - {""}
         result = self.session.run(scripted(script), mover, streams, deadline_s=deadline_s)
+        before = [each for each in result.events if isinstance(each, Failed) and not each.t_s >= wrong.past_s]
+        self._gone = f"{before[0].device} failed ({before[0].reason})" if before else ""
         if result.outcome == "interrupted" and not wrong.pauses:
             raise KeyboardInterrupt
         return result

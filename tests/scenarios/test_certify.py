@@ -208,9 +208,14 @@ def test_a_device_that_fails_while_a_command_is_refused_is_named_and_the_guard_i
 
     monkeypatch.setattr(Bounds, "admit_speed", then_unplugged)
     monkeypatch.setattr(MockZaberStage, "poll", unplugged)
-    failed = next(proof for proof in proved("mock/transient") if proof.verdict == "failed")
-    assert failed.limit == "limits.speed_m_s"
+    proofs = proved("mock/transient")
+    failed, *others = proofs[[proof.verdict for proof in proofs].index("failed") :]
+    assert (failed.limit, failed.verdict) == ("limits.speed_m_s", "failed")
     assert failed.acted.startswith("guard refused; it answers nothing")
+    assert others
+    assert {(each.verdict, "stage failed (it answers nothing)" in each.acted) for each in others} == {
+        ("not tried", True)
+    }
 
 
 def test_silence_and_lateness_that_nobody_notices_fail_it(monkeypatch):
