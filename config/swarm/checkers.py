@@ -592,6 +592,12 @@ def _late(story: Any) -> Iterator[Violation]:
     """A loop that comes too late while the axis moves is stopped."""
     most_s, turn_s = 1.5 * story.limits["late_s"], 1.0 / story.profile["loop"]["rate_hz"]
     outcomes = {int(row["trial"]): row["outcome"] for row in story.rows}
+    mover = story.profile["behavior"].get("mover")
+    rested = [
+        (event["trial"], event["t_s"])
+        for event in story.events()
+        if event.get("device") == mover and event["event"] in ("Standstill", "Reached")
+    ]
     for effect in story.effects:
         if effect["kind"] != "hang" or effect.get("amount", 0.2) < most_s:
             continue
@@ -606,6 +612,9 @@ def _late(story: Any) -> Iterator[Violation]:
             steps_m = [two[1] - one[1] for one, two in (seen[1:3], seen[2:])] if moving else [0.0]
             # another way that began since, once it had stood still, is no motion that went on
             moving = moving and (min(steps_m) > 1e-6 or max(steps_m) < -1e-6)
+            moving = moving and not any(
+                number == trial.number and seen[1][0] <= t_s <= seen[2][0] for number, t_s in rested
+            )
             moving = moving and effect["effect_s"] - seen[1][0] < 3.0 * turn_s
             if moving and outcomes.get(trial.number) not in ("guard", "fault", "aborted"):
                 what = f"a turn was {effect.get('amount', 0.2):g} s late; the outcome is {outcomes.get(trial.number)}"
