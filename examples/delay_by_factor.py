@@ -13,6 +13,10 @@ from touchbench import open_run
 
 name, column, factor = [*sys.argv[1:], *["latest", "delay_s", "speed_m_s"][len(sys.argv) - 1 :]]
 run = open_run(name)
+if missing := [each for each in (column, factor) if each not in run.table or run.table[each].isna().all()]:
+    sys.exit(
+        f"{name}: no trial has a {missing[0]}; its columns: {', '.join(run.table.dropna(axis='columns', how='all'))}"
+    )
 table = run.table.dropna(subset=[column])
 units = table.attrs["units"]
 
