@@ -108,10 +108,6 @@ class DeviceContract:
         # is still learning drift and delay in the first second: 3.6 ms is the 99th percentile of a pty's delay.
         assert np.diff(times_s)[5:] == pytest.approx(periods_s[6:], abs=4e-3)
 
-    def test_homing_ends_at_a_reached_position(self, bench: Bench) -> None:
-        bench.apply(Home(self.mover))
-        assert isinstance(bench.until(Reached, self.mover), Reached)
-
     def test_a_motion_is_sent_and_reaches_its_target(self, bench: Bench) -> None:
         self.home(bench)
         bench.apply(Listen(self.mover, frozenset({f"{self.mover}.position"})))

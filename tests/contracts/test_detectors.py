@@ -9,6 +9,17 @@ from controller.detectors.protocol import NOTHING
 from controller.registry import KINDS, find
 from drivers.core.messages import SampleBlock
 
+RATE_HZ = 1024.0
+"""Sample times are exact: pieces and the whole have the same."""
+
+
+def with_a_lost_block(stream, values, end, begin, unit):
+    """Two blocks, and nothing of the samples from `end` to `begin`."""
+    return [
+        SampleBlock(stream, 0, 0.0, values[:end], rate_hz=RATE_HZ, unit=unit),
+        SampleBlock(stream, begin, begin / RATE_HZ, values[begin:], rate_hz=RATE_HZ, unit=unit),
+    ]
+
 
 def resonance_input():
     """Periods of a finger that wanders, is touched, and is released; made by no plant."""
@@ -27,24 +38,19 @@ def resonance_input():
 
 def waveform_input():
     """A finger's waveform: free for 10 s, stiffened by a contact that gives and takes, free again; and a lost block."""
-    rng, rate_hz = np.random.default_rng(10), 1024.0
-    t_s = np.arange(16000) / rate_hz
+    rng = np.random.default_rng(10)
+    t_s = np.arange(16000) / RATE_HZ
     touched = (t_s > 11.0) & (t_s < 12.0)
     frequency = 28.0 + np.where(touched, 3.0 + 4.0 * np.sin(50.0 * t_s), 0.0)
-    x = 1.8 * np.sin(2.0 * np.pi * np.cumsum(frequency) / rate_hz) + 0.05 * rng.standard_normal(t_s.size)
-    return [
-        SampleBlock("board.accelerometer", 0, 0.0, x[:15000, None], rate_hz=rate_hz, unit="m/s2"),
-        SampleBlock(
-            "board.accelerometer", 15100, 15100 / rate_hz, x[15100:, None], rate_hz=rate_hz, unit="m/s2"
-        ),
-    ]
+    x = 1.8 * np.sin(2.0 * np.pi * np.cumsum(frequency) / RATE_HZ) + 0.05 * rng.standard_normal(t_s.size)
+    return with_a_lost_block("board.accelerometer", x[:, None], 15000, 15100, "m/s2")
 
 
 def force_input():
-    """Nothing, a force, nothing. Sample times of 1024 Hz are exact: pieces and the whole have the same."""
+    """Nothing, a force, nothing."""
     force_n = np.concatenate([np.zeros(1000), np.full(300, 2.0), np.zeros(500)])
     force_n += 0.01 * np.random.default_rng(6).standard_normal(force_n.size)
-    return [SampleBlock("board.fingertip", 0, 0.0, force_n[:, None], rate_hz=1024.0, unit="N")]
+    return [SampleBlock("board.fingertip", 0, 0.0, force_n[:, None], rate_hz=RATE_HZ, unit="N")]
 
 
 def border_input():
@@ -52,49 +58,39 @@ def border_input():
     angle_rad = np.concatenate([np.linspace(0.0, -1.2, 1500), np.linspace(-1.2, 0.0, 1500)])
     forces_n = 4.0 * np.column_stack([np.sin(angle_rad), np.cos(angle_rad)])
     forces_n += 0.035 * np.random.default_rng(11).standard_normal(forces_n.shape)
-    return [
-        SampleBlock("signals.tip", 0, 0.0, forces_n[:2000], rate_hz=1024.0, unit="N"),
-        SampleBlock("signals.tip", 2050, 2050 / 1024.0, forces_n[2050:], rate_hz=1024.0, unit="N"),
-    ]
+    return with_a_lost_block("signals.tip", forces_n, 2000, 2050, "N")
 
 
 def slip_input():
     """Noise of two channels; for a second knocks that ring at 180 Hz in one of them; and a lost block after it."""
-    rng, rate_hz = np.random.default_rng(7), 1024.0
+    rng = np.random.default_rng(7)
     noise = 0.003 * rng.standard_normal((5 * 1024, 2))
-    since_s = np.arange(200) / rate_hz
+    since_s = np.arange(200) / RATE_HZ
     ring = np.exp(-34.0 * since_s) * np.sin(2.0 * np.pi * 180.0 * since_s)
     knocks = np.where(rng.random(1024) < 0.2, 0.3 * rng.standard_normal(1024), 0.0)
     noise[2048:3072, 1] += np.convolve(knocks, ring)[:1024]
-    return [
-        SampleBlock("board.tangential", 0, 0.0, noise[:4000], rate_hz=rate_hz, unit="V"),
-        SampleBlock("board.tangential", 4100, 4100 / rate_hz, noise[4100:], rate_hz=rate_hz, unit="V"),
-    ]
+    return with_a_lost_block("board.tangential", noise, 4000, 4100, "V")
 
 
 def pretouch_input():
     """A finger that rests, comes nearer at 2 cm/s, waits and goes back, with a lost block; and the mover's encoder."""
-    rng, rate_hz = np.random.default_rng(8), 1024.0
-    way_m = np.interp(
-        np.arange(8192) / rate_hz, [0.0, 1.0, 3.5, 4.0, 6.5, 8.0], [0.0, 0.0, 0.05, 0.05, 0.0, -0.03]
-    )
+    rng, t_s = np.random.default_rng(8), np.arange(8192) / RATE_HZ
+    way_m = np.interp(t_s, [0.0, 1.0, 3.5, 4.0, 6.5, 8.0], [0.0, 0.0, 0.05, 0.05, 0.0, -0.03])
     gap_m = 0.055 - way_m
     z = 0.1 - 0.05j + 0.001 * (1.0 + gap_m / 0.01) ** -2 * np.exp(-2j * np.pi * gap_m / 0.0043)
     z += 1.5e-4 * (rng.standard_normal(8192) + 1j * rng.standard_normal(8192))
     values = np.column_stack([z.real, z.imag])
     return [
-        SampleBlock("signals.right", 0, 0.0, values[:5000], rate_hz=rate_hz, unit="FS"),
-        SampleBlock("signals.right", 5040, 5040 / rate_hz, values[5040:], rate_hz=rate_hz, unit="FS"),
-        SampleBlock("arm.position", 0, 0.0, way_m[::2, None], rate_hz=rate_hz / 2.0, unit="m"),
+        *with_a_lost_block("signals.right", values, 5000, 5040, "FS"),
+        SampleBlock("arm.position", 0, 0.0, way_m[::2, None], rate_hz=RATE_HZ / 2.0, unit="m"),
     ]
 
 
 def level_input():
     """A level in noise that another one takes the place of for a second."""
-    rng, rate_hz = np.random.default_rng(9), 1024.0
-    values = 0.1 + 1e-5 * rng.standard_normal((6144, 2))
+    values = 0.1 + 1e-5 * np.random.default_rng(9).standard_normal((6144, 2))
     values[3000:4100] += (0.01, -0.004)
-    return [SampleBlock("signals.right", 0, 0.0, values, rate_hz=rate_hz, unit="FS")]
+    return [SampleBlock("signals.right", 0, 0.0, values, rate_hz=RATE_HZ, unit="FS")]
 
 
 def knock_input():
@@ -102,10 +98,7 @@ def knock_input():
     values = 0.003 * np.random.default_rng(11).standard_normal((6144, 1))
     values[2048:3072] *= 8.0
     values[5000:5040] *= 100.0
-    return [
-        SampleBlock("board.accelerometer", 0, 0.0, values[:4000], rate_hz=1024.0, unit="m/s2"),
-        SampleBlock("board.accelerometer", 4100, 4100 / 1024.0, values[4100:], rate_hz=1024.0, unit="m/s2"),
-    ]
+    return with_a_lost_block("board.accelerometer", values, 4000, 4100, "m/s2")
 
 
 def load_input():
@@ -113,10 +106,7 @@ def load_input():
     force_n = np.zeros((2048, 3))
     force_n[:, 2] = np.interp(np.arange(2048), [1000, 1300, 1500, 1700], [0.0, 2.0, 2.0, 0.5])
     force_n += 0.005 * np.random.default_rng(12).standard_normal(force_n.shape)
-    return [
-        SampleBlock("signals.pad", 0, 0.0, force_n[:1600], rate_hz=1024.0, unit="N"),
-        SampleBlock("signals.pad", 1650, 1650 / 1024.0, force_n[1650:], rate_hz=1024.0, unit="N"),
-    ]
+    return with_a_lost_block("signals.pad", force_n, 1600, 1650, "N")
 
 
 INPUTS = {

@@ -12,7 +12,6 @@ from config.profile import load_profile
 from controller.contracts import tried
 from controller.registry import KINDS
 from controller.rig import TrialScene
-from drivers.core.errors import CommandError
 from drivers.core.messages import Home, Listen, MoveAt, Reached, Tare, Twist
 from tests.contracts.device_suite import Bench, DeviceContract
 from tests.simulator.devices.test_faults_shown import BENCH, SENSOR
@@ -124,11 +123,4 @@ def test_a_tared_board_stream_reads_zero_on_every_channel():
     bench.apply(Tare("board", "board.fingertip"))
     bench.turn(0.2)
     assert np.abs(samples(bench, "board.fingertip")[0][-50:].mean(axis=0)).max() < 0.01
-    bench.close()
-
-
-def test_a_stream_that_the_board_does_not_have_is_one_clear_line():
-    bench = listening("fingertip", {})
-    with pytest.raises(CommandError, match=r"no stream board\.whisker .* board\.fingertip, board\.flexible"):
-        bench.apply(Listen("board", frozenset({"board.whisker"})))
     bench.close()

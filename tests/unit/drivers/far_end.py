@@ -27,6 +27,19 @@ def spoilt(kind: str, pieces: int = 1) -> Callable[[bytes], bytes]:
     return hush
 
 
+class Other:
+    """Another device at a port: answers everything with a line, or, None, with what it hears."""
+
+    def __init__(self, line: bytes | None) -> None:
+        self._line = line
+
+    def receive(self, data: bytes, t_s: float) -> bytes:
+        return data if self._line is None else self._line
+
+    def step(self, t_s: float) -> bytes:
+        return b""
+
+
 class FarEnd:
     """What a link is to a driver, and time, which passes in small steps.
 
@@ -61,7 +74,6 @@ class FarEnd:
         return self
 
     def send(self, data: Any) -> float | None:
-        """See `SerialLink.send`."""
         if self.fault or self.closed:
             return None
         self.written.append(data)
@@ -69,12 +81,10 @@ class FarEnd:
         return self.t_s
 
     def receive(self) -> list[Any]:
-        """See `SerialLink.receive`."""
         arrived, self.arrived = self.arrived, []
         return arrived
 
     def close(self) -> None:
-        """See `SerialLink.close`."""
         self.closed = True
 
     def until(self, t_s: float) -> None:
@@ -103,19 +113,15 @@ class FarClock(WallClock):
         self.restart()
 
     def now(self) -> float:
-        """See `Clock.now`."""
         return self._far.t_s - self._origin_s
 
     def monotonic_s(self) -> float:
-        """See `Clock.monotonic_s`."""
         return self._far.t_s
 
     def rest(self, seconds: float) -> None:
-        """See `Clock.rest`."""
         self._rests += 1
         assert self._rests < RESTS_MAX, "it waits for ever"
         self._far.wait(max(seconds, 0.0))
 
     def restart(self) -> None:
-        """See `Clock.restart`."""
         self._origin_s = self._far.t_s

@@ -15,6 +15,7 @@ from drivers.dsa_matrix.driver import DsaMatrix, DsaMatrixSettings
 from drivers.operator.driver import Person, PersonSettings
 from simulator.mocks.base import MemoryLine
 from tests.refusals import refused
+from tests.unit.drivers.far_end import Other
 
 
 class Slow:
@@ -68,19 +69,6 @@ def test_a_link_that_is_gone_is_not_waited_for() -> None:
     with refused(PortError, "scale", "asking who is there", "taken away", "plugged in"):
         one.ask(link.send, lambda received: received)
     assert one.clock.now() == 0.0
-
-
-class Other:
-    """Answers everything with a line, or with nothing."""
-
-    def __init__(self, line: bytes) -> None:
-        self._line = line
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        return self._line
-
-    def step(self, t_s: float) -> bytes:
-        return b""
 
 
 @pytest.mark.parametrize(

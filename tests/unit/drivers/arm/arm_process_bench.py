@@ -51,6 +51,20 @@ class Link:
             raise GONE
 
 
+class Deaf:
+    """A client whose arm goes on whatever it is sent."""
+
+    def __init__(self):
+        self.calls = []
+
+    def __getattr__(self, name):
+        def asked(*details):
+            self.calls.append(name)
+            return True
+
+        return asked
+
+
 class Clock(VirtualClock):
     """Notes how far time may go, and that it may go on alone; lets the test act at each rest."""
 

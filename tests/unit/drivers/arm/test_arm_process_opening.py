@@ -16,24 +16,7 @@ from drivers.arm.pipe import Pipe, Start
 from drivers.core.clock import WallClock
 from drivers.core.errors import ProtocolError, RefusedError, SilentError
 from simulator.wiring.bench_clock import BenchClock, ClockPage
-from tests.unit.drivers.arm.arm_process_bench import REST, SETTINGS, START, Arm, EndError
-
-
-class Client:
-    """Its arm stands; notes the calls."""
-
-    def __init__(self):
-        self.calls = []
-
-    def feed_watchdog(self):
-        self.calls.append("feed_watchdog")
-        return True
-
-    def busy(self):
-        return False
-
-    def leave(self):
-        self.calls.append("leave")
+from tests.unit.drivers.arm.arm_process_bench import REST, SETTINGS, START, Arm, Deaf, EndError
 
 
 @pytest.mark.parametrize(("priority", "package"), [(10, "pytest"), (0, "pytest"), (0, "")])
@@ -46,7 +29,7 @@ def test_an_arm_that_opens_has_its_report_a_listener_and_a_program_that_ends(mon
     def opens(replaces):
         again.append(replaces)
         arm.clock.rest(3.0)
-        arm.link.client = Client()
+        arm.link.client = Deaf()
         return opened
 
     def thread(**given):

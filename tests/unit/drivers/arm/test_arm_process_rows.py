@@ -12,7 +12,7 @@ from drivers.arm.pipe import Pipe
 from drivers.arm.process import BACKLOG, LEAVE_S
 from drivers.core.errors import PortError, SilentError
 from drivers.core.messages import Home, MoveAt, Sent, Standstill, Stop
-from tests.unit.drivers.arm.arm_process_bench import BEGIN_S, GONE, REST, SETTINGS, Arm, EndError
+from tests.unit.drivers.arm.arm_process_bench import BEGIN_S, GONE, REST, SETTINGS, Arm, Deaf, EndError
 
 MOVING = (0.0, 0.0, -0.01, 0.0, 0.0, 0.0)
 CABLE = "is the cable in, and the controller up?"
@@ -156,20 +156,6 @@ def test_a_stop_that_comes_during_a_command_overtakes_what_waited_behind_it(arm)
     motion.took_s = 0.1
     arm.process._take(motion)
     assert (motion.orders, motion.passed) == ([home, stop], [move])
-
-
-class Deaf:
-    """A client whose arm goes on whatever it is sent."""
-
-    def __init__(self):
-        self.calls = []
-
-    def __getattr__(self, name):
-        def asked(*details):
-            self.calls.append(name)
-            return True
-
-        return asked
 
 
 @pytest.mark.parametrize("stops", [True, False])

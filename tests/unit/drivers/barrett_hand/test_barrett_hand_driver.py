@@ -101,19 +101,18 @@ def test_a_finger_that_does_not_wake_is_refused(link: Link) -> None:
         BarrettHand("hand", BarrettHandSettings(port="can0"), VirtualClock(), link.open).open()
 
 
-def test_one_finger_is_asked_by_itself(hand: BarrettHand, link: Link) -> None:
-    listen(hand, F2)
+@pytest.mark.parametrize(
+    ("streams", "frame", "answers"),
+    [((F2,), CanFrame(0x00C, b"\x19"), {0x586}), ((F1, F2), CanFrame(0x405, b"\x19"), {0x566, 0x586})],
+    ids=["one by itself", "several together"],
+)
+def test_fingers_are_asked_with_one_question_a_cycle(
+    hand: BarrettHand, link: Link, streams: tuple[str, ...], frame: CanFrame, answers: set[int]
+) -> None:
+    listen(hand, *streams)
     assert link.question is not None
-    assert link.question.frame == CanFrame(0x00C, b"\x19")
-    assert link.question.answers == {0x586}
+    assert (link.question.frame, link.question.answers) == (frame, answers)
     assert (link.question.period_s, link.question.answer_s) == (1e-3, 0.02)
-
-
-def test_several_fingers_are_asked_with_one_question(hand: BarrettHand, link: Link) -> None:
-    listen(hand, F1, F2)
-    assert link.question is not None
-    assert link.question.frame == CanFrame(0x405, b"\x19")
-    assert link.question.answers == {0x566, 0x586}
 
 
 def test_nothing_is_asked_without_a_subscriber(hand: BarrettHand, link: Link) -> None:
@@ -166,19 +165,16 @@ def test_a_bus_that_is_gone_is_a_failure_once(hand: BarrettHand, link: Link) -> 
     assert hand.poll() == []
 
 
-def test_closing_ends_the_questions_and_lets_go_of_the_bus(hand: BarrettHand, link: Link) -> None:
+@pytest.mark.parametrize("fault", [None, "the bus was taken away"])
+def test_closing_ends_the_questions_and_lets_go_of_the_bus(
+    hand: BarrettHand, link: Link, fault: str | None
+) -> None:
     listen(hand, F1)
-    hand.close()
-    assert link.question is None
-    assert link.closed
-
-
-def test_a_hand_that_has_failed_asks_no_more_once_it_is_closed(hand: BarrettHand, link: Link) -> None:
-    listen(hand, F1)
-    link.fault = "the bus was taken away"
+    link.fault = fault
     hand.poll()
     hand.close()
     assert link.question is None
+    assert link.closed
 
 
 def test_listening_to_the_same_fingers_again_changes_nothing(hand: BarrettHand, link: Link) -> None:

@@ -99,13 +99,6 @@ def test_answers_are_the_bytes_of_the_interface_page(
     assert decode_answer(frame) == (node, fault, answer)
 
 
-@pytest.mark.parametrize(("flags", "held"), [(0xD1, True), (0xE1, True), (0xC1, False), (0xF1, False)])
-def test_either_order_of_the_object_bits_is_an_object(flags: int, held: bool) -> None:
-    _, _, answer = decode_answer(CanFrame(0x78, bytes([128, 0, 0, flags])))
-    assert isinstance(answer, GripperState)
-    assert answer.object is held
-
-
 @pytest.mark.parametrize(
     "frame",
     [

@@ -20,13 +20,10 @@ def checked(command: Command) -> Command:
     return UNITS.checked("gripper", command, 0.1, FORCE_MAX_N)
 
 
-def test_the_travel_is_48_mm_from_the_closed_width_on() -> None:
+def test_the_travel_is_48_mm_from_the_closed_width_on_in_counts_of_less_than_a_fifth_of_one() -> None:
     assert UNITS.width_m(255) == pytest.approx(0.020)
     assert UNITS.width_m(0) == pytest.approx(0.068)
     assert UNITS.position(0.044) in (127, 128)
-
-
-def test_a_count_is_less_than_a_fifth_of_a_millimetre() -> None:
     assert UNITS.width_m(100) - UNITS.width_m(101) == pytest.approx(0.19e-3, rel=0.02)
 
 
@@ -43,22 +40,10 @@ def test_no_speed_is_greater_than_what_was_asked_for(speed_m_s: float) -> None:
     assert units.speed_m_s(count + 1) > speed_m_s
 
 
-def test_force_is_linear_in_current_and_rounded_down() -> None:
+def test_force_is_linear_in_a_current_of_150_to_1300_ma_and_rounded_down() -> None:
     assert UNITS.current_ma(20.0) == 432  # 20 / 0.0462 = 432.9
     assert UNITS.force_n(-432) == pytest.approx(432 * 0.0462)
-
-
-def test_the_forces_that_may_be_asked_for_are_those_of_150_to_1300_ma() -> None:
-    assert UNITS.current_ma(FORCE_MIN_N) == 150
-    assert UNITS.current_ma(FORCE_MAX_N) == 1300
-
-
-def test_a_grip_comes_back_as_the_gripper_will_do_it() -> None:
-    sent = checked(replace(GRIP, speed_m_s=9.0))
-    assert isinstance(sent, Grip)
-    assert sent.width_m == pytest.approx(0.030, abs=0.1e-3)
-    assert sent.speed_m_s <= 0.1
-    assert 19.95 < sent.force_n <= 20.0
+    assert (UNITS.current_ma(FORCE_MIN_N), UNITS.current_ma(FORCE_MAX_N)) == (150, 1300)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +86,8 @@ def test_both_ends_of_a_range_may_be_asked_for(end: dict[str, float]) -> None:
         assert getattr(sent, name) == pytest.approx(value, rel=1e-9)
 
 
-def test_the_jaws_open_no_faster_than_they_may() -> None:
+def test_the_jaws_move_no_faster_than_they_may() -> None:
+    assert checked(replace(GRIP, speed_m_s=9.0)) == checked(replace(GRIP, speed_m_s=0.1))
     assert checked(Release("gripper", 9.0)) == checked(Release("gripper", 0.1))
     assert checked(Release("gripper", 0.05)) == Release("gripper", units.speed_m_s(units.speed_count(0.05)))
 

@@ -167,14 +167,6 @@ def test_frames_of_an_earlier_host_are_stopped_first(make_bench: Make) -> None:
     assert bench.take(Failed) == []
 
 
-def test_a_threshold_is_set_and_read_back(make_bench: Make) -> None:
-    bench = make_bench(frame_hz=50, rle=False, threshold_counts=50)
-    bench.device.open()
-    bench.device.apply(ALL)
-    bench.turn(0.5)
-    assert bench.blocks[-1].values[-1, 48:52].tolist() == [0, 0, 50, 51]
-
-
 def test_an_order_that_is_lost_is_sent_again(bench: Bench) -> None:
     spoilt = iter([True])
     bench.far.cut = lambda data: b"" if next(spoilt, False) else data

@@ -51,15 +51,6 @@ def test_what_holds_the_jaws_for_a_moment_is_no_object(outcome: GripperOutcome) 
     assert outcome.busy
 
 
-@pytest.mark.parametrize("held", [CLOSING, OPENING])
-def test_either_object_bit_is_an_object_once_it_is_held(outcome: GripperOutcome, held: GripperState) -> None:
-    (gripped,) = pushed(outcome, *[held] * 10)
-    assert isinstance(gripped, Gripped)
-    assert gripped.object
-    assert gripped.t_s == pytest.approx(1.04)
-    assert gripped.force_n == pytest.approx(400 * 0.0462)
-
-
 def test_a_state_from_before_the_command_says_nothing_of_it(outcome: GripperOutcome) -> None:
     assert pushed(outcome, THERE, begin_s=1.0) == []
     assert len(pushed(outcome, THERE, begin_s=1.001)) == 1
@@ -141,6 +132,7 @@ def after(number: int) -> float:
     ("command", "states", "answer"),
     [
         (GRIP, [CLOSING] * 4, Gripped(after(3), "gripper", True, WIDTH_M, 400 * 0.0462, command_id=7)),
+        (GRIP, [OPENING] * 4, Gripped(after(3), "gripper", True, WIDTH_M, 400 * 0.0462, command_id=7)),
         (GRIP, [MOVING, THERE], Gripped(after(1), "gripper", False, WIDTH_M, 400 * 0.0462, command_id=7)),
         (Release("gripper", 0.1), [MOVING, THERE], Reached(after(1), "gripper", WIDTH_M, command_id=7)),
         (

@@ -53,12 +53,6 @@ def test_a_weight_is_asked_for_and_loaded_on_enter(person):
     assert person.question is None
 
 
-def test_a_request_is_answered(person):
-    person.apply(Ask("operator", "shut the door"))
-    person.answer(person.question.number, done=True)
-    assert person.poll()[-1] == Answered(0.0, "operator", "shut the door")
-
-
 def test_no_is_a_refusal(person):
     command = LoadWeight("operator", "t", 1.0)
     person.apply(command)

@@ -123,6 +123,7 @@ def test_a_board_that_restarts_when_its_port_is_opened_is_waited_for(make_bench:
         (b"", SilentError, "no answer in 3 s"),
         (b"@01 0 OK IDLE -- 0\r\n", ProtocolError, "no hello of a sensor board"),
         (b"\0\0\x03ab\0", ProtocolError, "no hello of a sensor board"),
+        (b"\0" + frame(b'\x03{"board":"x"}'), ProtocolError, "hello (serial): Field required"),
     ],
 )
 def test_a_port_without_a_board_is_refused_in_time(
@@ -135,13 +136,6 @@ def test_a_port_without_a_board_is_refused_in_time(
         bench.device.open()
     assert bench.host.t_s - begin_s < 3.2
     assert bench.host.closed
-
-
-def test_a_hello_that_cannot_be_used_says_why(make_bench: MakeBench) -> None:
-    bench = make_bench()
-    bench.host.hush = lambda data: b"\0" + frame(b'\x03{"board":"x"}')
-    with pytest.raises(ProtocolError, match=r"hello \(serial\): Field required"):
-        bench.device.open()
 
 
 def test_a_watchdog_that_one_lost_reply_would_starve_is_no_setting(make_bench: MakeBench) -> None:
@@ -500,21 +494,17 @@ def test_a_host_that_dies_loses_the_excitation(bench: Bench) -> None:
     assert 0.7 < off_s - died_s <= 1.0
 
 
-def test_a_host_that_was_away_too_long_fails_rather_than_go_on_unexcited(bench: Bench) -> None:
+@pytest.mark.parametrize("commands", [(), (SetTendon("board", 0.001),)], ids=["left alone", "commanded"])
+def test_a_host_that_was_away_too_long_fails_rather_than_go_on_unexcited(
+    bench: Bench, commands: tuple[Any, ...]
+) -> None:
     bench.device.apply(Excite("board", True))
     bench.run(0.5)
     bench.host.until(bench.host.t_s + 3.0)
+    for command in commands:
+        bench.device.apply(command)
     (failed,) = of(Failed, bench.run(0.5)[1])
     assert failed.reason == "the host was away for 3.25 s, so the board's watchdog switched it off"
-
-
-def test_a_command_after_the_host_was_away_does_not_hide_that_the_excitation_is_off(bench: Bench) -> None:
-    bench.device.apply(Excite("board", True))
-    bench.run(0.5)
-    bench.host.until(bench.host.t_s + 3.0)
-    bench.device.apply(SetTendon("board", 0.001))
-    (failed,) = of(Failed, bench.run(0.1)[1])
-    assert "the host was away for" in failed.reason
 
 
 def test_a_stream_s_silence_counts_on_when_another_is_subscribed(bench: Bench) -> None:

@@ -3,6 +3,7 @@
 import socket
 import struct
 import sys
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
@@ -21,6 +22,23 @@ from simulator.devices.ur_controller.primary import PrimarySession, greeting
 SETTINGS = UrArmSettings(host="127.0.0.1", start_pose=(0.3, 0.0, 0.3, 0.0, 3.14, 0.0))
 
 
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> Callable[..., RtdeClient]:
+    """A client of a control interface; `asked` notes the questions at the dashboard."""
+
+    def make(
+        control: object, clock: VirtualClock | None = None, asked: list[str] | None = None
+    ) -> RtdeClient:
+        notes = [] if asked is None else asked
+        module = SimpleNamespace(RTDEControlInterface=lambda host: control)
+        monkeypatch.setitem(sys.modules, "rtde_control", module)
+        dashboard = SimpleNamespace(ask=lambda question: notes.append(question) or "true")
+        row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
+        return RtdeClient(SETTINGS, dashboard, clock or VirtualClock(), lambda: row, RtdeSockets())
+
+    return make
+
+
 class NotedClock(VirtualClock):
     """Bench time that notes its holds and releases."""
 
@@ -35,7 +53,7 @@ class NotedClock(VirtualClock):
         self._done.append("leave")
 
 
-def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bench_time_waits_for_the_process_before_the_watchdog_counts(made: Callable[..., RtdeClient]) -> None:
     """A machine that holds the process up before its first cycle would have the watchdog end the program."""
     done: list[str] = []
 
@@ -44,12 +62,7 @@ def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch
 
     names = ("setWatchdog", "isConnected", "kickWatchdog", "reuploadScript")
     control = SimpleNamespace(**{name: called(name) for name in names}, getTCPOffset=lambda: [0.1] * 6)
-    module = SimpleNamespace(RTDEControlInterface=lambda host: control)
-    monkeypatch.setitem(sys.modules, "rtde_control", module)
-    dashboard = SimpleNamespace(ask=lambda question: "true")
-    row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
-
-    client = RtdeClient(SETTINGS, dashboard, NotedClock(done), lambda: row, RtdeSockets())
+    client = made(control, NotedClock(done))
     assert done == ["hold", "setWatchdog"]
     assert client.tcp_offset == (0.1,) * 6
     done.clear()
@@ -58,33 +71,23 @@ def test_bench_time_waits_for_the_process_before_the_watchdog_counts(monkeypatch
     assert "leave" in done
 
 
-def test_a_script_whose_watchdog_is_not_taken_does_not_run_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_script_whose_watchdog_is_not_taken_does_not_run_on(made: Callable[..., RtdeClient]) -> None:
     """Left running, it would be another program to the next opening."""
     control = MagicMock(getTCPOffset=lambda: [0.1] * 6)
     control.setWatchdog.return_value = False
-    monkeypatch.setitem(
-        sys.modules, "rtde_control", SimpleNamespace(RTDEControlInterface=lambda host: control)
-    )
-    row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
     asked: list[str] = []
-    dashboard = SimpleNamespace(ask=lambda question: asked.append(question) or "true")
     with pytest.raises(LinkError, match="takes no watchdog"):
-        RtdeClient(SETTINGS, dashboard, VirtualClock(), lambda: row, RtdeSockets())
+        made(control, asked=asked)
     assert asked[-1] == "stop", "the controller ends it; the script itself does not answer"
 
 
 def test_a_tool_that_was_set_is_set_again_after_a_recovery_and_taken_back_at_the_end(
-    monkeypatch: pytest.MonkeyPatch,
+    made: Callable[..., RtdeClient],
 ) -> None:
     sent: list[object] = []
     control = MagicMock(isConnected=lambda: True, getTCPOffset=lambda: [0.1] * 6)
     control.setTcp, control.setPayload = sent.append, lambda kg, cog: sent.append((kg, cog))
-    monkeypatch.setitem(
-        sys.modules, "rtde_control", SimpleNamespace(RTDEControlInterface=lambda host: control)
-    )
-    row = ArmRow(0.0, 0.0, (0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
-    dashboard = SimpleNamespace(ask=lambda question: "true")
-    client = RtdeClient(SETTINGS, dashboard, VirtualClock(), lambda: row, RtdeSockets())
+    client = made(control)
     own, tool = Tool((0.2,) * 6, 1.0, (0.0,) * 3), Tool((0.3,) * 6, 2.0, (0.0,) * 3)
     client.leave()
     assert sent == [], "nothing was set"

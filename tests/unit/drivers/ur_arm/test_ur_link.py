@@ -33,40 +33,21 @@ class Receive:
 
     def __init__(self):
         self.device_s, self.connected, self.torn = 7.0, True, False
-        self.safety, self.runtime = NORMAL, STOPPED
-        self.payload_kg = 1.25
-
-    def getTimestamp(self):  # noqa: N802
-        return self.device_s
-
-    def getActualTCPPose(self):  # noqa: N802
-        return list(START)
-
-    def getActualTCPSpeed(self):  # noqa: N802
-        return list(REST)
+        self.safety, self.runtime, self.payload_kg = NORMAL, STOPPED, 1.25
+        self.getTimestamp = lambda: self.device_s
+        self.getActualTCPPose = lambda: list(START)
+        self.getActualTCPSpeed = lambda: list(REST)
+        self.getPayload = lambda: self.payload_kg
+        self.getPayloadCog = lambda: [0.0, 0.01, 0.06]
+        self.getTargetSpeedFraction = lambda: 0.5
+        self.getSafetyStatusBits = lambda: self.safety
+        self.getRuntimeState = lambda: self.runtime
+        self.isConnected = lambda: self.connected
 
     def getActualTCPForce(self):  # noqa: N802
         if self.torn:
             self.device_s += 0.002
         return list(FORCE)
-
-    def getPayload(self):  # noqa: N802
-        return self.payload_kg
-
-    def getPayloadCog(self):  # noqa: N802
-        return [0.0, 0.01, 0.06]
-
-    def getTargetSpeedFraction(self):  # noqa: N802
-        return 0.5
-
-    def getSafetyStatusBits(self):  # noqa: N802
-        return self.safety
-
-    def getRuntimeState(self):  # noqa: N802
-        return self.runtime
-
-    def isConnected(self):  # noqa: N802
-        return self.connected
 
 
 class Dashboard:

@@ -65,18 +65,14 @@ def opened(script: Script) -> Procedures:
     return procedures
 
 
-def test_opening_sets_travel_and_speed_in_the_device_and_moves_nothing() -> None:
-    settings = SETTINGS.model_copy(update={"travel_max_m": 0.0124})
-    script = Script()
-    script.play(Procedures(settings, Mounting(settings)).identify())
-    assert script.held["limit.max"] == 24995
-    assert script.held["maxspeed"] == round(0.025 / STEP_M * 1.6384)
-    assert not [line for line in script.lines if line.split()[:1] in (["move"], ["home"])]
+def identified(script: Script, **settings: float) -> Any:
+    profile = SETTINGS.model_copy(update=settings)
+    return script.play(Procedures(profile, Mounting(profile)).identify())
 
 
 def test_what_is_held_already_is_not_written() -> None:
     script = Script(comm_checksum=1, maxspeed=82565)
-    script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+    identified(script)
     assert not [line for line in script.lines if line.startswith("set")]
 
 
@@ -90,7 +86,7 @@ def test_a_stage_whose_limit_is_not_the_profiles_travel_is_refused_before_it_is_
 ) -> None:
     script = Script(limit_max=counts, comm_checksum=1)
     with pytest.raises(RejectedError, match=f"{counts} microsteps is {seen_m} .* travel_m = 0.0254") as error:
-        script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+        identified(script)
     assert "device id deviceid" in error.value.advice
     assert "system restore" in error.value.advice
     assert not [line for line in script.lines if line.startswith("set")]
@@ -113,29 +109,24 @@ def test_of_a_known_model_a_pitch_is_refused_that_fits_its_limit_by_chance(
     with pytest.raises(
         RejectedError, match=f"id {device_id} is an {model}, .* are {microstep_m} m, not .* = 4.96"
     ) as e:
-        script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+        identified(script)
     assert f"enter microstep_m = {microstep_m}," in e.value.advice
     assert not [line for line in script.lines if line.startswith("set")]
 
 
 def test_a_known_model_may_count_more_than_its_nominal_travel() -> None:
     """An X-LSQ075B of 75 mm: its maker's limit lies 1.5 mm beyond, as that of an X-LSQ150B was seen to."""
-    settings = SETTINGS.model_copy(update={"travel_m": 0.075, "travel_max_m": 0.07})
     script = Script(deviceid=50103, resolution=64, limit_max=154204)
-    found = script.play(Procedures(settings, Mounting(settings)).identify())
-    assert isinstance(found, dict)
-    assert found["pitch_by"] == "device id, X-LSQ-B"
+    assert identified(script, travel_m=0.075, travel_max_m=0.07)["pitch_by"] == "device id, X-LSQ-B"
 
 
 def test_a_limit_that_this_profile_set_before_its_program_was_killed_is_known_again() -> None:
-    settings = SETTINGS.model_copy(update={"travel_max_m": 0.0124})
-    script = Script(limit_max=24995)
-    assert script.play(Procedures(settings, Mounting(settings)).identify()) is not None
+    assert identified(Script(limit_max=24995), travel_max_m=0.0124) is not None
 
 
 def test_a_limit_is_never_set_farther_out_than_the_stage_has_it() -> None:
     with pytest.raises(RejectedError, match=r"0 and 0.0253018 m .* inside the profile's"):
-        Script(limit_max=51002).play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+        identified(Script(limit_max=51002))
 
 
 @pytest.mark.parametrize(
@@ -146,7 +137,7 @@ def test_a_firmware_without_a_speed_in_its_moves_is_refused_at_opening(version: 
     script = Script()
     script.held["version"] = version
     with pytest.raises(RejectedError, match=reason.replace("?", r"\?")):
-        script.play(Procedures(SETTINGS, Mounting(SETTINGS)).identify())
+        identified(script)
 
 
 def test_an_approach_is_sent_no_farther_than_its_limit_and_writes_no_setting() -> None:
@@ -157,11 +148,10 @@ def test_an_approach_is_sent_no_farther_than_its_limit_and_writes_no_setting() -
 
 
 def test_a_limit_that_the_device_does_not_hold_ends_the_opening() -> None:
-    settings = SETTINGS.model_copy(update={"travel_max_m": 0.0124})
     script = Script(comm_checksum=1)
     script.obeys = False
     with pytest.raises(RejectedError, match=r"sent limit.max = 24995 and holds 51200"):
-        script.play(Procedures(settings, Mounting(settings)).identify())
+        identified(script, travel_max_m=0.0124)
 
 
 def test_what_was_changed_is_put_back_once_as_it_was_first_found() -> None:
@@ -225,20 +215,21 @@ def test_a_move_before_homing_says_to_home_first() -> None:
     assert script.lines[-1] == "home"
 
 
-def test_a_rejection_names_the_line_and_what_the_reason_means() -> None:
+@pytest.mark.parametrize(
+    ("data", "meant"),
+    [("DRIVERDISABLED", "its motor driver is off"), ("ODD", "it gives no reason")],
+)
+def test_a_rejection_names_the_line_and_what_the_reason_means(data: str, meant: str) -> None:
     script = Script()
     procedures = opened(script)
-    script.rejects["home"] = "DRIVERDISABLED"
-    with pytest.raises(RejectedError, match="'home' with DRIVERDISABLED: its motor driver is off"):
+    script.rejects["home"] = data
+    with pytest.raises(RejectedError, match=f"^it rejects 'home' with {data}: {meant}"):
         script.play(procedures.carry_out(Home("stage")))
 
 
-def test_a_rejection_without_a_known_reason_and_a_setting_that_is_no_number_are_reported() -> None:
+def test_a_setting_that_is_no_number_is_reported() -> None:
     script = Script()
     procedures = opened(script)
-    script.rejects["home"] = "ODD"
-    with pytest.raises(RejectedError, match=r"^it rejects 'home' with ODD: it gives no reason$"):
-        script.play(procedures.carry_out(Home("stage")))
     script.held["pos"] = "NA"
     with pytest.raises(RejectedError, match=r"^it answers 'get pos' with 'NA'$"):
         script.play(procedures.carry_out(MoveTo("stage", 0.01, 0.01)))

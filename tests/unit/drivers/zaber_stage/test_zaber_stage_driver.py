@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from drivers.core.clock import VirtualClock
-from drivers.core.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
+from drivers.core.errors import PortError, ProtocolError, RefusedError, SilentError
 from drivers.core.messages import (
     Command,
     DeviceInfo,
-    Excite,
     Failed,
     Home,
     Listen,
@@ -32,7 +31,7 @@ from drivers.zaber_stage.codec import LONGEST_S, meaning
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
 from simulator.mocks.base import MemoryLine
-from tests.refusals import refused
+from tests.unit.drivers.far_end import Other
 from tests.unit.drivers.zaber_stage.stage_bench import EVERYTHING, STEP_M, StageBench, Wire
 
 
@@ -127,27 +126,11 @@ def test_silence_is_reported_with_what_to_check() -> None:
         driver(MemoryLine(wire, VirtualClock()), reply_timeout_s=0.2).open()
 
 
-class Board:
-    """Something else on the port: frames of another protocol, unasked."""
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        return b""
-
-    def step(self, t_s: float) -> bytes:
-        return bytes.fromhex("02010602014042 0f0104c0ffff01010401 3c7600")
-
-
-class Echo:
-    """A line that is looped back."""
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        return data
-
-    def step(self, t_s: float) -> bytes:
-        return b""
-
-
-@pytest.mark.parametrize("other", [Board(), Echo()], ids=["board", "echo"])
+@pytest.mark.parametrize(
+    "other",
+    [Other(bytes.fromhex("02010602014042 0f0104c0ffff01010401 3c7600")), Other(None)],
+    ids=["board", "echo"],
+)
 def test_another_protocol_is_distinguished_from_silence(other: object) -> None:
     with pytest.raises(
         ProtocolError, match=r"which is no Zaber ASCII while opening; is another device there"
@@ -307,11 +290,6 @@ def test_a_stop_before_the_stage_is_open_says_that_it_is_not() -> None:
     stage = driver(MemoryLine(Wire(), VirtualClock()))
     stage.apply(Stop("stage"))
     assert list(stage.poll()) == [Failed(0.0, "stage", "it is not open")]
-
-
-def test_a_command_for_another_kind_of_device_is_refused_under_the_stages_name() -> None:
-    with refused(CommandError, "stage: ", "only moves", "another device"):
-        Bench().stage.apply(Excite("stage", True))
 
 
 def test_nothing_of_an_older_session_is_left_after_it_is_opened_again() -> None:
