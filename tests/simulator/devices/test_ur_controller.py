@@ -1,26 +1,21 @@
 """What the emulated controller does with commands in its registers, beyond what tests/wire/test_ur_judge.py shows."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from simulator.devices.ur_controller.controller import Runtime, Safety, UrController
 from simulator.devices.ur_controller.session import DashboardSession
-from tests.simulator.devices.ur_desk import Desk, desk, down
+from tests.simulator.devices.ur_desk import desk as make
+from tests.simulator.devices.ur_desk import down
 
-MOVE_L, SPEED_L, SET_TOOL, PROTECTIVE_STOP, STOP_L, WATCHDOG = 3, 10, 29, 31, 33, 35
-JOG, JOG_STOP, FIND_JOINTS, IS_STEADY, UNTIL_CONTACT = 41, 42, 46, 47, 51
-
-
-@pytest.fixture
-def make() -> Callable[..., Desk]:
-    return desk
+MOVE_L, SPEED_L, SET_TOOL, PROTECTIVE_STOP, STOP_L = 3, 10, 29, 31, 33
+JOG, JOG_STOP, FIND_JOINTS, UNTIL_CONTACT = 41, 42, 46, 51
 
 
 @pytest.mark.parametrize("command", [MOVE_L, STOP_L, UNTIL_CONTACT])
-def test_a_second_mover_during_a_tool_speed_ends_the_program(make: Callable[..., Desk], command: int) -> None:
+def test_a_second_mover_during_a_tool_speed_ends_the_program(command: int) -> None:
     desk = make()
     desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
     desk.run(50)
@@ -31,30 +26,7 @@ def test_a_second_mover_during_a_tool_speed_ends_the_program(make: Callable[...,
     assert desk.controller.arm.resting
 
 
-def test_the_watchdog_stops_an_arm_whose_client_is_gone(make: Callable[..., Desk]) -> None:
-    desk = make()
-    desk.call(WATCHDOG, [10.0])
-    desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
-    desk.run(45)
-    assert desk.controller.runtime is Runtime.PLAYING
-    desk.run(20)
-    assert desk.controller.runtime is Runtime.STOPPED
-    assert desk.controller.arm.resting
-    assert "watchdog" in desk.controller.log[-1]
-
-
-def test_a_client_that_kicks_the_watchdog_keeps_its_program(make: Callable[..., Desk]) -> None:
-    desk = make()
-    desk.call(WATCHDOG, [10.0])
-    for _ in range(20):
-        desk.write(0)
-        desk.run(40)
-    assert desk.controller.runtime is Runtime.PLAYING
-
-
-def test_a_speed_that_was_left_in_the_registers_moves_the_arm_when_the_script_starts_again(
-    make: Callable[..., Desk],
-) -> None:
+def test_a_speed_that_was_left_in_the_registers_moves_the_arm_when_the_script_starts_again() -> None:
     desk = make()
     desk.write(SPEED_L, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0, 0.5, 0.002])
     desk.run(50)
@@ -66,7 +38,7 @@ def test_a_speed_that_was_left_in_the_registers_moves_the_arm_when_the_script_st
     assert not desk.controller.arm.resting
 
 
-def test_a_contact_from_another_side_does_not_count(make: Callable[..., Desk]) -> None:
+def test_a_contact_from_another_side_does_not_count() -> None:
     desk = make(plane_m=0.179)
     desk.call(MOVE_L, [*down(desk, 0.002), 0.01, 0.5])
     assert desk.controller.force[2] > 5.0
@@ -74,7 +46,7 @@ def test_a_contact_from_another_side_does_not_count(make: Callable[..., Desk]) -
     assert desk.controller.contact_steps([0.0, 0.0, -1.0]) > 0
 
 
-def test_jogging_in_the_tool_s_frame_goes_along_the_tool(make: Callable[..., Desk]) -> None:
+def test_jogging_in_the_tool_s_frame_goes_along_the_tool() -> None:
     desk = make()
     start, axis = desk.pose.copy(), desk.controller.arm.transform[:3, 2].copy()
     desk.call(JOG, [0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0, 0.5, *[0.0] * 6])
@@ -85,14 +57,14 @@ def test_jogging_in_the_tool_s_frame_goes_along_the_tool(make: Callable[..., Des
     assert desk.controller.arm.resting
 
 
-def test_another_tool_point_is_reported_from_then_on(make: Callable[..., Desk]) -> None:
+def test_another_tool_point_is_reported_from_then_on() -> None:
     desk = make()
     height_m = desk.pose[2]
     desk.call(SET_TOOL, [0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     assert desk.pose[2] == pytest.approx(height_m - 0.1, abs=1e-6)
 
 
-def test_the_force_noise_has_its_setting_and_its_seed(make: Callable[..., Desk]) -> None:
+def test_the_force_noise_has_its_setting_and_its_seed() -> None:
     desk, twin = make(force_noise_n=0.5, seed=7), make(force_noise_n=0.5, seed=7)
     forces = []
     for _ in range(2000):
@@ -103,7 +75,7 @@ def test_the_force_noise_has_its_setting_and_its_seed(make: Callable[..., Desk])
     assert np.std(forces) == pytest.approx(0.5, rel=0.1)
 
 
-def test_a_pose_out_of_reach_ends_the_program(make: Callable[..., Desk]) -> None:
+def test_a_pose_out_of_reach_ends_the_program() -> None:
     desk = make()
     desk.write(FIND_JOINTS, [5.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     desk.run(5)
@@ -121,9 +93,7 @@ def test_a_pose_out_of_reach_ends_the_program(make: Callable[..., Desk]) -> None
         (99, "unknown"),
     ],
 )
-def test_a_command_that_is_not_emulated_ends_the_program_with_its_name(
-    make: Callable[..., Desk], command: int, name: str
-) -> None:
+def test_a_command_that_is_not_emulated_ends_the_program_with_its_name(command: int, name: str) -> None:
     desk = make()
     desk.write(command)
     desk.run(5)
@@ -131,7 +101,7 @@ def test_a_command_that_is_not_emulated_ends_the_program_with_its_name(
     assert name in desk.controller.log[-1]
 
 
-def test_a_speed_that_is_no_number_is_a_protective_stop(make: Callable[..., Desk]) -> None:
+def test_a_speed_that_is_no_number_is_a_protective_stop() -> None:
     desk = make()
     desk.write(SPEED_L, [math.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.002])
     desk.run(5)
@@ -139,7 +109,7 @@ def test_a_speed_that_is_no_number_is_a_protective_stop(make: Callable[..., Desk
     assert np.isfinite(desk.pose).all()
 
 
-def test_a_protective_stop_keeps_programs_away_until_it_is_unlocked(make: Callable[..., Desk]) -> None:
+def test_a_protective_stop_keeps_programs_away_until_it_is_unlocked() -> None:
     desk = make()
     desk.write(PROTECTIVE_STOP)
     desk.run(5)
@@ -153,7 +123,7 @@ def test_a_protective_stop_keeps_programs_away_until_it_is_unlocked(make: Callab
     assert desk.controller.runtime is Runtime.PLAYING
 
 
-def test_an_emergency_stop_cannot_be_unlocked_from_afar(make: Callable[..., Desk]) -> None:
+def test_an_emergency_stop_cannot_be_unlocked_from_afar() -> None:
     desk = make()
     desk.controller.emergency_stop()
     desk.run(200)
@@ -161,24 +131,18 @@ def test_an_emergency_stop_cannot_be_unlocked_from_afar(make: Callable[..., Desk
     assert desk.controller.safety.bits >> 7 & 1
 
 
-def test_a_move_beyond_the_tool_s_speed_limit_is_a_protective_stop(make: Callable[..., Desk]) -> None:
+def test_a_move_beyond_the_tool_s_speed_limit_is_a_protective_stop() -> None:
     desk = make()
     desk.write(SPEED_L, [0.0, 2.5, 0.0, 0.0, 0.0, 0.0, 50.0, 0.002])
     desk.run(100)
     assert desk.controller.safety is Safety.PROTECTIVE_STOP
 
 
-def test_an_arm_that_stands_reports_that_it_is_steady(make: Callable[..., Desk]) -> None:
-    desk = make()
-    desk.call(IS_STEADY)
-    assert desk.controller.outputs["output_int_register_1"] == 1
-
-
 def ask(controller: UrController, line: str) -> str:
     return DashboardSession(controller).feed(line.encode() + b"\n").decode()
 
 
-def test_the_dashboard_gives_the_answers_that_the_client_waits_for(make: Callable[..., Desk]) -> None:
+def test_the_dashboard_gives_the_answers_that_the_client_waits_for() -> None:
     controller = make().controller
     assert "5.11.1.108318" in ask(controller, "PolyscopeVersion")
     assert ask(controller, "get serial number").strip().isdigit()
@@ -191,7 +155,7 @@ def test_the_dashboard_gives_the_answers_that_the_client_waits_for(make: Callabl
     assert ask(controller, "power on") + ask(controller, "brake release") == "Powering on\nBrake releasing\n"
 
 
-def test_the_dashboard_unlocks_a_protective_stop_after_its_time(make: Callable[..., Desk]) -> None:
+def test_the_dashboard_unlocks_a_protective_stop_after_its_time() -> None:
     desk = make()
     desk.controller.protective_stop("asked for")
     assert ask(desk.controller, "unlock protective stop").startswith("Cannot unlock")
@@ -200,7 +164,7 @@ def test_the_dashboard_unlocks_a_protective_stop_after_its_time(make: Callable[.
     assert desk.controller.safety is Safety.NORMAL
 
 
-def test_dashboard_lines_may_arrive_in_pieces_and_together(make: Callable[..., Desk]) -> None:
+def test_dashboard_lines_may_arrive_in_pieces_and_together() -> None:
     session = DashboardSession(make().controller)
     assert session.feed(b"robot") == b""
     assert session.feed(b"mode\nget robot model\n") == b"Robotmode: RUNNING\nUR5\n"
