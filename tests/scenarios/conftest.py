@@ -1,6 +1,8 @@
 """Whole campaigns on the mock bench, in virtual time."""
 
+import json
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -55,6 +57,26 @@ SHORTER = {
     },
 }
 """Settings with which a trial of a shipped profile passes through all its states, and is short."""
+
+
+def run_of(out):
+    """The folder of the only run in there."""
+    return next(path.parent for path in Path(out).glob("*/manifest.json"))
+
+
+def run_once(out, *options):
+    """Runs `mock/transient` to its good end; gives the run's folder."""
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "mock/transient", *options, "--out", str(out)])
+    assert ended.value.code == 0
+    return run_of(out)
+
+
+def change_manifest(folder, change):
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text())
+    change(manifest)
+    path.write_text(json.dumps(manifest))
 
 
 @dataclass

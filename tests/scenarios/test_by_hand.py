@@ -78,17 +78,11 @@ def test_a_mover_needs_itself_and_what_its_limits_are_watched_by(session, name, 
     assert by_hand.home(one, mover, 60.0).outcome == "done"
 
 
-def test_it_moves_as_far_as_it_was_sent_and_stands(session):
+def test_it_moves_as_far_as_it_was_sent_and_the_last_second_of_a_stream_is_kept_and_no_more(session):
     one = session()
-    result = one.run(driven("stage"), "stage", deadline_s=60.0)
+    result = one.run(driven("stage"), "stage", streams=["board.load_cell", "stage.position"], deadline_s=60.0)
     assert (result.outcome, result.reason) == ("done", "")
-    assert one.latest.values("stage.position")[-1, 0] == pytest.approx(0.01, abs=1e-5)
-    assert not one.rig.devices["stage"].axis.moving(one.rig.clock.now())
-
-
-def test_the_last_second_of_a_stream_is_kept_and_no_more(session):
-    one = session()
-    one.run(driven("stage"), "stage", streams=["board.load_cell"], deadline_s=60.0)
+    assert position_m(one, "stage") == pytest.approx(0.01, abs=1e-5)
     times_s = one.latest.times("board.load_cell")
     assert len(times_s) == len(one.latest.values("board.load_cell"))
     assert times_s[-1] - times_s[0] == pytest.approx(by_hand.WINDOW_S, abs=0.05)

@@ -71,13 +71,6 @@ def test_the_input_begins_at_the_baselines_start(verb, rolling):
     assert (code, json.loads(out)["recording_s"]) == (0, 100.0)
 
 
-def test_every_detector_with_a_statistic_is_offered_where_one_has_none(verb, rolling):
-    arguments = ["calibrate", rolling, "--column", "ft_v", "--rate", 1000, "--false-alarm-interval", 10]
-    code, out, err = verb(*arguments, "--detector", "resonance.paper")
-    assert (code, out) == (2, "")
-    check_refusal(err, "slip", "slip.paper", "force.threshold")
-
-
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
@@ -90,6 +83,7 @@ def test_every_detector_with_a_statistic_is_offered_where_one_has_none(verb, rol
         (["slop", "--column", "ft_v", "--rate", "1000"], "did you mean 'slip'?"),
         (["slip.paper", "--column", "ft_v", "--rate", "1000", "--set", "block_s=0.001"], "no frequency"),
         (["slip", "--column", "ft_v", "--rate", "1000", "--set", "channel=3"], "no channel 3"),
+        (["resonance.paper", "--column", "ft_v", "--rate", "1000"], "slip.paper"),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_code_2(verb, rolling, arguments, named):

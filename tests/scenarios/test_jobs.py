@@ -22,8 +22,7 @@ from config.profile import load_profile
 from controller.batches import Batch
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError
-from run import cli
-from tests.scenarios.conftest import Script
+from tests.scenarios.conftest import Script, change_manifest, run_of, run_once
 
 SETS = {"behavior.settle_s": "2.0", "trials.repeats": "1", "detectors.contact.threshold_sigma": "3.0"}
 """Fourteen trials; the loop locks within a second."""
@@ -31,18 +30,10 @@ SETS = {"behavior.settle_s": "2.0", "trials.repeats": "1", "detectors.contact.th
 SHORT = (*(part for key, value in SETS.items() for part in ("--set", f"{key}={value}")), "--no-report")
 
 
-def run_of(out):
-    return next(path.parent for path in Path(out).glob("*/manifest.json"))
-
-
 @pytest.fixture(scope="module")
 def one(tmp_path_factory):
     """On one core, in this process."""
-    out = tmp_path_factory.mktemp("one")
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["run", "mock/transient", *SHORT, "--jobs", "1", "--out", str(out)])
-    assert ended.value.code == 0
-    return run_of(out)
+    return run_once(tmp_path_factory.mktemp("one"), *SHORT, "--jobs", "1")
 
 
 def content(folder):
@@ -158,13 +149,6 @@ def test_a_merged_run_ends_as_its_worst_shard(verb, one, tmp_path, trial, status
     (shard / "trials.csv").write_text("".join([rows[0], f"{number},{trial},{more}", *rows[2:]]))
     assert verb("merge", shard, "--out", tmp_path / "merged")[0] == 0
     assert open_run(run_of(tmp_path / "merged")).manifest["exit"] == ended
-
-
-def change_manifest(folder, change):
-    path = folder / "manifest.json"
-    manifest = json.loads(path.read_text())
-    change(manifest)
-    path.write_text(json.dumps(manifest))
 
 
 def test_shards_of_different_files_of_the_users_own_are_not_merged(verb, one, tmp_path):

@@ -16,21 +16,10 @@ from tests.refusals import check_refusal
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = (
-    "rtde_control",
-    "rtde_receive",
-    "can",
-    "sounddevice",
-    "soundfile",
-    "distributed",
-    "foxglove",
-    "pyarrow",
-    "xarray",
-    "nidaqmx",
-    "grpc",
+    *("rtde_control", "rtde_receive", "can", "sounddevice", "soundfile", "distributed", "foxglove"),
+    *("pyarrow", "xarray", "nidaqmx", "grpc"),
 )
 LINUX = ("fcntl", "grp", "pty", "pwd", "resource", "syslog", "termios", "tty")
-
-
 NEXT = "--- the next verb ---"
 
 
@@ -102,15 +91,14 @@ print(run.trials[0]["outcome"], series.unit, len(series.times_s) == len(series.v
     assert python_without((*EXTRAS, *LINUX), reading, folder) == "contact N True\n"
 
 
+SOUND = AudioSettings(port="file:a.wav")
+
+
 @pytest.mark.parametrize(
     ("library", "extra", "open_it"),
     [
         ("can", "can", lambda: open_can("scale", CanPort(port="can0"), VirtualClock())),
-        (
-            "soundfile",
-            "sound",
-            lambda: Recording("scale", AudioSettings(port="file:a.wav"), VirtualClock(), "a.wav").open(),
-        ),
+        ("soundfile", "sound", lambda: Recording("scale", SOUND, VirtualClock(), "a.wav").open()),
     ],
 )
 def test_a_library_that_a_device_lacks_is_named_with_what_installs_it(
@@ -125,12 +113,7 @@ def test_a_library_that_a_device_lacks_is_named_with_what_installs_it(
 def test_a_python_without_the_program_s_libraries_is_told_in_one_line(module, tmp_path):
     """As of who calls `python run.py`, and means .venv/bin/python."""
     code = f"import sys; sys.modules[{module!r}] = None; from run import cli; cli()"
-    ended = subprocess.run(
-        [sys.executable, "-c", code, *("run", "mock/static", "--only", "1", "--out", str(tmp_path))],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, "-c", code, "run", "mock/static", "--only", "1", "--out", str(tmp_path)]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert ended.returncode
     check_refusal(ended.stderr, f"lacks {module}", ".venv/bin/python run.py")

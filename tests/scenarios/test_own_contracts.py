@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from tests.refusals import check_refusal
+from tests.scenarios.test_own_kinds import DETECTOR
 
 PROFILE = """
 extends = "mock/transient"
@@ -17,8 +18,9 @@ driver = "my_lab.flawed:Flawed"
 port = "mock"
 
 [detectors.contact]
-kind = "my_lab.alarm:Alarm"
+kind = "my_lab.edge:Edge"
 input = "scale.force"
+threshold_n = 2.0
 
 [trials]
 list = [ { location = "f", speed_m_s = 0.003 } ]
@@ -47,35 +49,6 @@ class MockFlawed(MockForceSensor):
 FLAW
 """
 
-ALARM = """
-import math
-
-from touchbench import Contact, Settings, StreamName
-
-
-class AlarmSettings(Settings):
-    input: StreamName
-
-
-class Alarm:
-    def __init__(self, name: str, settings: AlarmSettings) -> None:
-        self.name, self.inputs = name, (settings.input,)
-        self.reset()
-
-    def reset(self):
-        self.touched = False
-
-    def push(self, block):
-        found = []
-        for t_s, force_n in zip(block.times.tolist(), block.physical[:, 0].tolist(), strict=True):
-            if not math.isfinite(force_n):
-                continue
-            if force_n > 2.0 and not self.touched:
-                found.append(Contact(t_s, self.name, force_n, 2.0))
-                self.touched = True
-        return found
-"""
-
 
 @pytest.fixture
 def checked(verb: Any, tmp_path: Path) -> Any:
@@ -84,9 +57,9 @@ def checked(verb: Any, tmp_path: Path) -> Any:
     def check(flaw: str = "", *changed: str) -> tuple[int, str, str]:
         shutil.copytree("tests/data/force_sensor", tmp_path / "my_lab")
         (tmp_path / "my_lab" / "flawed.py").write_text(FLAWED.replace("FLAW", flaw))
-        alarm = ALARM.replace(*changed) if changed else ALARM
-        assert changed == () or alarm != ALARM
-        (tmp_path / "my_lab" / "alarm.py").write_text(alarm)
+        detector = DETECTOR.replace(*changed) if changed else DETECTOR
+        assert changed == () or detector != DETECTOR
+        (tmp_path / "my_lab" / "edge.py").write_text(detector)
         (tmp_path / "scale.toml").write_text(PROFILE)
         found: tuple[int, str, str] = verb("check", tmp_path / "scale.toml")
         return found
@@ -152,23 +125,21 @@ def test_a_promise_that_a_device_breaks_is_one_line(checked: Any, flaw: str, nam
 
 def test_a_promise_that_a_detector_breaks_is_one_line(checked: Any) -> None:
     """Each of them: tests/contracts/test_detectors.py."""
-    code, _, err = checked("", "        found = []\n", "        found, self.touched = [], False\n")
+    code, _, err = checked("", "        events = []\n", "        events, self._contact = [], False\n")
     assert code == 2
     (line, *_) = [line for line in err.splitlines() if "detectors.contact: " in line]
     check_refusal(line, "detectors.contact", "blocks of any size", "blocks of 1")
 
 
 def test_a_detector_that_finds_nothing_in_what_is_shown_is_not_called_broken(checked: Any) -> None:
-    code, out, err = checked("", "force_n > 2.0", "force_n > 20e9")
+    code, out, err = checked("", "not math.isfinite(force_n)", "True")
     assert (code, err) == (0, "")
     assert "detectors.contact: not tried: it finds nothing in" in out
     assert "check_contract" in out
 
 
 def test_a_stream_that_nothing_sends_is_named(checked: Any) -> None:
-    code, _, err = checked(
-        "", "input: StreamName\n", 'input: StreamName\n    other: StreamName = "scale.torque"\n'
-    )
+    code, _, err = checked("", "    threshold_n", '    other: StreamName = "scale.torque"\n    threshold_n')
     assert code == 2
     check_refusal(err, "scale.torque", "did you mean scale.force?")
 

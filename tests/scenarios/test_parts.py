@@ -37,17 +37,19 @@ differs = "nothing is measured in it"
 
 
 @pytest.fixture
-def run(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("controller.reports.figures.Figures.save", lambda *_: "<svg/>")
-
+def run(verb, tmp_path):
     def run(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            cli.main([*arguments, "--out", str(tmp_path / "runs")])
-        output = capsys.readouterr()
-        assert not ended.value.code, output.err
-        return output.out
+        code, out, err = verb(*arguments, "--out", tmp_path / "runs")
+        assert not code, err
+        return out
 
     return run
+
+
+@pytest.fixture
+def two(tmp_path):
+    (tmp_path / "two.toml").write_text(TWO)
+    return tmp_path / "two.toml"
 
 
 @pytest.fixture
@@ -67,10 +69,8 @@ def rows(campaign):
     return [path.read_bytes() for path in sorted(campaign.glob("*/trials.csv"))]
 
 
-def test_parts_run_into_one_folder_with_one_report_and_go_on_where_they_broke_off(run, begun, tmp_path):
-    profile = tmp_path / "two.toml"
-    profile.write_text(TWO)
-    printed = run("run", str(profile), "--jobs", "2")
+def test_parts_run_into_one_folder_with_one_report_and_go_on_where_they_broke_off(run, begun, two, tmp_path):
+    printed = run("run", two, "--jobs", "2")
     assert begun == [2]  # the same workers for both
     assert "[2/2] mock/transient" in printed
     (campaign,) = (tmp_path / "runs").iterdir()
@@ -103,23 +103,18 @@ def killed(monkeypatch):
     monkeypatch.setattr(Campaign, "_close", closing)
 
 
-def test_a_kill_that_comes_when_a_part_is_done_begins_no_other_one(killed, tmp_path):
-    profile = tmp_path / "two.toml"
-    profile.write_text(TWO)
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["run", str(profile), "--jobs", "1", "--no-report", "--out", str(tmp_path / "runs")])
-    assert ended.value.code == 130
+def test_a_kill_that_comes_when_a_part_is_done_begins_no_other_one(killed, verb, two, tmp_path):
+    assert verb("run", two, "--jobs", "1", "--no-report", "--out", tmp_path / "runs")[0] == 130
     (campaign,) = (tmp_path / "runs").iterdir()
     (static,) = campaign.glob("*/trials.csv")
     assert "mock-static" in str(static) and len(static.read_text().splitlines()) == 3
 
 
-def test_a_kill_that_comes_as_a_device_fails_opens_nothing_anew(killed, tmp_path, capsys):
+def test_a_kill_that_comes_as_a_device_fails_opens_nothing_anew(killed, verb, tmp_path):
     fails = ["--fault", "board off in BASELINE trial 1", "--set", "trials.reconnects=1"]
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["run", "mock/transient", "--only", "1", "--no-report", *fails, "--out", str(tmp_path)])
-    assert ended.value.code == 3
-    assert "reconnected" not in capsys.readouterr().err
+    code, _, err = verb("run", "mock/transient", "--only", "1", "--no-report", *fails, "--out", tmp_path)
+    assert code == 3
+    assert "reconnected" not in err
 
 
 def test_a_script_of_many_runs_ends_with_the_one_that_is_killed(killed, tmp_path):
@@ -128,11 +123,10 @@ def test_a_script_of_many_runs_ends_with_the_one_that_is_killed(killed, tmp_path
     assert len(list(tmp_path.glob("*/trials.csv"))) == 1
 
 
-def test_an_option_that_one_part_alone_could_take_is_refused(tmp_path, capsys):
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["run", "papers/slip", "--only", "1", "--out", str(tmp_path)])
-    assert ended.value.code == 2
-    assert "run one of them" in capsys.readouterr().err
+def test_an_option_that_one_part_alone_could_take_is_refused(verb, tmp_path):
+    code, _, err = verb("run", "papers/slip", "--only", "1", "--out", tmp_path)
+    assert code == 2
+    assert "run one of them" in err
     assert not list(tmp_path.iterdir())
 
 
@@ -143,20 +137,17 @@ def test_a_profile_that_is_a_part_of_itself_is_refused(tmp_path):
         parts_of(str(path))
 
 
-def test_a_part_that_cannot_be_planned_is_reported_by_the_exit_code(tmp_path, capsys):
+def test_a_part_that_cannot_be_planned_is_reported_by_the_exit_code(verb, tmp_path):
     (tmp_path / "two.toml").write_text('title = "x"\nparts = ["mock/static --only 99", "mock/static"]')
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["plan", str(tmp_path / "two.toml")])
-    assert ended.value.code == 2
-    assert "--only 99: no such trial" in capsys.readouterr().err
+    code, _, err = verb("plan", tmp_path / "two.toml")
+    assert code == 2
+    assert "--only 99: no such trial" in err
 
 
-@pytest.mark.parametrize("verb", ["plan", "check"])
-def test_what_a_part_is_run_with_is_planned_and_checked_with_it(verb, tmp_path):
-    (tmp_path / "two.toml").write_text(TWO.replace("--only 2", "--only 2 --seed 3"))
-    with pytest.raises(SystemExit) as ended:
-        cli.main([verb, str(tmp_path / "two.toml")])
-    assert not ended.value.code
+@pytest.mark.parametrize("action", ["plan", "check"])
+def test_what_a_part_is_run_with_is_planned_and_checked_with_it(verb, two, action):
+    two.write_text(TWO.replace("--only 2", "--only 2 --seed 3"))
+    assert not verb(action, two)[0]
 
 
 @pytest.mark.parametrize("name", PAPERS)

@@ -20,9 +20,9 @@ from controller.recording.joining import hold
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
 from drivers.core.messages import Failed
-from run import cli
 from simulator.mocks.zaber_stage import MockZaberStage
 from tests.refusals import check_refusal
+from tests.scenarios.conftest import change_manifest, run_of, run_once
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = ("--set", "behavior.settle_s=2.0", "--set", "trials.repeats=1", "--no-report")
@@ -32,18 +32,10 @@ PATIENCE_S = 200.0
 """For a busy machine to start Python and run two trials: thirty times what an idle one takes."""
 
 
-def run_of(folder):
-    return next(path.parent for path in Path(folder).glob("*/manifest.json"))
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """An uninterrupted run."""
-    out = tmp_path_factory.mktemp("whole")
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["run", "mock/transient", *SHORT, "--out", str(out)])
-    assert ended.value.code == 0
-    return run_of(out)
+    return run_once(tmp_path_factory.mktemp("whole"), *SHORT)
 
 
 def cut(path, rng, least=0):
@@ -55,9 +47,7 @@ def broken(whole, tmp_path, rows, rng=None):
     """A copy of a run, as a kill leaves it in the middle of the trial after `rows`."""
     run = tmp_path / whole.name
     shutil.copytree(whole, run)
-    manifest = json.loads((run / "manifest.json").read_text())
-    manifest["exit"] = {"status": "running", "code": None, "reason": ""}
-    (run / "manifest.json").write_text(json.dumps(manifest))
+    change_manifest(run, lambda m: m.update(exit={"status": "running", "code": None, "reason": ""}))
     lines = (run / "trials.csv").read_bytes().splitlines(keepends=True)
     (run / "trials.csv").write_bytes(b"".join(lines[: rows + 1]) + lines[rows + 1][:7])
     if rng is not None:
@@ -122,12 +112,6 @@ def test_a_run_that_is_done_reports_it(verb, whole):
     assert (whole / "manifest.json").read_bytes() == before
 
 
-def changed(run, change):
-    manifest = json.loads((run / "manifest.json").read_text())
-    change(manifest)
-    (run / "manifest.json").write_text(json.dumps(manifest))
-
-
 @pytest.mark.parametrize(
     ("change", "code", "message"),
     [
@@ -143,7 +127,7 @@ def changed(run, change):
 )
 def test_another_program_profile_or_device_is_refused_by_name(verb, whole, tmp_path, change, code, message):
     run = broken(whole, tmp_path, 3)
-    changed(run, change)
+    change_manifest(run, change)
     found, out, err = verb("resume", run, "--no-report")
     assert found == code, out + err
     assert message in err
@@ -155,7 +139,7 @@ def test_a_manifest_that_lacks_what_it_has_today_is_refused_by_name(verb, whole,
     run = (
         broken(whole, tmp_path, 3) if given == ("resume",) else Path(shutil.copytree(whole, tmp_path / "run"))
     )
-    changed(run, lambda m: m.pop("commit"))
+    change_manifest(run, lambda m: m.pop("commit"))
     code, _, err = verb(given[0], run, *given[1:])
     assert code == 2
     check_refusal(err, "'commit'", "another version", "run it anew")

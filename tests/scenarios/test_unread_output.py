@@ -21,25 +21,9 @@ QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold
 
 
 def run(out, stdout, **extra):
-    command = [
-        sys.executable,
-        "run.py",
-        "run",
-        "mock/transient",
-        "--only",
-        "16",
-        "--only",
-        "17",
-        "--no-report",
-    ]
-    return subprocess.Popen(
-        [*command, *QUICK, "--out", str(out)],
-        cwd=ROOT,
-        stdout=stdout,
-        stderr=subprocess.PIPE,
-        text=True,
-        **extra,
-    )
+    trials = ["run", "mock/transient", "--only", "16", "--only", "17", "--no-report"]
+    command = [sys.executable, "run.py", *trials, *QUICK, "--out", str(out)]
+    return subprocess.Popen(command, cwd=ROOT, stdout=stdout, stderr=subprocess.PIPE, text=True, **extra)
 
 
 def ended_well(process, out):

@@ -3,10 +3,14 @@
 import json
 import queue
 import select
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,6 +22,7 @@ from simulator.wiring.bench_clock import BenchClock, Pace
 from simulator.wiring.emulator import STEP_S
 from simulator.wiring.far_ends import EmulatedDevice, FarEnd, Line
 from tests.wire.emulated_ur import EmulatedUr
+from tests.wire.terminal import ROOT
 from tests.wire.ur_hand import Hand
 
 Verb = Callable[..., tuple[int, str, str]]
@@ -161,6 +166,21 @@ def hand(emulated: EmulatedUr) -> Iterator[Callable[..., Hand]]:
     yield make
     for one in hands:
         one.arm.close()
+
+
+@pytest.fixture
+def bench_json(tmp_path: Path) -> Iterator[Path]:
+    """Devices of emulated/transient that outlive the program which moves them: the file with their addresses."""
+    path = tmp_path / "bench.json"
+    command = [sys.executable, "run.py", "emulate", "emulated/transient"]
+    with path.open("w") as out:
+        process = subprocess.Popen(command, cwd=ROOT, stdout=out)
+    while not path.read_text().endswith("\n"):
+        assert process.poll() is None
+        time.sleep(0.05)
+    yield path
+    process.send_signal(signal.SIGINT)
+    process.wait(100.0)
 
 
 EVENTS = 12

@@ -39,20 +39,9 @@ class EmulatedUr:
 
     def __init__(self, plane_m: float | None = None, **settings: Any) -> None:
         self.host = free_host()
-        options = {
-            "force_noise_n": 0.0,
-            "torque_noise_n_m": 0.0,
-            "unlock_s": 0.2,
-            **settings,
-            "host": self.host,
-        }
-        command = [
-            sys.executable,
-            "-m",
-            "tests.wire.ur_controller_process",
-            "--settings",
-            json.dumps(options),
-        ]
+        quiet = {"force_noise_n": 0.0, "torque_noise_n_m": 0.0, "unlock_s": 0.2}
+        given = json.dumps({**quiet, **settings, "host": self.host})
+        command = [sys.executable, "-m", "tests.wire.ur_controller_process", "--settings", given]
         if plane_m is not None:
             command += ["--plane-m", str(plane_m)]
         self.process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE)

@@ -2,48 +2,21 @@
 
 import json
 import re
-import signal
-import subprocess
-import sys
-import time
 from typing import Any
 
 import pytest
 
 from config.profile import load_profile
 from config.verbs.by_hand import session_on
-from tests.wire.terminal import ROOT, Terminal
+from tests.scenarios.test_by_hand import Hand
+from tests.wire.terminal import Terminal
 
 READY = "q ends"
 
 
-@pytest.fixture
-def emulator(tmp_path):
-    """Devices that outlive the program which moves them; gives the file with their addresses."""
-    path = tmp_path / "bench.json"
-    with path.open("w") as out:
-        process = subprocess.Popen(
-            [sys.executable, "run.py", "emulate", "emulated/transient"], cwd=ROOT, stdout=out
-        )
-    while not path.read_text().endswith("\n"):
-        assert process.poll() is None
-        time.sleep(0.1)
-    yield path
-    process.send_signal(signal.SIGINT)
-    process.wait(100.0)
-
-
-class Nobody:
-    def poll(self):
-        return None
-
-    def suspend(self):
-        raise AssertionError("nobody asked for it")
-
-
 def stage_now(endpoints):
     """Two positions of the stage, half a second apart."""
-    with session_on(load_profile("emulated/transient"), ["stage"], Nobody(), endpoints) as session:
+    with session_on(load_profile("emulated/transient"), ["stage"], Hand(), endpoints) as session:
         found = []
         for t_s, _ in session.listen(["stage.position"]):
             values = session.latest.values("stage.position")
@@ -54,8 +27,8 @@ def stage_now(endpoints):
     raise AssertionError("it ended")
 
 
-def test_a_stage_goes_home_and_forward_by_keys_and_tells_where_it_stands(emulator):
-    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(emulator)])
+def test_a_stage_goes_home_and_forward_by_keys_and_tells_where_it_stands(bench_json):
+    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(bench_json)])
     terminal.until(READY)
     terminal.hold(b"h", "by hand: stands still", 1.0)
     terminal.hold(b"\x1b[C", "by hand: forward", 0.5)
@@ -67,16 +40,16 @@ def test_a_stage_goes_home_and_forward_by_keys_and_tells_where_it_stands(emulato
     place_m = float(shown)
     # keys for a second or so at 2 mm/s, as long as the screen takes to show it
     assert 0.0003 < place_m < 0.01
-    assert stage_now(emulator) == pytest.approx([place_m, place_m], abs=1e-6)
+    assert stage_now(bench_json) == pytest.approx([place_m, place_m], abs=1e-6)
 
 
-def test_a_terminal_that_goes_away_leaves_a_stage_that_stands(emulator):
-    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(emulator)])
+def test_a_terminal_that_goes_away_leaves_a_stage_that_stands(bench_json):
+    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(bench_json)])
     terminal.until(READY)
     terminal.hold(b"h", "by hand: stands still", 1.0)
     terminal.hold(b"f", "by hand: forward", 0.3)
     assert terminal.hang_up() in (130, 1)
-    first_m, second_m = stage_now(emulator)
+    first_m, second_m = stage_now(bench_json)
     assert first_m == pytest.approx(second_m, abs=1e-6)
     assert 0.0 < first_m < 0.01
 

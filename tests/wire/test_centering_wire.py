@@ -1,12 +1,14 @@
 """Centering over the wire: ur_rtde, python-can and sound at once, on one simulated pair of fingers."""
 
+from contextlib import closing
+
 import pytest
 
-from config.assemble import build_rig, plan_campaign, start_emulator
+from config.assemble import start_emulator
 from config.profile import load_profile
-from controller.campaign import EXIT_DONE, Campaign
+from controller.campaign import EXIT_DONE
 from controller.recording.reader import open_run
-from tests.wire.wire_campaign import Hand
+from tests.wire import wire_campaign
 
 SHORT = {
     "behavior.run_up": "false",
@@ -20,23 +22,11 @@ SHORT = {
 }
 
 
-@pytest.fixture(scope="module")
-def bench():
-    """A profile and an emulator of it, as it was switched on for the first test."""
+def test_the_pipe_is_centred_closed_on_confirmed_and_released(tmp_path):
     profile = load_profile("emulated/centering", SHORT)
-    emulator = start_emulator(profile)
-    yield profile, emulator
-    emulator.close()
-
-
-def test_the_pipe_is_centred_closed_on_confirmed_and_released(bench, tmp_path):
-    profile, emulator = bench
-    hand = Hand({})
-    rig = build_rig(profile, emulator.endpoints)
-    try:
-        outcome = Campaign(plan_campaign(profile, profile.trials(1), 1), rig, hand, tmp_path).run()
-    finally:
-        rig.close()
+    with closing(start_emulator(profile)) as emulator:
+        outcome, hand = wire_campaign.run(profile, emulator, tmp_path, number=1)
+        scene = emulator.scene()
     assert outcome.exit_code == EXIT_DONE, outcome.line
     way = ["SEEKING_FORWARD", "TURNING", "SEEKING_BACKWARD", "STOPPING", "CENTERING", "CLOSING", "HOLDING"]
     assert [state for state in hand.seen if state in (*way, "RELEASING", "DONE")] == [
@@ -52,8 +42,8 @@ def test_the_pipe_is_centred_closed_on_confirmed_and_released(bench, tmp_path):
     for finger in ("left", "right"):
         assert 0.0 < row[f"seen_to_stop_{finger}_s"] < 1.0
     # the jaws are as open as they go, and the arm has left
-    assert emulator.scene()["width_m"] == pytest.approx(0.063, abs=0.001)
-    assert emulator.scene()["tool_z_m"] == pytest.approx(0.07, abs=0.001)
+    assert scene["width_m"] == pytest.approx(0.063, abs=0.001)
+    assert scene["tool_z_m"] == pytest.approx(0.07, abs=0.001)
     recording, manifest = done.trial(1), done.manifest
     assert {"arm.position", "gripper.width", "signals.left", "signals.right"} <= set(recording.streams)
     link = manifest["devices"]["audio"]["link"]

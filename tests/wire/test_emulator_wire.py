@@ -83,22 +83,18 @@ class Witness:
 
 
 def emulator(realtime: bool = False) -> tuple[Emulator, Callable[[], list[list[float]]]]:
-    here = __name__
+    def part(name: str, settings_class: str, **settings: bool) -> dict[str, Any]:
+        return {
+            "made": f"{__name__}:{name}",
+            "settings_class": f"{__name__}:{settings_class}",
+            "settings": settings,
+        }
+
+    ends = {"first": True, "second": False}
     made = Emulator(
         {
-            "plant": {"made": f"{here}:NoPlant", "settings_class": f"{here}:NoSettings", "settings": {}},
-            "devices": {
-                "first": {
-                    "made": f"{here}:Witness",
-                    "settings_class": f"{here}:Holding",
-                    "settings": {"holds_up": True},
-                },
-                "second": {
-                    "made": f"{here}:Witness",
-                    "settings_class": f"{here}:Holding",
-                    "settings": {"holds_up": False},
-                },
-            },
+            "plant": part("NoPlant", "NoSettings"),
+            "devices": {name: part("Witness", "Holding", holds_up=up) for name, up in ends.items()},
             "realtime": realtime,
         }
     )

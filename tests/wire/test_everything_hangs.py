@@ -143,9 +143,9 @@ class Bench:
         os.mkfifo(folder.events_path)
         self.disk = os.open(folder.events_path, os.O_RDWR)
         fill(self.disk)
-        streams = {name: StreamInfo(f"{name}.position", ("position",), "m") for name in self.devices}
+        self.streams = {name: StreamInfo(f"{name}.position", ("position",), "m") for name in self.devices}
         self.recorder = Recorder(
-            folder, datetime.now(UTC), streams=streams, factors=(), measures=(), patient=True
+            folder, datetime.now(UTC), streams=self.streams, factors=(), measures=(), patient=True
         )
         self.recorder.begin_trial(1, {}, 0.0)
 
@@ -174,13 +174,8 @@ class Bench:
 
     def infos(self) -> dict[str, DeviceInfo]:
         return {
-            name: DeviceInfo(
-                name,
-                "hangs",
-                mover=True,
-                streams={f"{name}.position": StreamInfo(f"{name}.position", ("position",), "m")},
-            )
-            for name in self.devices
+            name: DeviceInfo(name, "hangs", mover=True, streams={stream.name: stream})
+            for name, stream in self.streams.items()
         }
 
     def let_go(self) -> None:

@@ -80,14 +80,10 @@ def test_a_stage_and_a_printing_board_are_a_bench_by_the_page(
 
     def program(*words: str) -> subprocess.CompletedProcess[str]:
         # the machine may be busy: what is late here is no sensor's silence
-        sets = ["limits.stale_s=5.0", "limits.late_s=5.0", "devices.cell.silence_timeout_s=5.0"]
+        patient = ["limits.stale_s=5.0", "limits.late_s=5.0", "devices.cell.silence_timeout_s=5.0"]
+        options = [*words, *(part for each in patient for part in ("--set", each))]
         return subprocess.run(
-            [
-                sys.executable,
-                str(ROOT / "run.py"),
-                *words,
-                *[part for each in sets for part in ("--set", each)],
-            ],
+            [sys.executable, str(ROOT / "run.py"), *options],
             cwd=tmp_path,
             input="\n" * 20,
             capture_output=True,

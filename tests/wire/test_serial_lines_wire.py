@@ -10,12 +10,11 @@ import pytest
 from config.profile import load_profile
 from drivers.core.messages import Lost
 from drivers.serial_lines.driver import SerialLines
-from run import cli
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.devices.serial_lines import WRAPS_S, EmulatedSerialLines
 from simulator.wiring.far_ends import Line
 from tests.contracts.crank import Crank
-from tests.wire.conftest import Serve
+from tests.wire.conftest import Serve, Verb
 
 PROFILE = Path("tests/data/serial_lines.toml")
 
@@ -65,7 +64,7 @@ def test_what_the_twin_prints_is_read_through_a_wrap_of_its_clock(
     assert crank.info.details["columns"] == (4 if "counter_column" in given else 3)
 
 
-def test_the_finger_is_touched_with_one_such_board_alone(tmp_path: Path) -> None:
+def test_the_finger_is_touched_with_one_such_board_alone(verb: Verb, tmp_path: Path) -> None:
     sets = [
         "devices.stage.port=emulated",
         "devices.uno.port=emulated",
@@ -78,9 +77,7 @@ def test_the_finger_is_touched_with_one_such_board_alone(tmp_path: Path) -> None
         "devices.uno.silence_timeout_s=5.0",
     ]
     options = [part for each in sets for part in ("--set", each)]
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["run", str(PROFILE), *options, "--out", str(tmp_path)], prog_name="run.py")
-    assert not ended.value.code
+    assert verb("run", PROFILE, *options, "--out", tmp_path)[0] == 0
     (run,) = tmp_path.iterdir()
     (row,) = csv.DictReader((run / "trials.csv").read_text().splitlines())
     assert row["outcome"] == "contact"

@@ -35,17 +35,10 @@ class Started:
         (folder / "bench.json").write_text(json.dumps(self.emulator.endpoints))
         (folder / "trials.csv").write_text("location,speed_m_s\nf,0.001\n")  # some seconds on its way
         self.hand, keyboard = os.openpty()
-        options = ["--endpoints", folder / "bench.json", "--trials", folder / "trials.csv", "--out", self.out]
+        files = ["--endpoints", folder / "bench.json", "--trials", folder / "trials.csv", "--out", self.out]
+        options = ["--no-report", *SETTINGS, *map(str, files)]
         self.process = subprocess.Popen(
-            [
-                sys.executable,
-                "run.py",
-                "run",
-                "emulated/transient",
-                "--no-report",
-                *SETTINGS,
-                *map(str, options),
-            ],
+            [sys.executable, "run.py", "run", "emulated/transient", *options],
             cwd=ROOT,
             stdin=keyboard,
             stdout=subprocess.PIPE,
@@ -106,10 +99,8 @@ def run(tmp_path: Path) -> Iterator[Started]:
 
 def test_ctrl_z_suspends_the_program_once_the_stage_stands_and_it_is_paused_afterwards(run: Started) -> None:
     run.until(run.approaches)
-    for number in (
-        signal.SIGTTIN,
-        signal.SIGTTOU,
-    ):  # what a terminal sends into the background suspends nothing
+    # What a terminal sends into the background suspends nothing.
+    for number in (signal.SIGTTIN, signal.SIGTTOU):
         run.process.send_signal(number)
     run.process.send_signal(signal.SIGTSTP)
     run.until(run.suspended)

@@ -77,25 +77,14 @@ def test_a_run_that_moves_is_stopped_and_says_that_it_stands(running, notes):
     assert not list(notes.glob("*/*.json")), "a note goes with its program"
 
 
-def test_a_bench_that_outlives_its_run_is_opened_and_seen_to_stand(running, tmp_path):
-    path = tmp_path / "bench.json"
-    with path.open("w") as out:
-        emulator = subprocess.Popen(
-            [sys.executable, "run.py", "emulate", "emulated/transient"], cwd=ROOT, stdout=out
-        )
-    try:
-        while not path.read_text().endswith("\n"):
-            time.sleep(0.05)
-        run, _ = running("APPROACH", "emulated/transient", "--endpoints", path)
-        code, said = stop("emulated/transient", "--endpoints", path)
-        assert code == 0, said
-        assert "stage: stopped, and stands still" in said
-        assert "board: does not move by itself" in said
-        assert run.wait(100.0) == 130
-        assert stop("emulated/transient", "--endpoints", path)[0] == 0, "nothing runs, and it stands"
-    finally:
-        emulator.send_signal(signal.SIGINT)
-        emulator.wait(100.0)
+def test_a_bench_that_outlives_its_run_is_opened_and_seen_to_stand(running, bench_json):
+    run, _ = running("APPROACH", "emulated/transient", "--endpoints", bench_json)
+    code, said = stop("emulated/transient", "--endpoints", bench_json)
+    assert code == 0, said
+    assert "stage: stopped, and stands still" in said
+    assert "board: does not move by itself" in said
+    assert run.wait(100.0) == 130
+    assert stop("emulated/transient", "--endpoints", bench_json)[0] == 0, "nothing runs, and it stands"
 
 
 def test_a_stage_whose_program_hangs_cannot_be_reached_and_says_what_to_press(running):

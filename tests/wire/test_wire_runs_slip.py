@@ -1,13 +1,15 @@
 """A roll-and-slip trial over the wire: ur_rtde, python-can and pyserial at once, on one simulated tip."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 
-from config.assemble import build_rig, plan_campaign, start_emulator
+from config.assemble import start_emulator
 from config.profile import load_profile
-from controller.campaign import EXIT_DONE, Campaign
+from controller.campaign import EXIT_DONE
 from controller.recording.reader import open_run
-from tests.wire.wire_campaign import Hand
+from tests.wire import wire_campaign
 
 SHORT = {
     "plant.surface_m": "0.0012",
@@ -20,23 +22,12 @@ SHORT = {
 }
 
 
-def run(tmp_path, **settings):
-    profile = load_profile("emulated/slip", {**SHORT, **settings})
-    emulator = start_emulator(profile)
-    hand = Hand({})
-    try:
-        rig = build_rig(profile, emulator.endpoints)
-        trials = [trial for trial in profile.trials(1) if trial.id == 1]
-        outcome = Campaign(plan_campaign(profile, trials, 1), rig, hand, tmp_path).run()
-        rig.close()
-    finally:
-        emulator.close()
-    return outcome, open_run(outcome.folder), hand
-
-
 @pytest.fixture(scope="module")
 def slipped(tmp_path_factory):
-    return run(tmp_path_factory.mktemp("runs"))
+    profile = load_profile("emulated/slip", SHORT)
+    with closing(start_emulator(profile)) as emulator:
+        outcome, hand = wire_campaign.run(profile, emulator, tmp_path_factory.mktemp("runs"), number=1)
+    return outcome, open_run(outcome.folder), hand
 
 
 def test_the_arm_stops_on_slip_and_the_row_says_how_fast(slipped):

@@ -6,8 +6,7 @@ not come: tests/unit/drivers/serial_lines, sensor_board and barrett_hand.
 """
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -25,17 +24,25 @@ TOOL = {
 }
 
 
-@contextmanager
-def bench(profile: str, settings: dict[str, str], realtime: bool = False) -> Iterator[EmulatorProcess]:
-    emulator = start_emulator(load_profile(profile, settings), realtime)
-    try:
-        yield emulator
-    finally:
-        emulator.close()
+def bench(profile: str, settings: dict[str, str], realtime: bool = False) -> closing[EmulatorProcess]:
+    return closing(start_emulator(load_profile(profile, settings), realtime))
 
 
 def options(settings: dict[str, str]) -> list[str]:
     return [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
+
+
+@pytest.fixture
+def ended(verb, tmp_path):
+    """Runs a profile on a bench; how the run ended: exit code and last line."""
+
+    def run(emulator, profile, *options):
+        ends = tmp_path / "ends.json"
+        ends.write_text(json.dumps(emulator.endpoints))
+        code, _, err = verb("run", profile, "--endpoints", ends, "--out", tmp_path, *options)
+        return code, err.strip().splitlines()[-1]
+
+    return run
 
 
 @pytest.mark.parametrize(
@@ -47,46 +54,35 @@ def options(settings: dict[str, str]) -> list[str]:
     ids=["other pitch", "other tool"],
 )  # fmt: skip
 def test_a_device_that_differs_from_the_profile_is_refused_before_anything_moves(
-    verb, tmp_path, profile, there, stated, named
+    ended, profile, there, stated, named
 ):
     with bench(f"emulated/{profile}", there) as emulator:
         before_m = emulator.scene()["probe_m"]
-        ends = tmp_path / "ends.json"
-        ends.write_text(json.dumps(emulator.endpoints))
-        code, _, err = verb(
-            "run", f"emulated/{profile}", "--endpoints", ends, "--out", tmp_path, *options(stated)
-        )
+        code, line = ended(emulator, f"emulated/{profile}", *options(stated))
         assert code == 3
-        check_refusal(err.strip().splitlines()[-1], *named)
+        check_refusal(line, *named)
         assert emulator.scene()["probe_m"] == before_m
 
 
-def test_the_port_of_another_device_is_named(verb, tmp_path: Path):
+def test_the_port_of_another_device_is_named(ended):
     with (
         bench("emulated/first_contact", {}, realtime=True) as emulator,
         bench("emulated/static", {}) as other,
     ):
-        ends = tmp_path / "ends.json"
-        ends.write_text(json.dumps(emulator.endpoints))
         port = other.endpoints["devices"]["board"]["port"]
-        wrong = {"devices.stage.port": f'"{port}"'}
-        code, _, err = verb(
-            "run", "emulated/first_contact", "--endpoints", ends, "--out", tmp_path, *options(wrong)
-        )
+        code, line = ended(emulator, "emulated/first_contact", "--set", f'devices.stage.port="{port}"')
         assert code == 3
-        check_refusal(err.strip().splitlines()[-1], "stage", port)
+        check_refusal(line, "stage", port)
         assert emulator.scene()["probe_m"] == 0.0
 
 
-def test_a_port_that_a_second_program_holds_is_named(verb, tmp_path: Path):
+def test_a_port_that_a_second_program_holds_is_named(ended):
     with bench("emulated/first_contact", {}) as emulator:
-        ends = tmp_path / "ends.json"
-        ends.write_text(json.dumps(emulator.endpoints))
         port = emulator.endpoints["devices"]["stage"]["port"]
         with serial.Serial(port, exclusive=True):
-            code, _, err = verb("run", "emulated/first_contact", "--endpoints", ends, "--out", tmp_path)
+            code, line = ended(emulator, "emulated/first_contact")
         assert code == 3
-        check_refusal(err.strip().splitlines()[-1], "stage", port, "another program")
+        check_refusal(line, "stage", port, "another program")
 
 
 def test_a_noisy_cable_ends_before_motion_or_is_counted(verb, tmp_path: Path):

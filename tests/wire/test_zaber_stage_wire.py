@@ -1,6 +1,5 @@
 """The real driver, with real pyserial, against the emulated stage on a pty."""
 
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -10,31 +9,6 @@ from drivers.core.messages import Failed, Stop
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
 from tests.unit.drivers.zaber_stage.stage_bench import StageBench, Wire
-
-
-class Bench(StageBench):
-    """A stage, opened, on a pty."""
-
-    def __init__(self, serve: Any, *, homed: bool = True, **settings: Any) -> None:
-        wire = Wire(homed=homed)
-        self.serve, self.port = serve, serve(wire)
-        # Patient, for a machine with other work: a reply that is late by half a second is no loss here.
-        patient = {"retry_s": 0.5, "reply_timeout_s": 5.0}
-        stage = ZaberStage("stage", ZaberStageSettings(port=self.port, **patient | settings), serve.clock)
-        super().__init__(stage, serve.clock, wire)
-
-
-@pytest.fixture
-def bench(serve: Any) -> Iterator[Callable[..., Bench]]:
-    opened: list[Bench] = []
-
-    def make(**settings: Any) -> Bench:
-        opened.append(Bench(serve, **settings))
-        return opened[-1]
-
-    yield make
-    for each in opened:
-        each.stage.close()
 
 
 def test_after_a_failed_opening_the_port_is_free_again(serve: Any) -> None:
@@ -51,9 +25,13 @@ def test_after_a_failed_opening_the_port_is_free_again(serve: Any) -> None:
     stage.close()
 
 
-def test_a_pulled_plug_is_a_failure_and_a_stop_after_it_says_so_again(bench: Callable[..., Bench]) -> None:
-    b = bench()
-    b.serve.unplug(b.port)
+def test_a_pulled_plug_is_a_failure_and_a_stop_after_it_says_so_again(serve: Any) -> None:
+    wire = Wire(homed=True)
+    port = serve(wire)
+    # Patient, for a machine with other work: a reply that is late by half a second is no loss here.
+    settings = ZaberStageSettings(port=port, retry_s=0.5, reply_timeout_s=5.0)
+    b = StageBench(ZaberStage("stage", settings, serve.clock), serve.clock, wire)
+    serve.unplug(port)
     assert "taken away" in b.expect(Failed).reason
     b.stage.apply(Stop("stage"))
     b.expect(Failed)

@@ -6,7 +6,7 @@ or at Ctrl+C. Keys it obeys:
 
     deaf, streams, remote, accepts_scripts: true or false
     silence_s: seconds without RTDE data         drop: "control" or "receive"
-    protective_stop, emergency_stop, stop_program, unlock, restart, gone: true
+    protective_stop, emergency_stop, stop_program, restart, gone: true
 """
 
 import json
@@ -38,7 +38,6 @@ class Order(Settings):
     protective_stop: bool = False
     emergency_stop: bool = False
     stop_program: bool = False
-    unlock: bool = False
     gone: bool = False
 
 
@@ -69,8 +68,6 @@ def obey(server: UrServer, order: Order) -> dict[str, object]:
         controller.emergency_stop()
     if order.stop_program:
         controller.stop_program("asked for")
-    if order.unlock:
-        controller.unlock()
     if order.gone:
         server.close()
     return {

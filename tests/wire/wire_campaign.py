@@ -1,4 +1,4 @@
-"""One trial of an emulated profile, run as a campaign is, with a hand on the bench."""
+"""A trial of an emulated profile, run as a campaign is, with a hand on the bench."""
 
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,11 @@ class Hand(Console):
             deed()
 
 
-def run(profile: Any, emulator: Any, out: Path, deeds: dict[str, Any] | None = None) -> tuple[Outcome, Hand]:
+def run(
+    profile: Any, emulator: Any, out: Path, deeds: dict[str, Any] | None = None, number: int = 2
+) -> tuple[Outcome, Hand]:
     hand = Hand(deeds or {})
-    trials = [trial for trial in profile.trials(1) if trial.id == 2]
+    trials = [trial for trial in profile.trials(1) if trial.id == number]
     rig = build_rig(profile, emulator.endpoints)
     try:
         return Campaign(plan_campaign(profile, trials, 1), rig, hand, out).run(), hand
