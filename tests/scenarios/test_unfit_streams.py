@@ -94,10 +94,6 @@ def test_a_trial_that_its_behavior_cannot_run_is_refused_before_the_bench_is_ope
     profile: Any = load_profile("mock/touch", {"behavior.contact": "nix"})
     with pytest.raises(ProfileError, match="contact = nix: no such detector to stop an approach"):
         assemble.plan_campaign(profile, profile.trials(0), 0)
-    profile = load_profile("mock/pretouch", {"trials.list": '[{ axis = "z" }]'})
-    along_x = profile.behavior.model_copy(update={"paths": {"x": profile.behavior.paths["x"]}})
-    with pytest.raises(ProfileError, match="axis = z: no such path"):
-        assemble.plan_campaign(replace(profile, behavior=along_x), profile.trials(0), 0)
 
 
 def test_a_detector_that_a_behavior_listens_to_must_be_there():
