@@ -74,8 +74,7 @@ bench: .venv/dev.stamp          ## run time against error, the loop's cost, the 
 recordings: .venv/dev.stamp     ## public recordings with truth, by git, into build/recordings: slip on real signals
 	$(BIN)/python -m benchmarks.recordings $(FROM)
 
-soak-test: .venv/dev.stamp      ## emulated runs and the tests, idle and beside a busy process: hours; into benchmarks/results
-	$(BIN)/python -m benchmarks.soak
+soak-test: .venv/dev.stamp      ## the swarm's plans on emulated benches, then a run with faults: hours; into benchmarks/results
 	$(BIN)/python -m benchmarks.wire_plans 0:100 --minutes 120
 	$(BIN)/python -m benchmarks.wire_plans --soak 20
 

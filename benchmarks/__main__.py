@@ -5,10 +5,10 @@ from importlib import import_module
 
 STUDIES = (
     "physics grasp slip slip_thresholds pretouch pretouch_rooms centering centering_rooms "
-    "contact contact_steps onset curves campaigns costs"
+    "contact contact_steps onset curves costs"
 )
 MODULES = {"stop": "stop_latency"}
-BENCHMARKS = ("loop", "stop", "left_alone", "grasp_wire", *STUDIES.split())
+BENCHMARKS = ("loop", "stop", "left_alone", *STUDIES.split())
 
 
 def main(names: list[str]) -> int:

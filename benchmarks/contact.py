@@ -13,17 +13,15 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from behaviors.events import Contact, ContactLost
 from benchmarks.results import ROOT, in_parallel, kept, save, workers
 from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from simulator.physics.finger import FingerPlant, FingerSettings
 
-Floats = NDArray[np.float64]
 Trace = tuple[Floats, Floats]
 """Times, s, and a statistic that a contact raises."""
 

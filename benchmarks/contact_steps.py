@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, hilbert, lfilter, sosfilt
 
 from behaviors.events import BaselineRefused, Contact
@@ -22,9 +21,7 @@ from benchmarks.recordings import load
 from benchmarks.results import save
 from controller.detectors.calibration import poisson_interval
 from controller.detectors.resonance import ResonanceDetector, ResonanceSettings
-from drivers.core.messages import SampleBlock
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats, SampleBlock
 
 RATE_HZ = 5000.0
 BAND_HZ = (20.0, 55.0)
@@ -269,7 +266,3 @@ def main(quick: bool = False) -> None:
     for finger in ("printed", "hard"):
         result[finger] = disturbed(finger, 14 if quick else 100)
     save("contact_steps", result, quick=quick)
-
-
-if __name__ == "__main__":
-    main()

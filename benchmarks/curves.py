@@ -13,23 +13,21 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import pretouch, slip
 from benchmarks.contact_steps import BAND_HZ, MOTOR_S, TRACKERS, steps
 from benchmarks.contact_steps import RATE_HZ as BEAM_HZ
 from benchmarks.pretouch_rooms import commanded
 from benchmarks.recordings import (
-    APART_S,
     ARM_HZ,
     BIOTAC_HZ,
-    BLOW_V,
     MOVES_S,
     RESTS_S,
     TRIBOMETER_HZ,
     drags,
     load,
     splice,
+    struck,
 )
 from benchmarks.results import kept, save
 from controller.characterize import AFTER_S, AN_HOUR, DELAY_S, EARLY_S, delays_at
@@ -46,9 +44,8 @@ from controller.detectors.onset import OnsetDetector, OnsetSettings
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 from controller.detectors.threshold import ForceThresholdDetector, ForceThresholdSettings
+from drivers.core.messages import Floats
 from simulator.physics.aura_settings import NOTHING, SIDES, SIX
-
-Floats = NDArray[np.float64]
 
 Course = tuple[Floats, Floats]
 """Times since an event, from `EARLY_S` before it to `AFTER_S` after it, s, and the statistic."""
@@ -140,8 +137,7 @@ def on_blows(judge: Rival) -> Groups:
     groups = {}
     for name, x in (load("blows") or {}).items():
         found = judge(x, TRIBOMETER_HZ)
-        places = np.flatnonzero(np.abs(x - np.median(x)) > BLOW_V)
-        begins = places[np.diff(places, prepend=-(10**9)) > APART_S * TRIBOMETER_HZ]
+        begins = struck(x)
         quiet = found.copy()
         for begin in begins:
             quiet[begin - round(0.05 * TRIBOMETER_HZ) : begin + round(0.5 * TRIBOMETER_HZ)] = np.nan
@@ -353,7 +349,3 @@ def main(quick: bool = False) -> None:
     add("simulated sonic finger, passages", kept(f"curves_sonic_{some}", partial(on_sonic, some // 2)))
     asked = [{"detector": name, **row} for name, judge in slip.judges().items() for row in on_splits(judge)]
     save("curves", {"within_s": DELAY_S, "band_hz": BAND_HZ, "rows": rows, "asked": asked}, quick=quick)
-
-
-if __name__ == "__main__":
-    main()

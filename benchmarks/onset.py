@@ -9,16 +9,13 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from behaviors.events import Onset
-from benchmarks.recordings import APART_S, BLOW_V, TRIBOMETER_HZ, load
+from benchmarks.recordings import TRIBOMETER_HZ, load, struck
 from benchmarks.results import save
 from controller.detectors.onset import OnsetDetector, OnsetSettings
 from controller.reports.counts import wilson
-from drivers.core.messages import SampleBlock
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats, SampleBlock
 
 QUIET_S, AFTER_S = 1.1, 0.05
 """Before each knock, and after it."""
@@ -42,12 +39,13 @@ def blows(louder: float) -> Iterator[Knocked]:
     """Blows of the judged run. The truth is halfway to the first sample beyond five deviations of its own quiet, where
     the blow is 450 times the noise; noise is added afterwards."""
     rng = np.random.default_rng(3)
-    v = (load("blows") or {JUDGED: np.empty(0)})[JUDGED]
-    middle = float(np.median(v)) if len(v) else 0.0
-    sigma = 1.4826 * float(np.median(np.abs(v - middle))) if len(v) else 0.0
-    places = np.flatnonzero(np.abs(v - middle) > BLOW_V)
+    stored = load("blows")
+    if stored is None:
+        return
+    v = stored[JUDGED]
+    sigma = 1.4826 * float(np.median(np.abs(v - np.median(v))))
     before, after = round(QUIET_S * TRIBOMETER_HZ), round(AFTER_S * TRIBOMETER_HZ)
-    for p in places[np.diff(places, prepend=-(10**9)) > APART_S * TRIBOMETER_HZ].tolist():
+    for p in struck(v):
         if p > before and p + after < len(v):
             quiet = v[p - 600 : p - 100]
             near = np.abs(v[p - 60 : p + 1] - quiet.mean())

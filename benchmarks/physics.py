@@ -11,14 +11,12 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.results import save, side_by_side_s
 from drivers.core.compiled import compiled
+from drivers.core.messages import Floats
 from simulator.physics.finger import FingerPlant, FingerSettings
 from tests.stability.finger_oracles import modal
-
-Floats = NDArray[np.float64]
 
 OUTPUT_HZ = 1000.0
 """Rate of the output that every solver has to give: the sensor board's."""

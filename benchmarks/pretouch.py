@@ -23,12 +23,11 @@ from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 from controller.measures.trial import delay_s, not_before
 from controller.reports.counts import wilson
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from simulator.physics.aura import BOTH, LEFT, RIGHT, AuraMotion, AuraPlant
 from simulator.physics.aura_settings import NOTHING, OBJECTS, SIDES, SIX, SOFT, Side
 from simulator.physics.gripper_part import AuraBenchSettings
 
-Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 Kind = Literal["touch", "near", "nothing", "other_side", "drift"]

@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.pretouch import DRIVE_HZ, END_M, LEVEL, RATE_HZ, START_M, Complexes, Floats, ramp, rate
+from benchmarks.pretouch import DRIVE_HZ, END_M, LEVEL, RATE_HZ, START_M, Complexes, ramp, rate
 from benchmarks.results import in_parallel, save, workers
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
+from drivers.core.messages import Floats
 from simulator.physics.aura import RIGHT, AuraMotion, AuraPlant
 from simulator.physics.aura_settings import OBJECTS, SIDES, SIX, EchoSettings, RoomSettings, Side
 from simulator.physics.gripper_part import AuraBenchSettings

@@ -29,11 +29,8 @@ from benchmarks.slip import (
     refusals,
     share_of,
 )
-from controller.detectors.calibration import calibrate_pieces, courses_of, poisson_interval, span_maxima
-from controller.detectors.slip import SlipDetector, SlipSettings
-from drivers.core.messages import SampleBlock
-
-Floats = NDArray[np.float64]
+from controller.detectors.calibration import span_maxima
+from drivers.core.messages import Floats
 
 FOLDER = Path("build/recordings")
 
@@ -332,16 +329,21 @@ BLOW_V, APART_S, AFTER_S = 0.15, 0.3, 0.5
 the time after it are attributed to the blow."""
 
 
+def struck(values: Floats) -> list[int]:
+    """Samples at which blows are first beyond `BLOW_V`."""
+    places = np.flatnonzero(np.abs(values - np.median(values)) > BLOW_V)
+    found: list[int] = places[np.diff(places, prepend=-(10**9)) > APART_S * TRIBOMETER_HZ].tolist()
+    return found
+
+
 def on_blows(judge: Rival, thresholds: Sequence[float]) -> Iterator[dict[str, Any]]:
     """How often single blows to a force sensor are called slip, and for how long: at thresholds as given, or without
     any at the largest value in the quiet between the blows."""
     pieces, quiet = [], []
     for values in (load("blows") or {}).values():
         statistic = judge(values, TRIBOMETER_HZ)
-        places = np.flatnonzero(np.abs(values - np.median(values)) > BLOW_V)
-        begins = places[np.diff(places, prepend=-(10**9)) > APART_S * TRIBOMETER_HZ]
         resting = np.ones(len(values), dtype=bool)
-        for begin in begins:
+        for begin in struck(values):
             after = slice(begin, begin + round(AFTER_S * TRIBOMETER_HZ))
             pieces.append(np.nan_to_num(statistic[after]))
             resting[begin - round(0.05 * TRIBOMETER_HZ) : after.stop] = False
@@ -353,39 +355,6 @@ def on_blows(judge: Rival, thresholds: Sequence[float]) -> Iterator[dict[str, An
             "called": sum(bool((piece > threshold).any()) for piece in pieces),
             "lasting_s": float(np.median([np.sum(piece > threshold) for piece in pieces])) / TRIBOMETER_HZ,
         }
-
-
-def on_quiet(interval_s: float) -> dict[str, Any]:
-    """False alarms of thresholds that `calibrate` sets for an interval, on other recordings: one half of
-    the drags for the other, and each material for the other five."""
-    found: dict[str, Any] = {"interval_s": interval_s}
-    kept = [drag for half in ("choosing", "judging") for drag in drags(half)]
-    cuts: Mapping[str, Callable[[Drag], str]] = {
-        "half": lambda drag: str(int(drag.name.split("_")[1]) % 4),
-        "material": lambda drag: drag.name.split("_")[0],
-    }
-    for name, cut in cuts.items():
-        alarms, decided_s = 0, 0.0
-        for left_out in sorted({cut(drag) for drag in kept}):
-            others = [_quiet(drag) for drag in kept if cut(drag) != left_out]
-            threshold = calibrate_pieces(others, interval_s).threshold
-            for drag in kept:
-                if cut(drag) == left_out:
-                    courses = courses_of(*_quiet(drag))
-                    maxima = np.concatenate([span_maxima(each.statistic, each.rate_hz) for each in courses])
-                    alarms += int(np.sum(maxima > threshold))
-                    decided_s += float(len(maxima))
-        expected = decided_s / interval_s
-        low, high = (end / expected for end in poisson_interval(alarms))
-        found[name] = {"alarms": alarms, "expected": expected, "ratio_low": low, "ratio_high": high}
-    return found
-
-
-def _quiet(drag: Drag) -> tuple[SlipDetector, list[SampleBlock]]:
-    """Ours, and the part of a drag for `calibrate`: its end, where the finger hangs in the air."""
-    values = drag.pressure[drag.lost + round(MARGIN_S * BIOTAC_HZ) :, None]
-    detector = SlipDetector("slip", SlipSettings())
-    return detector, [SampleBlock("board.tangential", 0, 0.0, values, rate_hz=BIOTAC_HZ)]
 
 
 def at_reset(name: str, judge: Rival, threshold: float) -> Iterator[dict[str, Any]]:

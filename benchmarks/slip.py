@@ -21,11 +21,10 @@ from benchmarks.results import kept, save
 from controller.detectors.calibration import span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.reports.counts import wilson
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from simulator.physics.slip import SENSORS as PLANTS
 from simulator.physics.slip import SlipNuisances, SlipPlant, SlipPlantSettings
 
-Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 OFF = ((0.7, 3.0), (1.3, 1.0 / 3.0), (0.7, 1.0 / 3.0), (1.3, 3.0))
@@ -540,9 +539,6 @@ BASIC = ("clean", "bumps", "loads")
 MORE = ("tails", "tremor", "smooth", "bouncing")
 """On the fingertip alone."""
 
-INTERVALS_S = (5.0, 10.0, 20.0)
-"""Asked of `calibrate`: 138 s of quiet in both halves hold seven alarms and more of each."""
-
 
 def _beside_ours(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Rows with median, p90 and the share missed, and the ratios of the delays to those of ours on the same slips; each
@@ -579,7 +575,7 @@ def _summarized(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def main(quick: bool = False) -> None:
     """Run all of it; writes results/slip.json. Simulated parts are kept, so that an interrupted run continues."""
-    from benchmarks.recordings import at_reset, drags, on_blows, on_drags, on_quiet, on_tribometer
+    from benchmarks.recordings import at_reset, drags, on_blows, on_drags, on_tribometer
 
     count, known = 8 if quick else TRIALS, bool(drags("judging"))
     parts = [(sensor, nuisance) for nuisance in BASIC for sensor in SENSORS]
@@ -600,7 +596,6 @@ def main(quick: bool = False) -> None:
             for row in on_blows(judge, given)
         ],
         "at_reset": [row for name in minute for row in at_reset(name, judges()[name], minute[name])],
-        "quiet": [on_quiet(interval_s) for interval_s in INTERVALS_S] if known else [],
         "at_simulated_reset": [row for sensor in SENSORS for row in at_simulated_reset(sensor, hour[sensor])],
         "steps": [
             row

@@ -12,18 +12,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.results import kept, save
 from benchmarks.slip import ARMED_S, SETTLE_S
 from controller.detectors.calibration import Statistic, poisson_interval, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.reports.slip_scores import VERDICTS
+from drivers.core.messages import Floats
 from simulator.physics.fingertip_part import slip_bench
 from simulator.physics.fingertip_settings import CONVERTER_V, FINGER, Sensor, SlipBenchSettings
 from simulator.physics.noise import gaussian_at
-
-Floats = NDArray[np.float64]
 
 RATES_HZ: Mapping[Sensor, float] = {
     "fingertip": 1000.0,
@@ -202,3 +200,7 @@ def main(quick: bool = False) -> None:
     about = {"simulated": True, "hours": hours, "seed": SEED, "recordings": len(numbers)}
     interval = {"false_alarm_interval_s": VERDICTS["false_alarm_interval_s"]}
     save("slip_thresholds", {**about, **interval, "thresholds": rows}, quick=quick)
+
+
+if __name__ == "__main__":
+    main()
