@@ -209,20 +209,22 @@ def _armed(statistic: Floats, rate_hz: float) -> Floats:
     return statistic
 
 
-def highpass_rms(values: Floats, rate_hz: float, *, window_s: float = 0.01) -> Floats:
-    """Root mean square above 20 Hz (Butterworth, second order)."""
+def _above(values: Floats, rate_hz: float) -> Floats:
+    """What is above 20 Hz (Butterworth, second order)."""
     sections = butter(2, 20.0, "highpass", fs=rate_hz, output="sos")
-    above, _ = sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])
-    return _armed(np.sqrt(_mean(above**2, round(window_s * rate_hz))), rate_hz)
+    found: Floats = sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])[0]
+    return found
+
+
+def highpass_rms(values: Floats, rate_hz: float, *, window_s: float = 0.01) -> Floats:
+    """Root mean square above 20 Hz."""
+    return _armed(np.sqrt(_mean(_above(values, rate_hz) ** 2, round(window_s * rate_hz))), rate_hz)
 
 
 def own_quiet_rms(values: Floats, rate_hz: float) -> Floats:
     """The same over that of the recording's own first second."""
-    root = highpass_rms(values, rate_hz)
-    sections = butter(2, 20.0, "highpass", fs=rate_hz, output="sos")
-    above, _ = sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])
-    quiet = float(np.sqrt(np.mean(above[: round(LEARN_S * rate_hz)] ** 2)))
-    return root / max(quiet, 1e-300)
+    quiet = float(np.sqrt(np.mean(_above(values, rate_hz)[: round(LEARN_S * rate_hz)] ** 2)))
+    return highpass_rms(values, rate_hz) / max(quiet, 1e-300)
 
 
 def difference_rms(values: Floats, rate_hz: float, *, window_s: float = 0.008) -> Floats:
@@ -233,8 +235,7 @@ def difference_rms(values: Floats, rate_hz: float, *, window_s: float = 0.008) -
 
 def teager_kaiser(values: Floats, rate_hz: float, *, window_s: float = 0.01) -> Floats:
     """Mean of the Teager-Kaiser energy of the signal above 20 Hz (J. F. Kaiser, ICASSP 1990)."""
-    sections = butter(2, 20.0, "highpass", fs=rate_hz, output="sos")
-    x, _ = sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])
+    x = _above(values, rate_hz)
     energy = np.zeros_like(x)
     energy[2:] = x[1:-1] ** 2 - x[2:] * x[:-2]
     return _armed(_mean(np.abs(energy), round(window_s * rate_hz)), rate_hz)
