@@ -11,6 +11,8 @@ from drivers.arm.link import ArmRow
 from drivers.arm.settings import ArmSettings
 from drivers.arm.stream import Streams
 from drivers.core.clock import VirtualClock
+from drivers.core.messages import MoveTo, Refused
+from drivers.ur_arm.driver import UrArm
 from drivers.ur_arm.settings import UrArmSettings
 
 START = (0.4, 0.0, 0.2, 0.0, math.pi, 0.0)
@@ -213,3 +215,12 @@ def test_the_way_between_poses_is_a_length_and_an_angle() -> None:
     assert way((0.0, 0.0, 0.0, 0.1, 0.0, 0.0), (0.0, 0.3, 0.4, -0.2, 0.0, 0.0)) == pytest.approx((0.5, 0.3))
     # The same orientation, written twice.
     assert way(START, (0.4, 0.0, 0.2, 0.0, -math.pi, 0.0)) == pytest.approx((0.0, 0.0), abs=1e-7)
+
+
+def test_an_arm_that_is_not_open_refuses_and_closes_in_peace() -> None:
+    arm, command = UrArm("arm", settings(), VirtualClock()), MoveTo("arm", 0.0, 0.01)
+    arm.apply(command)
+    assert arm.poll() == [Refused(0.0, "arm", command, "it is not open")]
+    assert not arm.read()
+    arm.close()
+    arm.close()
