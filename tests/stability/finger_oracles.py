@@ -50,39 +50,24 @@ class _Modes:
         kept = [j for j, value in enumerate(self.values) if mp.im(value) > -_REAL]
         weights = []
         for i in range(len(x)):
-            shares = [
-                self.right[i, j] * amplitudes[j] * (2 if mp.im(self.values[j]) > _REAL else 1) for j in kept
-            ]
-            weights.append(
-                [
-                    *(mp.re(share) for share in shares),
-                    *(-mp.im(share) for share in shares),
-                    q0[i],
-                    q1[i],
-                    q2[i],
-                ]
-            )
+            twice = [2 if mp.im(self.values[j]) > _REAL else 1 for j in kept]
+            shares = [self.right[i, j] * amplitudes[j] * n for j, n in zip(kept, twice, strict=True)]
+            parts = [*map(mp.re, shares), *(-mp.im(share) for share in shares)]
+            weights.append([*parts, q0[i], q1[i], q2[i]])
 
         values = [self.values[j] for j in kept]
 
         def at(t: mpf) -> list[mpf]:
             powers = [mp.exp(value * t) for value in values]
-            basis = [
-                *(mp.re(power) for power in powers),
-                *(mp.im(power) for power in powers),
-                mpf(1),
-                t,
-                t * t,
-            ]
+            basis = [*map(mp.re, powers), *map(mp.im, powers), mpf(1), t, t * t]
             return [mp.fdot(weight, basis) for weight in weights]
 
         lasting = []
         for j in kept:
             size = max(abs(self.right[i, j]) for i in range(len(x))) * abs(amplitudes[j])
             decay = -mp.re(self.values[j])
-            lasting.append(
-                (mp.log(size / _GONE) / decay if decay and size else mp.inf, mp.im(self.values[j]))
-            )
+            until = mp.log(size / _GONE) / decay if decay and size else mp.inf
+            lasting.append((until, mp.im(self.values[j])))
 
         def apart(t: mpf) -> mpf:
             alive = [turn for until, turn in lasting if t < until]

@@ -56,10 +56,9 @@ def test_the_echo_is_exact_from_a_micrometre_to_ten_metres(reach_m):
     assert worst(points, WAVE_RAD_M, AIR, THING) < 1e-11
 
 
-@pytest.mark.parametrize(
-    ("bounce", "edge", "radius_m"), [(0.0, 0.0, 1e6), (0.99, 1.0, 1e-6), (0.99, 0.5, 0.03)]
-)
-def test_it_is_at_the_ends_of_its_constants(bounce, edge, radius_m):
+@pytest.mark.parametrize("ends", [(0.0, 0.0, 1e6), (0.99, 1.0, 1e-6), (0.99, 0.5, 0.03)])
+def test_it_is_at_the_ends_of_its_constants(ends):
+    bounce, edge, radius_m = ends
     air, thing = AIR._replace(bounce=bounce, edge=edge), THING._replace(radius_m=radius_m)
     points = RNG.uniform((0.0, -0.01, -0.04), (0.05, 0.01, 0.04), (150, 3))
     assert worst(points, WAVE_RAD_M, air, thing) < 1e-11

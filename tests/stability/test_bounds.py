@@ -66,19 +66,23 @@ def put(table: Any, path: Path, value: Any) -> Any:
     return table | {path[0]: put(table[path[0]], path[1:], value)}
 
 
-def moved(bench: Any, tool: ToolMotion, offset: tuple[float, ...], streams: frozenset[str]) -> None:
+def tool(axis: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> ToolMotion:
+    return ToolMotion(axis, acceleration_m_s2=0.5, max_speed_m_s=0.1)
+
+
+def moved(bench: Any, carrier: ToolMotion, offset: tuple[float, ...], streams: frozenset[str]) -> None:
     """Goes to a place and rests there for 50 ms, read all the way."""
-    tool.move_pose(bench.t_s, offset, 0.1)
+    carrier.move_pose(bench.t_s, offset, 0.1)
     bench.on_plan(bench.t_s)
-    until_s = tool.arrival_s + 0.05
+    until_s = carrier.arrival_s + 0.05
     while bench.t_s < until_s:
         bench.advance(bench.t_s + 0.05, streams)
 
 
 def finger(bench: Any, settings: Any) -> Iterator[Any]:
     """Excited, bent, met, pressed for 50 ms; left for 5 s that nobody reads; then a trial that begins in contact."""
-    tool = ToolMotion((1.0, 0.0, 0.0), acceleration_m_s2=0.5, max_speed_m_s=0.1)
-    bench.mount(tool)
+    carrier = tool()
+    bench.mount(carrier)
     streams = [spec.name for spec in bench.streams() if spec.rate_hz]
     read = frozenset(streams) | {"period"}
     yield 0.0
@@ -87,15 +91,15 @@ def finger(bench: Any, settings: Any) -> Iterator[Any]:
     bench.advance(0.05, read)
     surface_m = settings.surface_m
     for place_m, wait_s, channels in ((surface_m + 1e-4, 0.05, read), (0.0, 5.2, frozenset[str]())):
-        tool.move_to(bench.t_s, place_m, 0.1)
+        carrier.move_to(bench.t_s, place_m, 0.1)
         bench.on_plan(bench.t_s)
-        bench.advance(tool.arrival_s, channels)
-        bench.advance(tool.arrival_s + wait_s, channels)
+        bench.advance(carrier.arrival_s, channels)
+        bench.advance(carrier.arrival_s + wait_s, channels)
         bench.advance(bench.t_s + 0.05, read)
         yield bench.force_n
         yield from bench.events("period")
         yield from (bench.sample(stream, np.array([bench.t_s])) for stream in streams)
-    tool.place(bench.t_s, surface_m + 1e-4)
+    carrier.place(bench.t_s, surface_m + 1e-4)
     bench.begin(bench.t_s, 5, 2, {}, settings.model_dump(mode="json"))
     bench.advance(bench.t_s + 0.05, read)
     yield bench.force_n
@@ -103,12 +107,12 @@ def finger(bench: Any, settings: Any) -> Iterator[Any]:
 
 def slip(bench: Any, settings: Any) -> Iterator[Any]:
     """Pressed by 0.5 mm, rolled, slid by 5 mm; everything that senses is read."""
-    tool = ToolMotion((0.0, 0.0, -1.0), acceleration_m_s2=0.5, max_speed_m_s=0.1)
-    bench.mount(tool)
+    carrier = tool((0.0, 0.0, -1.0))
+    bench.mount(carrier)
     yield 0.0
     down_m = -settings.surface_m - 5e-4
     for offset in ((0.0, 0.0, down_m), (0.0, 0.0, down_m, 0.0, 0.3, 0.0), (0.005, 0.0, down_m)):
-        moved(bench, tool, (*offset, 0.0, 0.0, 0.0)[:6], frozenset({"fingertip", "flexible"}))
+        moved(bench, carrier, (*offset, 0.0, 0.0, 0.0)[:6], frozenset({"fingertip", "flexible"}))
         now_s = np.array([bench.t_s])
         yield from (bench.sample(stream, now_s) for stream in ("fingertip", "flexible"))
         yield bench.wrench(now_s, (0.0, 0.0, -1.0))
@@ -118,15 +122,15 @@ def slip(bench: Any, settings: Any) -> Iterator[Any]:
 
 def aura(bench: Any, _: Any) -> Iterator[Any]:
     """Driven, moved, closed on what is there."""
-    tool = ToolMotion((1.0, 0.0, 0.0), acceleration_m_s2=0.5, max_speed_m_s=0.1)
-    bench.mount(tool)
+    carrier = tool()
+    bench.mount(carrier)
     yield 0.0
     bench.drive(40_000.0, 0.5)
     bench.jaws.calibrate()
     bench.advance(8.0)
     bench.jaws.go(1.0, 40_000.0, 300.0)
     bench.advance(9.0)
-    moved(bench, tool, (0.01, 0.0, 0.01, 0.0, 0.0, 0.0), frozenset({"pad"}))
+    moved(bench, carrier, (0.01, 0.0, 0.01, 0.0, 0.0, 0.0), frozenset({"pad"}))
     now_s = np.floor(bench.t_s * 1000.0) / 1000.0 - np.arange(0.02, 0.0, -0.001)
     yield from (bench.baseband(now_s), bench.wrench(now_s, (1.0, 0.0, 0.0)))
     yield bench.carrier(int(now_s[0] * 96_000), 100)
@@ -134,12 +138,8 @@ def aura(bench: Any, _: Any) -> Iterator[Any]:
         yield bench.sample("pad", now_s[-1:])
 
 
-TRIALS: Mapping[str, Callable[[Any, Any], Iterator[Any]]] = {
-    "finger": finger,
-    "slip": slip,
-    "aura": aura,
-    "grasp": aura,
-}
+Trial = Callable[[Any, Any], Iterator[Any]]
+TRIALS: Mapping[str, Trial] = {"finger": finger, "slip": slip, "aura": aura, "grasp": aura}
 ENDS = {kind: list(ends(find("plant", kind).settings, {}, ())) for kind in KINDS["plant"]}
 ENDS["grasp"] = [case for case in ENDS["grasp"] if case not in ENDS["aura"]]
 """A grasp's bench is aura's with a pad."""
@@ -161,9 +161,8 @@ def test_a_number_at_its_bound_is_refused_or_computed(kind, path, value):
         settings = plant_of(kind, path, value)
     except ValidationError as refused:
         (error,) = refused.errors()
-        assert {"noise_scale", "cost"} & set(error["msg"].split()), (
-            "within its bounds: what it would do is said"
-        )
+        said = {"noise_scale", "cost"} & set(error["msg"].split())
+        assert said, "within its bounds: what it would do is said"
         return
     bench = find("plant", kind).made(settings)
     results = TRIALS[kind](bench, settings)
@@ -192,10 +191,6 @@ def test_a_detectors_number_at_its_bound_is_refused_or_computed(kind, path, valu
         assert re.search("longer|positive|share|no channel", str(refused))
         return
     assert all(math.isfinite(event.t_s) for event in events)
-
-
-def tool(_: float = 0.0) -> ToolMotion:
-    return ToolMotion((1.0, 0.0, 0.0), acceleration_m_s2=0.5, max_speed_m_s=0.1)
 
 
 MOVERS: Mapping[str, Callable[[float], Any]] = {

@@ -26,10 +26,8 @@ def test_no_output_differs_in_a_hundred_million_frames(kind):
         wave = [[int(w) for w in row] for row in chain._table]
         taps = [int(tap) for tap in cic_taps(DECIMATION)]
         begin = RATE_HZ - len(taps)
-        exact = [
-            sum(t * int(noise[begin + k, 0]) * row[(begin + k) % 12] for k, t in enumerate(taps))
-            for row in wave
-        ]
+        mixed = [[int(noise[k, 0]) * row[k % 12] for k in range(begin, RATE_HZ)] for row in wave]
+        exact = [sum(t * x for t, x in zip(taps, row, strict=True)) for row in mixed]
         assert [int(value) for value in last[-1]] == exact
 
 

@@ -49,23 +49,18 @@ def critical_n_s_m(stiffness_n_m: float) -> float:
 
 
 APPROACH = {"pieces": [(0.0, 0.0, 0.03, 0.0)], "gap_m": 0.001}
+STEADY = {"pieces": [(0.0, 0.0, 0.02, 0.0)], "gap_m": 1e-4}
+FIXED = {"oscillator_lowest_hz": 28.0, "oscillator_range_hz": 1e-12}
+"""An oscillator without range is a drive of fixed frequency."""
+
 SPAN = {"until_s": 0.06, "samples_s": np.linspace(0.01, 0.06, 6)}
 
 
-@pytest.mark.parametrize(
-    ("stiffness_n_m", "damping_n_s_m"),
-    [
-        (1e2, 0.0),
-        (1e2, 1e6),
-        (1e4, critical_n_s_m(1e4)),
-        (1e5, 1.0),
-        (1e7, 0.0),
-        (1e7, critical_n_s_m(1e7)),
-        (1e9, 0.0),
-        (1e9, 1.0),
-        (1e9, 1e6),
-    ],
-)
+SOFT = [(1e2, 0.0), (1e2, 1e6), (1e4, critical_n_s_m(1e4)), (1e5, 1.0)]
+RIGID = [(1e7, 0.0), (1e7, critical_n_s_m(1e7)), (1e9, 0.0), (1e9, 1.0), (1e9, 1e6)]
+
+
+@pytest.mark.parametrize(("stiffness_n_m", "damping_n_s_m"), SOFT + RIGID)
 def test_closed_loop_contact_is_exact_from_soft_to_rigid(stiffness_n_m, damping_n_s_m):
     s = FingerSettings(noise_scale=0.0, pad_n_m=stiffness_n_m, contact_n_s_m=damping_n_s_m)
     switches = agree(s, **APPROACH, **SPAN)
@@ -76,9 +71,7 @@ def test_a_contact_that_is_clipped_for_microseconds_is_made_again():
     # P falls through zero and is back 19 us later, deep inside the 6 ms that a piece of the clipped mode may last, and
     # falls again before these end: two turns in less than half a radian of the fastest oscillation
     s = FingerSettings(noise_scale=0.0, pad_n_m=1e9, contact_n_s_m=1e4)
-    switches = agree(
-        s, pieces=[(0.0, 0.0, 0.02, 0.0)], gap_m=1e-4, until_s=0.0375, samples_s=[0.0368, 0.037, 0.0375]
-    )
+    switches = agree(s, **STEADY, until_s=0.0375, samples_s=[0.0368, 0.037, 0.0375])
     contacts = [(t, kind) for t, kind in switches if kind in ("made", "lost")]
     assert [kind for _, kind in contacts[-2:]] == ["lost", "made"]
     assert 1e-5 < contacts[-1][0] - contacts[-2][0] < 2e-5
@@ -86,55 +79,35 @@ def test_a_contact_that_is_clipped_for_microseconds_is_made_again():
 
 def test_a_force_that_fades_away_ends_at_its_instant():
     # P ends at some 10 N/s: 1e-19 m of overlap lost to the rounding of theta would be 1e-10 N here, and 1e-11 s
-    s = FingerSettings(
-        noise_scale=0.0, pad_n_m=1e9, contact_n_s_m=1e4, oscillator_lowest_hz=28.0, oscillator_range_hz=1e-12
-    )
-    switches = agree(s, pieces=[(0.0, 0.0, 0.02, 0.0)], gap_m=1e-4, until_s=0.045, samples_s=[0.02, 0.045])
+    s = FingerSettings(noise_scale=0.0, pad_n_m=1e9, contact_n_s_m=1e4, **FIXED)
+    switches = agree(s, **STEADY, until_s=0.045, samples_s=[0.02, 0.045])
     assert max(t for t, kind in switches if kind == "lost") > 0.04
 
 
 @pytest.mark.parametrize(("stiffness_n_m", "damping_n_s_m"), [(1e4, 2.0), (1e9, 0.0), (1e3, 1e6)])
 def test_open_loop_contact_is_exact(stiffness_n_m, damping_n_s_m):
-    # an oscillator without range is a drive of fixed frequency
-    s = FingerSettings(
-        noise_scale=0.0,
-        pad_n_m=stiffness_n_m,
-        contact_n_s_m=damping_n_s_m,
-        oscillator_lowest_hz=28.0,
-        oscillator_range_hz=1e-12,
-    )
+    s = FingerSettings(noise_scale=0.0, pad_n_m=stiffness_n_m, contact_n_s_m=damping_n_s_m, **FIXED)
     agree(s, **APPROACH, **SPAN)
 
 
 def test_bouncing_stays_exact_over_many_contacts():
     s = FingerSettings(noise_scale=0.0)
-    switches = agree(
-        s, pieces=[(0.0, 0.0, 0.03, 0.0)], gap_m=0.003, until_s=0.3, samples_s=np.linspace(0.05, 0.3, 6)
-    )
+    scene = {**APPROACH, "gap_m": 0.003, "until_s": 0.3}
+    switches = agree(s, **scene, samples_s=np.linspace(0.05, 0.3, 6))
     assert sum(kind == "made" for _, kind in switches) >= 4
 
 
 @pytest.mark.parametrize("speed_m_s", [1e-5, 1e-3, 1e-1])
 def test_touching_is_exact_from_a_creep_to_a_blow(speed_m_s):
     s = FingerSettings(noise_scale=0.0)
-    agree(
-        s,
-        pieces=[(0.0, 0.0, speed_m_s, 0.0)],
-        gap_m=speed_m_s * 0.0123,
-        until_s=0.05,
-        samples_s=[0.02, 0.05],
-        excited=False,
-    )
+    scene = {"pieces": [(0.0, 0.0, speed_m_s, 0.0)], "gap_m": speed_m_s * 0.0123, "excited": False}
+    agree(s, **scene, until_s=0.05, samples_s=[0.02, 0.05])
 
 
 def test_corners_of_the_probes_plan_are_kept_to_the_instant():
     s = FingerSettings(noise_scale=0.0)
-    plan = [
-        (0.0, 0.0, 0.0, 0.5),
-        (0.02, 1e-4, 0.01, 0.0),
-        (0.0437, 3.37e-4, 0.01, -0.5),
-        (0.0637, 4.37e-4, 0.0, 0.0),
-    ]
+    plan = [(0.0, 0.0, 0.0, 0.5), (0.02, 1e-4, 0.01, 0.0)]
+    plan += [(0.0437, 3.37e-4, 0.01, -0.5), (0.0637, 4.37e-4, 0.0, 0.0)]
     agree(s, pieces=plan, gap_m=0.0002, until_s=0.08, samples_s=[0.03, 0.05, 0.08])
 
 

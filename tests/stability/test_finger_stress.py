@@ -40,9 +40,8 @@ def test_a_graze_is_seen_to_the_last_bit_of_its_depth():
             high_m = middle_m
     # ... against the extremum of theta in 40 digits, which is flat: an instant 1e-9 s off costs 1e-20 m
     turn_s = touches(low_m, until_s)[0][0]
-    _, (theta_rad,) = modal(
-        FingerSettings(**QUIET), pieces=[(0.0, 0.0, 0.0, 0.0)], gap_m=1.0, until_s=until_s, samples_s=[turn_s]
-    )
+    scene = {"pieces": [(0.0, 0.0, 0.0, 0.0)], "gap_m": 1.0, "until_s": until_s, "samples_s": [turn_s]}
+    _, (theta_rad,) = modal(FingerSettings(**QUIET), **scene)
     # bound: theta of 1e-3 rad is known to 1e-19, times the arm, and its square root enters through the instant
     assert low_m == pytest.approx(-theta_rad * 0.05, abs=1e-18)
 
@@ -96,14 +95,11 @@ def test_no_damping_keeps_the_energy_over_ten_thousand_cycles():
 
 @pytest.mark.parametrize(("lowest_hz", "range_hz"), [(10.0, 70.0), (4.0, 90.0), (20.0, 30.0)])
 def test_the_loop_locks_from_far_off(lowest_hz, range_hz):
-    plant = begun(
-        FingerSettings(**QUIET, oscillator_lowest_hz=lowest_hz, oscillator_range_hz=range_hz), 0.003
-    )
+    oscillator = {"oscillator_lowest_hz": lowest_hz, "oscillator_range_hz": range_hz}
+    plant = begun(FingerSettings(**QUIET, **oscillator), 0.003)
     plant.advance(1.0, PERIOD)
     idle_hz = 1.0 / plant.periods()[1][-1]
-    assert idle_hz == pytest.approx(lowest_hz + range_hz / 2, rel=0.02), (
-        "idle, the loop is in the middle of its range"
-    )
+    assert idle_hz == pytest.approx(lowest_hz + range_hz / 2, rel=0.02), "idle, it is in the middle"
     plant.excite(True)
     plant.advance(12.0)
     plant.advance(13.0, PERIOD)
@@ -126,9 +122,8 @@ def test_a_signal_below_the_hysteresis_loses_the_lock_and_nothing_else():
 def test_the_lock_comes_back_after_full_contact():
     plant = begun(FingerSettings(**QUIET), 0.003)
     plant.excite(True)
-    plant.move_probe(
-        [(0.0, 0.0, 0.0, 0.0), (4.0, 0.0, 0.02, 0.0), (4.75, 0.015, 0.0, 0.0), (8.0, 0.015, -0.02, 0.0)]
-    )
+    there = [(0.0, 0.0, 0.0, 0.0), (4.0, 0.0, 0.02, 0.0), (4.75, 0.015, 0.0, 0.0)]
+    plant.move_probe([*there, (8.0, 0.015, -0.02, 0.0)])
     plant.advance(7.0)
     plant.advance(8.0, PERIOD)
     pressed_hz = np.mean(1.0 / plant.periods()[1])
@@ -138,7 +133,11 @@ def test_the_lock_comes_back_after_full_contact():
     assert np.mean(1.0 / plant.periods()[1]) == pytest.approx(28.0, abs=0.5)
 
 
-def test_a_saturated_converter_shows_its_end_and_leaves_the_loop_alone():
+def test_the_load_cell_ends_at_its_range_and_a_saturated_converter_leaves_the_loop_alone():
+    plant = begun(FingerSettings(**QUIET, load_cell_range_n=0.1), 0.0)
+    plant.move_probe([(0.0, 0.0, 0.01, 0.0), (1.0, 0.01, 0.0, 0.0)])
+    plant.advance(3.0, frozenset({"load_cell"}))
+    assert plant.sample("load_cell", np.array([2.9]))[0] == 0.1
     periods, waves = [], []
     times = np.arange(2.0, 3.0, 1e-3)
     for range_m_s2 in (30.0, 0.5):
@@ -154,18 +153,10 @@ def test_a_saturated_converter_shows_its_end_and_leaves_the_loop_alone():
     assert np.array_equal(*periods), "the comparator sees the sign, which no converter removes"
 
 
-def test_the_load_cell_ends_at_its_range():
-    plant = begun(FingerSettings(**QUIET, load_cell_range_n=0.1), 0.0)
-    plant.move_probe([(0.0, 0.0, 0.01, 0.0), (1.0, 0.01, 0.0, 0.0)])
-    plant.advance(3.0, frozenset({"load_cell"}))
-    assert plant.sample("load_cell", np.array([2.9]))[0] == 0.1
-
-
 def test_a_contact_beyond_all_means_ends_with_a_clear_error(monkeypatch):
     monkeypatch.setattr("simulator.physics.finger_course.MOST_PIECES", 10_000)
-    settings = FingerSettings(**QUIET).model_copy(
-        update={"contact_n_s_m": 1e9}
-    )  # more than a profile may ask for
+    # more than a profile may ask for
+    settings = FingerSettings(**QUIET).model_copy(update={"contact_n_s_m": 1e9})
     plant = begun(settings, 0.0)
     plant.move_probe([(0.0, 0.0, 0.01, 0.0)])
     with pytest.raises(RuntimeError, match="too damped"):

@@ -10,10 +10,7 @@ from simulator.physics import jaws_kernel as kernel
 from simulator.physics.jaws_drive import FRICTION_N, MASS_KG, STIFFEST_N_M, Jaws
 from tests.contracts.gripper_suite import put
 
-WIDTH_M, GAP_M = 0.04, 0.005
-
-
-FORCE_N = 20.0
+WIDTH_M, GAP_M, FORCE_N = 0.04, 0.005, 20.0
 
 
 def jaws_on(stiffness_n_m, damping_n_s_m):
@@ -45,9 +42,8 @@ def reference(stiffness_n_m, damping_n_s_m, seconds):
 
     seen_s = np.linspace(0.0, seconds, 50_001)
     found = solve_ivp(rates, (0.0, seconds), start, method="DOP853", rtol=1e-10, atol=1e-14, t_eval=seen_s)
-    return touch_s, float(
-        found.y[0].max()
-    )  # a later peak is not higher, whichever way the friction acts by then
+    # a later peak is not higher, whichever way the friction acts by then
+    return touch_s, float(found.y[0].max())
 
 
 @pytest.mark.parametrize("stiffness_n_m", [5e3, 2e4, 1e5, 1e6])

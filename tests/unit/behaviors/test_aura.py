@@ -49,14 +49,11 @@ def test_it_goes_along_the_path_and_back():
     assert behavior.outcome == "approached"
 
 
-def test_events_stop_nothing_in_an_approach_that_does_not_touch():
+def test_events_stop_nothing_in_an_approach_that_does_not_touch_and_the_acting_detectors_one_that_does():
     behavior, _ = to("APPROACHING")
     assert behavior.handle(seen(7.0, "pretouch_ours")) == []
     assert behavior.handle(touch(8.0, "contact_ours")) == []
     assert behavior.state == "APPROACHING"
-
-
-def test_the_acting_detector_alone_stops_an_approach_that_touches():
     behavior, _ = to("APPROACHING", touch=True)
     assert behavior.handle(touch(8.0, "contact_paper")) == []
     assert behavior.handle(touch(8.1, "contact_ours")) == [Stop("arm")]
@@ -65,15 +62,12 @@ def test_the_acting_detector_alone_stops_an_approach_that_touches():
     assert behavior.outcome == "contact"
 
 
-def test_it_approaches_as_often_as_it_is_asked_to():
+def test_it_approaches_along_a_path_as_often_as_it_is_asked_to():
     behavior, _ = to("RETRACTING", cycles=2)
     behavior.handle(arm(18.3))
     assert behavior.state == "BASELINE"
     tell(behavior, Tick(21.0), arm(26.0), Tick(28.5), arm(33.0))
     assert behavior.state == "LEAVING"
-
-
-def test_an_axis_without_a_path_is_named():
     with pytest.raises(ValueError, match=r"axis = z: no such path in behavior\.paths; there are x"):
         Aura(AuraSettings(paths=PATHS), AuraFactors(axis="z"), DETECTORS)
 
@@ -119,16 +113,12 @@ def test_a_touch_that_stands_before_the_approach_lets_none_begin(reported, event
     assert "contact_ours reported a touch at rest and not its end" in behavior.reason
 
 
-def test_a_touch_that_has_ended_before_the_approach_hinders_nothing():
-    behavior, _ = to("BASELINE", touch=True)
-    tell(behavior, *ENDED)
-    assert behavior.handle(Tick(6.0)) == [go(0.051, 0.0, 0.01)]
-
-
-@pytest.mark.parametrize(("detector", "touches"), [("contact_paper", True), ("contact_ours", False)])
-def test_who_does_not_act_hinders_no_approach(detector, touches):
+@pytest.mark.parametrize(
+    ("touches", "reported"), [(True, ENDED), (True, [touch(4.5, "contact_paper")]), (False, LEFT_ALONE)]
+)
+def test_a_touch_that_has_ended_or_of_who_does_not_act_hinders_no_approach(touches, reported):
     behavior, _ = to("BASELINE", touch=touches)
-    behavior.handle(touch(4.5, detector))
+    tell(behavior, *reported)
     assert behavior.handle(Tick(6.0)) == [go(0.051, 0.0, 0.01)]
 
 

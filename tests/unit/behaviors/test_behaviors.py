@@ -88,10 +88,15 @@ def test_every_state_has_a_deadline_and_something_follows_from_it(behavior):
         assert sources.count(state) == 1, state
 
 
-def test_a_behavior_begins_where_its_table_does_and_ends_where_no_row_leads_on():
+def test_a_behavior_begins_where_its_table_does_and_what_no_state_listens_to_is_named_by_none():
     assert Transient.states[0] == "HOMING"
     assert Transient.final == {"DONE", "FAILED"}
     assert set(Flexion.states) == {*Transient.states, "FLEXING"}
+    assert (trigger_of(GuardStopped(0.0, "")), trigger_of(contact(0.0))) == ("guard_stopped", "contact")
+    behavior = to("SETTLING")
+    assert behavior.plan.detectors == frozenset()
+    assert behavior.plan.measures == frozenset()
+    assert to("APPROACH").plan.detectors == {"contact"}
 
 
 def test_a_plan_for_a_state_that_no_row_names_is_refused():
@@ -103,16 +108,23 @@ def test_a_plan_for_a_state_that_no_row_names_is_refused():
         Misspelt(TransientSettings(), TransientFactors(speed_m_s=0.005), frozenset({"contact"}))
 
 
-def test_another_detectors_contact_does_not_stop_the_approach():
+def test_another_detectors_contact_does_not_stop_the_approach_and_none_ends_it_at_its_limit():
     behavior = to("APPROACH")
     assert behavior.handle(contact(94.0, "shadow")) == []
     assert behavior.state == "APPROACH"
+    assert behavior.handle(Reached(96.0, "stage", 0.01)) == [MoveTo("stage", 0.0, 0.01)]
+    behavior.handle(Reached(97.0, "stage", 0.0))
+    assert behavior.outcome == "no_contact"
 
 
-def test_the_approach_waits_for_every_detectors_baseline():
+def test_the_approach_waits_for_every_detectors_baseline_and_begins_in_no_contact():
     behavior = to("BASELINE", ("contact", "shadow"))
     assert behavior.handle(ready(93.0)) == []
     assert behavior.handle(ready(102.0, "shadow")) == [MoveAt("stage", 0.005, 0.01)]
+    behavior = to("BASELINE", ("contact", "shadow"))
+    behavior.handle(ready(93.0))
+    assert behavior.handle(contact(95.0)) == [MoveTo("stage", 0.0, 0.01)]
+    assert behavior.state == "RETRACTING"
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -141,12 +153,8 @@ ACTING = {
 
 def first_trial(name):
     profile = load_profile(f"mock/{name}")
-    trial = next(
-        trial
-        for trial in profile.trials(0)
-        if trial.factors.get("method", "ours") == "ours"
-        and trial.factors.get("sensor", "fingertip") == "fingertip"
-    )
+    others = ("paper", "flexible_finger", "barrett_finger", "wrist", "dsa")
+    trial = next(trial for trial in profile.trials(0) if not {*others} & {*trial.factors.values()})
     made = found(EXPERIMENTS[profile.experiment].made)
     return lambda: made(profile.behavior, profile.factors_of(trial), frozenset(profile.detectors))
 
@@ -195,7 +203,11 @@ def test_a_baseline_that_is_refused_ends_the_trial_of_a_detector_that_it_acts_on
         assert behavior.done == (detector in ACTING[name]), (state, detector)
 
 
-def test_a_behavior_that_does_not_name_what_it_acts_on_acts_on_all_that_it_arms():
+def test_the_refused_baseline_of_what_decides_or_of_what_is_armed_unnamed_ends_the_trial():
+    behavior = to("BASELINE")
+    assert Stop("stage") in behavior.handle(refused(93.0, "contact"))
+    assert (behavior.outcome, behavior.reason) == ("fault", "contact baseline refused: no variance")
+
     class Mine(Behavior):
         table = (on("deadline", "LISTENING", "DONE"),)
 
@@ -205,28 +217,12 @@ def test_a_behavior_that_does_not_name_what_it_acts_on_acts_on_all_that_it_arms(
     assert behavior.outcome == "fault"
 
 
-def test_the_deciding_detectors_refused_baseline_ends_the_trial_with_the_reason():
-    behavior = to("BASELINE")
-    assert Stop("stage") in behavior.handle(refused(93.0, "contact"))
-    assert (behavior.outcome, behavior.reason) == ("fault", "contact baseline refused: no variance")
-
-
-def test_an_approach_without_contact_ends_at_its_limit():
-    behavior = to("APPROACH")
-    assert behavior.handle(Reached(96.0, "stage", 0.01)) == [MoveTo("stage", 0.0, 0.01)]
-    behavior.handle(Reached(97.0, "stage", 0.0))
-    assert behavior.outcome == "no_contact"
-
-
-def test_a_state_that_outlives_its_deadline_ends_the_trial_and_is_named():
+def test_a_state_that_outlives_its_deadline_ends_the_trial_and_is_named_with_what_came_and_what_did_not():
     behavior = to("STOPPING")
     assert behavior.handle(Tick(94.0 + 30.0)) == [Stop("stage"), Excite("board", False)]
-    late = "STOPPING took longer than 30 s: it waited for standstill of stage; nothing came"
-    assert behavior.reason == late
+    said = "STOPPING took longer than 30 s: it waited for standstill of stage; nothing came"
+    assert behavior.reason == said
     assert behavior.outcome == "fault", "a mover that does not stop is no matter of the experiment"
-
-
-def test_a_baseline_that_does_not_come_is_reported_with_the_awaited_detectors_and_what_came():
     behavior = to("BASELINE", ("contact", "other"))
     tell(behavior, ready(93.0), Tick(125.0))
     assert behavior.reason == (
@@ -253,20 +249,6 @@ def test_a_contact_that_was_found_stands_after_a_pause(state):
     assert behavior.outcome == "contact"
 
 
-def test_a_contact_while_another_detector_learns_starts_no_approach():
-    behavior = to("BASELINE", ("contact", "shadow"))
-    behavior.handle(ready(93.0))
-    assert behavior.handle(contact(95.0)) == [MoveTo("stage", 0.0, 0.01)]
-    assert behavior.state == "RETRACTING"
-
-
-def test_what_no_state_listens_to_is_named_by_none():
-    behavior = to("SETTLING")
-    assert behavior.plan.detectors == frozenset()
-    assert behavior.plan.measures == frozenset()
-    assert to("APPROACH").plan.detectors == {"contact"}
-
-
 @pytest.mark.parametrize(("condition", "position_m"), [("none", 0.0), ("light", 0.003), ("full", 0.0045)])
 def test_static_places_the_probe_by_its_condition(condition, position_m):
     settings = StaticSettings(light_m=0.003, full_m=0.0045)
@@ -276,17 +258,12 @@ def test_static_places_the_probe_by_its_condition(condition, position_m):
     assert behavior.handle(Tick(91.0)) == [MoveTo("stage", position_m, 0.002)]
 
 
-@pytest.mark.parametrize("row", [{"do": "note"}, {"do": ["note"]}])
-def test_a_row_that_names_a_method_in_quotes_is_refused_with_its_place(row):
-    with pytest.raises(TypeError, match="on\\('reached', 'HOMING'\\): 'note' is no function"):
-        on("reached", "HOMING", "DONE", **row)
+def test_a_row_that_names_a_method_in_quotes_is_refused_with_its_place():
+    for named in ("note", ["note"]):
+        with pytest.raises(TypeError, match="on\\('reached', 'HOMING'\\): 'note' is no function"):
+            on("reached", "HOMING", "DONE", do=named)
     with pytest.raises(TypeError, match="'from_mover' is no function"):
         on("reached", "HOMING", "DONE", "from_mover")
-
-
-def test_triggers_are_the_events_names_in_snake_case():
-    assert trigger_of(GuardStopped(0.0, "")) == "guard_stopped"
-    assert trigger_of(contact(0.0)) == "contact"
 
 
 def test_the_diagrams_in_the_docs_are_those_of_the_tables():

@@ -6,6 +6,7 @@ from pydantic import ValidationError
 from behaviors.border import BorderFactors, BorderTrialSettings, KeepOnTip
 from behaviors.events import BorderLeft, BorderNear, Contact, SlipEnded, SlipStarted, Tick
 from drivers.core.messages import Reached, Standstill, Twist
+from tests.refusals import refused
 
 SETTINGS = BorderTrialSettings.model_validate(
     {
@@ -29,9 +30,8 @@ def slip(t_s, detector="ours"):
 
 def sliding(*before, **factors):
     """A trial while what is held slides; `before` comes in the roll."""
-    behavior = KeepOnTip(
-        SETTINGS, BorderFactors(**{"begins_rad": 0.3, **factors}), frozenset({"touch", "ours", "border"})
-    )
+    made = BorderFactors(**{"begins_rad": 0.3, **factors})
+    behavior = KeepOnTip(SETTINGS, made, frozenset({"touch", "ours", "border"}))
     behavior.begin(0.0)
     for event in (
         Reached(1.0, "arm", 0.0), Tick(1.3), Reached(2.0, "arm", 0.0), Tick(3.5), Contact(4.0, "touch", 0.4, 0.3),
@@ -69,13 +69,10 @@ def test_slip_near_a_border_turns_the_tip_back_by_the_reported_angle_while_the_s
     assert behavior.state == "STOPPED"
 
 
-def test_slip_near_a_border_in_the_roll_is_answered_as_the_slide_begins():
+def test_slip_near_a_border_in_the_roll_is_answered_as_the_slide_begins_and_not_without_keep():
     behavior = sliding(near(6.0, 0.85), begins_rad=1.0)
     (turn,) = behavior.handle(slip(7.0))
     assert turn.twist[4] * turn.duration_s == pytest.approx(-0.85)
-
-
-def test_without_keep_nothing_is_turned_back():
     behavior = sliding(keep=False)
     assert [behavior.handle(event) for event in (slip(7.0), near(7.2))] == [[], []]
 
@@ -92,9 +89,7 @@ def test_the_tip_is_levelled_by_what_it_turned_though_the_slide_was_cut():
 
 
 def test_a_trial_that_waits_for_a_detector_that_is_not_there_is_refused():
-    with pytest.raises(
-        ValueError, match="keep = true waits for border, which is not there; or write keep = false"
-    ):
+    with refused(ValueError, "keep = true waits for border", "write keep = false"):
         KeepOnTip(SETTINGS, BorderFactors(begins_rad=0.3), frozenset({"touch", "ours"}))
     with pytest.raises(ValidationError, match="nothing moves"):
         BorderFactors(begins_rad=0.3, slide_m_s=0.0)

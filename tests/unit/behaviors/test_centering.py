@@ -20,7 +20,8 @@ from drivers.core.settings import Settings
 from tests.unit.behaviors.driving import arm, held, jaws, lead, lost, seen, still, tell, touch
 
 DETECTORS = frozenset({"left_ours", "right_ours", "left_contact", "right_contact"})
-
+AWAY = MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)
+GRIPPED = Gripped(12.0, "gripper", True, 0.019, 10.0)
 
 PATH = {
     "CLEARING": [],
@@ -35,7 +36,7 @@ PATH = {
     "CENTERING": [still(8.1, -0.0015)],
     "RESTING": [arm(9.0, 0.002)],
     "CLOSING": [Tick(11.0)],
-    "CONFIRMING": [Gripped(12.0, "gripper", True, 0.019, 10.0)],
+    "CONFIRMING": [GRIPPED],
     "HOLDING": [touch(12.1, "left_contact"), touch(12.2, "right_contact")],
     "RELEASING": [Tick(13.5)],
     "LEAVING": [jaws(14.0)],
@@ -60,7 +61,7 @@ def test_jaws_that_hold_wider_than_the_fingers_came_together_in_the_search_hold_
 
 
 def test_it_searches_one_way_then_the_other_and_goes_to_the_middle():
-    assert to("CLEARING")[1] == [MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)]
+    assert to("CLEARING")[1] == [AWAY]
     assert to("CALIBRATING")[1] == [Home("gripper")]
     assert to("OPENING")[1] == [Release("gripper", 0.02)]
     assert to("ENTERING")[1] == [Tone("audio", 40_000.0, 0.5), MovePose("arm", (0.0,) * 6, 0.05)]
@@ -76,35 +77,28 @@ def test_it_searches_one_way_then_the_other_and_goes_to_the_middle():
     assert (behavior.done, behavior.outcome) == (True, "centered")
 
 
-def test_a_finger_that_reports_no_place_is_taken_to_be_where_the_arm_came_to_stand():
-    behavior, _ = to("SEEKING_FORWARD")
-    tell(behavior, seen(6.5, "left_ours"), still(6.6, 0.006), seen(8.0, "right_ours"))
-    assert behavior.handle(still(8.1, -0.002)) == [MoveTo("arm", pytest.approx(0.002), 0.01)]
-
-
-def test_the_finger_behind_the_motion_is_ignored():
+def test_the_finger_behind_the_motion_is_ignored_and_a_touch_during_the_search_stops_at_once():
     behavior, _ = to("SEEKING_FORWARD")
     assert behavior.handle(seen(6.2, "right_ours", 0.001)) == []
     assert behavior.state == "SEEKING_FORWARD"
-
-
-def test_a_sweep_that_sees_nothing_leaves_and_names_the_finger():
-    behavior, _ = to("SEEKING_BACKWARD")
-    assert behavior.handle(arm(9.0, -0.017)) == [MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)]
-    behavior.handle(arm(10.0))
-    assert behavior.outcome == "not_found"
-    assert "right finger saw nothing" in behavior.reason
-
-
-def test_a_touch_during_the_search_stops_at_once():
-    behavior, _ = to("SEEKING_FORWARD")
     assert behavior.handle(touch(6.46, "left_contact")) == [Stop("arm")]
     behavior.handle(still(6.5, 0.01))
     assert behavior.state == "LEAVING"
     assert behavior.reason == "touched during the search"
 
 
-def test_a_grip_that_one_finger_alone_feels_is_not_confirmed():
+def test_a_sweep_that_sees_nothing_leaves_and_names_the_finger():
+    behavior, _ = to("SEEKING_BACKWARD")
+    assert behavior.handle(arm(9.0, -0.017)) == [AWAY]
+    behavior.handle(arm(10.0))
+    assert behavior.outcome == "not_found"
+    assert "right finger saw nothing" in behavior.reason
+
+
+def test_fingers_that_feel_it_before_the_gripper_reports_it_confirm_at_once_and_one_alone_does_not():
+    behavior, _ = to("CLOSING")
+    tell(behavior, touch(11.5, "left_contact"), touch(11.6, "right_contact"), GRIPPED)
+    assert behavior.state == "HOLDING"
     behavior, _ = to("CONFIRMING")
     tell(behavior, touch(12.1, "left_contact"), lost(12.2, "left_contact"))
     assert behavior.handle(touch(12.3, "right_contact")) == []
@@ -113,27 +107,23 @@ def test_a_grip_that_one_finger_alone_feels_is_not_confirmed():
     assert "no contact felt" in behavior.reason
 
 
-def test_fingers_that_feel_it_before_the_gripper_reports_it_confirm_at_once():
-    behavior, _ = to("CLOSING")
-    tell(
-        behavior,
-        touch(11.5, "left_contact"),
-        touch(11.6, "right_contact"),
-        Gripped(12.0, "gripper", True, 0.019, 10.0),
-    )
-    assert behavior.state == "HOLDING"
-
-
-def test_jaws_that_close_on_nothing_open_again():
+def test_jaws_that_close_on_nothing_open_again_and_a_grip_that_a_pause_broke_off_reports_it():
     behavior, _ = to("CLOSING")
     assert behavior.handle(Gripped(12.0, "gripper", False, 0.008, 0.0)) == [Release("gripper", 0.02)]
     assert behavior.reason == "the jaws closed on nothing"
+    behavior, _ = to("CLOSING")
+    assert behavior.handle(Resumed(12.0)) == [Release("gripper", 0.02)]
+    tell(behavior, jaws(13.0), arm(14.0))
+    assert (behavior.outcome, behavior.reason) == ("not_gripped", "a pause broke the grip off")
 
 
-def test_without_a_grasp_it_leaves_from_the_middle():
+def test_without_a_grasp_it_leaves_from_the_middle_where_the_arm_came_to_stand_without_a_place():
     behavior, _ = to("CENTERING", grasp=False)
     behavior.handle(arm(9.0, 0.002))
     assert behavior.state == "LEAVING"
+    behavior, _ = to("SEEKING_FORWARD")
+    tell(behavior, seen(6.5, "left_ours"), still(6.6, 0.006), seen(8.0, "right_ours"))
+    assert behavior.handle(still(8.1, -0.002)) == [MoveTo("arm", pytest.approx(0.002), 0.01)]
 
 
 def test_the_finders_are_armed_while_it_searches_and_not_while_it_turns():
@@ -143,7 +133,7 @@ def test_the_finders_are_armed_while_it_searches_and_not_while_it_turns():
         assert bool(armed) == (state in ("BASELINE", "SEEKING_FORWARD", "SEEKING_BACKWARD")), state
 
 
-def test_with_a_run_up_the_right_finger_goes_first_and_what_it_finds_is_thrown_away():
+def test_with_a_run_up_the_right_finger_goes_first_and_finds_nothing_and_the_papers_way_has_none():
     behavior, _ = to("BASELINE", run_up=True)
     assert behavior.handle(Tick(6.0)) == [MoveAt("arm", -0.01, -0.017)]
     assert behavior.state == "RUNNING_UP"
@@ -153,9 +143,6 @@ def test_with_a_run_up_the_right_finger_goes_first_and_what_it_finds_is_thrown_a
     assert behavior.handle(still(6.6, -0.0055)) == [MoveAt("arm", 0.01, 0.017)]
     tell(behavior, seen(7.5, "left_ours", 0.005), still(7.6, 0.0055), seen(8.5, "right_ours", -0.002))
     assert behavior.handle(still(8.6, -0.0025)) == [MoveTo("arm", pytest.approx(0.0015), 0.01)]
-
-
-def test_the_papers_way_has_no_run_up():
     names = frozenset({"left_paper", "right_paper"})
     behavior = Centering(CenteringSettings(run_up=True), SearchFactors(method="paper"), names)
     behavior.begin(0.0)
@@ -163,40 +150,31 @@ def test_the_papers_way_has_no_run_up():
     assert behavior.handle(Tick(6.0)) == [MoveAt("arm", 0.01, 0.017)]
 
 
-def test_a_touch_that_is_felt_as_the_arm_sets_out_is_ignored():
+def test_a_touch_that_is_felt_as_the_arm_sets_out_is_ignored_as_is_one_that_ended_before_the_search():
     behavior, _ = to("SEEKING_BACKWARD")
     assert behavior.handle(touch(7.04, "left_contact")) == [], "4.4 mm from where it turned"
     assert behavior.state == "SEEKING_BACKWARD"
     assert behavior.handle(touch(7.06, "right_contact")) == [Stop("arm")]
     assert behavior.reason == "touched during the search"
+    behavior, _ = to("BASELINE")
+    tell(behavior, touch(4.5, "left_contact"), held(5.0, "left_contact"), lost(5.5, "left_contact"))
+    assert behavior.handle(Tick(6.0)) == [MoveAt("arm", 0.01, 0.017)]
 
 
-AWAY = MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)
+FELT = touch(4.5, "left_contact")
+OTHERS = [[], [held(5.0, "left_contact")], [touch(4.6, "right_contact"), lost(4.7, "right_contact")]]
 
 
-@pytest.mark.parametrize(
-    "reported",
-    [
-        [touch(4.5, "left_contact")],
-        [touch(4.5, "left_contact"), held(5.0, "left_contact")],
-        [touch(4.5, "left_contact"), touch(4.6, "right_contact"), lost(4.7, "right_contact")],
-    ],
-)
+@pytest.mark.parametrize("others", OTHERS)
 @pytest.mark.parametrize("event", [Tick(6.0), Resumed(5.9)])
 @pytest.mark.parametrize("run_up", [False, True])
-def test_a_touch_that_stands_before_the_search_lets_none_begin(reported, event, run_up):
+def test_a_touch_that_stands_before_the_search_lets_none_begin(others, event, run_up):
     behavior, _ = to("BASELINE", run_up=run_up)
-    tell(behavior, *reported)
+    tell(behavior, FELT, *others)
     assert behavior.handle(event) == [AWAY]
     behavior.handle(arm(8.0))
     assert (behavior.done, behavior.outcome) == (True, "touched")
     assert behavior.reason.startswith("left_contact reported a touch at rest and not its end")
-
-
-def test_a_touch_that_has_ended_before_the_search_hinders_nothing():
-    behavior, _ = to("BASELINE")
-    tell(behavior, touch(4.5, "left_contact"), held(5.0, "left_contact"), lost(5.5, "left_contact"))
-    assert behavior.handle(Tick(6.0)) == [MoveAt("arm", 0.01, 0.017)]
 
 
 @pytest.mark.parametrize("finger", ["left_contact", "right_contact"])
@@ -209,15 +187,12 @@ def test_a_touch_that_is_held_while_the_arm_turns_ends_the_search_where_it_stand
     assert (behavior.outcome, behavior.reason) == ("touched", "touched during the search")
 
 
-def test_a_touch_that_begins_while_the_arm_turns_counts_when_it_is_held():
+def test_a_touch_that_begins_while_the_arm_turns_or_the_run_up_is_reversed_counts_when_it_is_held():
     behavior, _ = to("TURNING")
     behavior.handle(touch(6.55, "right_contact"))
     assert behavior.handle(still(6.6, 0.0055)) == [MoveAt("arm", -0.01, -0.017)]
     assert behavior.handle(held(7.05, "right_contact")) == [Stop("arm")]
     assert behavior.reason == "touched during the search"
-
-
-def test_a_touch_that_is_held_while_the_run_up_is_reversed_ends_the_search():
     behavior, _ = to("BASELINE", run_up=True)
     tell(behavior, Tick(6.0), touch(6.1, "right_contact"), seen(6.4, "right_ours", -0.005))
     assert behavior.state == "REVERSING"
@@ -225,29 +200,18 @@ def test_a_touch_that_is_held_while_the_run_up_is_reversed_ends_the_search():
     assert behavior.handle(still(6.7, -0.0055)) == [AWAY]
 
 
-def test_a_touch_of_the_search_confirms_no_grip():
+def test_a_touch_of_the_search_or_of_a_detector_that_was_disarmed_confirms_no_grip():
     behavior, _ = to("SEEKING_BACKWARD")
     behavior.handle(touch(6.65, "left_contact"))
     tell(behavior, seen(7.0, "right_ours", -0.001), still(7.1, -0.0015), arm(9.0, 0.002), Tick(11.0))
     assert behavior.state == "CLOSING"
-    tell(behavior, touch(11.5, "right_contact"), Gripped(12.0, "gripper", True, 0.019, 10.0))
+    tell(behavior, touch(11.5, "right_contact"), GRIPPED)
     assert behavior.state == "CONFIRMING", "the left finger has felt nothing"
     assert behavior.handle(Tick(13.1)) == [Release("gripper", 0.02)]
-
-
-def test_an_event_that_was_on_its_way_when_its_detector_was_disarmed_confirms_no_grip():
     behavior, _ = to("STOPPING")
     behavior.handle(touch(8.0, "left_contact"))
-    tell(behavior, still(8.1, -0.0015), arm(9.0, 0.002), Tick(11.0), touch(11.5, "right_contact"))
-    behavior.handle(Gripped(12.0, "gripper", True, 0.019, 10.0))
+    tell(behavior, still(8.1, -0.0015), arm(9.0, 0.002), Tick(11.0), touch(11.5, "right_contact"), GRIPPED)
     assert behavior.state == "CONFIRMING"
-
-
-def test_a_grip_that_a_pause_broke_off_reports_it():
-    behavior, _ = to("CLOSING")
-    assert behavior.handle(Resumed(12.0)) == [Release("gripper", 0.02)]
-    tell(behavior, jaws(13.0), arm(14.0))
-    assert (behavior.outcome, behavior.reason) == ("not_gripped", "a pause broke the grip off")
 
 
 FIRST = {state: PATH[state] for state in list(PATH)[: list(PATH).index("RESTING")]}
@@ -291,29 +255,25 @@ def test_after_half_a_turn_the_other_finger_leads_and_the_mean_of_both_middles_c
     assert behavior.notes == {"turned_s": [6.0, 9.0]}  # the first search began, the wrist turned
 
 
-def test_the_finger_that_led_before_half_a_turn_is_ignored_after_it():
+def test_after_half_a_turn_the_finger_that_led_is_ignored_and_a_pause_begins_anew_with_the_left_one():
     behavior, _ = turning(*(event for _, event in SECOND[:3]))
     assert behavior.handle(seen(14.5, "left_ours", 0.004)) == []
     assert behavior.state == "SEEKING_FORWARD"
+    behavior, commands = turning(*(event for _, event in SECOND[:3]), Resumed(14.5))
+    assert (behavior.state, commands[-1][-1]) == ("ENTERING", MovePose("arm", (0.0,) * 6, 0.05))
+    tell(behavior, arm(80.0), Tick(82.0), seen(82.5, "left_ours", 0.005))
+    assert behavior.state == "TURNING"
+    assert "turned_s" not in behavior.notes
 
 
 def test_a_search_that_fails_with_the_wrist_turned_turns_back_before_it_leaves():
     behavior, commands = turning(*(event for _, event in SECOND[:3]), arm(17.0, 0.017))
     assert (behavior.state, commands[-1]) == ("LEAVING", turn(-1.0))
     assert "right finger saw nothing" in behavior.reason
-    up = MovePose("arm", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.05)
-    assert behavior.handle(arm(20.0, 0.017)) == [up]
+    assert behavior.handle(arm(20.0, 0.017)) == [AWAY]
     assert behavior.state == "LEAVING"
     behavior.handle(arm(22.0))
     assert (behavior.done, behavior.outcome) == (True, "not_found")
-
-
-def test_a_pause_with_the_wrist_turned_begins_anew_with_the_left_finger_first():
-    behavior, commands = turning(*(event for _, event in SECOND[:3]), Resumed(14.5))
-    assert (behavior.state, commands[-1][-1]) == ("ENTERING", MovePose("arm", (0.0,) * 6, 0.05))
-    tell(behavior, arm(80.0), Tick(82.0), seen(82.5, "left_ours", 0.005))
-    assert behavior.state == "TURNING"
-    assert "turned_s" not in behavior.notes
 
 
 def test_a_mover_that_turns_more_slowly_than_asked_is_no_match():

@@ -35,16 +35,8 @@ UP_S = 15.0
 
 def grasping(**settings):
     """A grasp that both fingers feel, and what was commanded last."""
-    usual = {
-        "slip": ("slip",),
-        "load": ("load",),
-        "tightest_n": 40.0,
-        "margin": 1.2,
-        "boost": 1.5,
-        "moving_margin": 1.0,
-        "hold_s": 5.0,
-        "plateau_s": 0.0,
-    }
+    usual = {"slip": ("slip",), "load": ("load",), "tightest_n": 40.0, "margin": 1.2, "boost": 1.5}
+    usual |= {"moving_margin": 1.0, "hold_s": 5.0, "plateau_s": 0.0}
     behavior = Grasp(GraspSettings(**usual | settings), SearchFactors(), NAMES)
     behavior.begin(0.0)
     commands = tell(behavior, *FOUND)
@@ -60,6 +52,11 @@ def slip(t_s):
     return SlipStarted(t_s, "slip", 20.0, 10.0)
 
 
+def slips(behavior, t_s):
+    """What follows from a slip in the turn that tells it."""
+    return [*behavior.handle(slip(t_s)), *behavior.handle(Tick(t_s))]
+
+
 def over(t_s):
     return SlipEnded(t_s, "slip", 5.0, 10.0)
 
@@ -68,12 +65,17 @@ def load(t_s, load_n):
     return LoadChanged(t_s, "load", load_n, 0.1)
 
 
-def in_the_air(**settings):
-    """A grasp whose object has slipped at 4 of 10 N, and is up with 5 N on a finger."""
+def slipping(**settings):
+    """A grasp whose object has slipped at 4 of 10 N, and now loads a finger with 5 N."""
     behavior, _ = grasping(**settings)
-    tell(
-        behavior, load(12.9, 4.0), slip(13.0), Tick(13.0), over(13.05), load(13.2, 5.0), arm(14.0), arm(UP_S)
-    )
+    tell(behavior, load(12.9, 4.0), slip(13.0), Tick(13.0), over(13.05), load(13.2, 5.0))
+    return behavior
+
+
+def in_the_air(**settings):
+    """The same, up."""
+    behavior = slipping(**settings)
+    tell(behavior, arm(14.0), arm(UP_S))
     assert behavior.state == "HOLDING"
     assert behavior.notes["friction"] == [pytest.approx(0.4)]
     return behavior
@@ -90,9 +92,7 @@ def test_the_weight_is_taken_up_slowly_and_then_lifted_from_the_middle():
 def test_a_slip_tells_the_friction_and_the_grip_follows_the_load_by_it():
     behavior, _ = grasping()
     assert not behavior.handle(load(12.9, 4.0)), "nothing is known yet"
-    assert behavior.handle(slip(13.0)) + list(behavior.handle(Tick(13.0))) == [harder(12.0)], (
-        "4 N of 10 N: 0.4"
-    )
+    assert slips(behavior, 13.0) == [harder(12.0)], "4 N of 10 N: 0.4"
     behavior.handle(over(13.05))
     assert behavior.handle(load(13.2, 5.0)) == [harder(1.2 * 5.0 / 0.4)]
     assert not behavior.handle(load(13.25, 4.9)), "less load, no harder grip"
@@ -101,28 +101,27 @@ def test_a_slip_tells_the_friction_and_the_grip_follows_the_load_by_it():
 def test_a_load_that_no_longer_grows_while_the_arm_rises_tells_the_friction_too():
     behavior, _ = grasping(plateau_s=0.12)
     tell(behavior, load(12.9, 3.9), load(12.95, 4.0))
-    assert not behavior.handle(slip(12.97)) + list(behavior.handle(Tick(12.97))), (
-        "one patch may slip before all does"
-    )
+    assert not slips(behavior, 12.97), "one patch may slip before all does"
     assert not behavior.handle(Tick(13.06))
     assert behavior.handle(Tick(13.07)) == [harder(12.0)], "4 N of 10 N, at a margin of 1.2"
     tell(behavior, over(13.08), load(13.1, 4.3))
     assert not behavior.handle(Tick(13.3)), "it hangs: less than friction bears"
     tell(behavior, load(13.4, 4.6))
-    assert not behavior.handle(slip(13.5)) + list(behavior.handle(Tick(13.5))), (
-        "soon after it grew: a part of a pad"
-    )
+    assert not slips(behavior, 13.5), "soon after it grew: a part of a pad"
     tell(behavior, over(13.51))
-    commands = [*behavior.handle(slip(13.53)), *behavior.handle(Tick(13.53))]
-    assert commands[-1].force_n > 1.2 * 4.6 / 0.4, "it hangs, and slides"
+    assert slips(behavior, 13.53)[-1].force_n > 1.2 * 4.6 / 0.4, "it hangs, and slides"
 
 
-def test_a_load_beyond_what_friction_bears_makes_the_jaws_press_harder_at_once():
+def test_a_load_beyond_what_friction_bears_or_that_jumps_makes_the_jaws_press_harder_at_once():
     behavior = in_the_air()
     assert behavior.handle(load(17.0, 5.9)) == [harder(1.5 * 5.0 / 0.4)], "98 % of 6 N: it is about to slip"
-    assert behavior.handle(load(17.01, 9.6)) == [harder(1.02 * 9.6 / 0.4)], (
-        "not again at once, but what the load asks for"
-    )
+    assert behavior.handle(load(17.01, 9.6)) == [harder(1.02 * 9.6 / 0.4)], "what the load asks for"
+    behavior = in_the_air()
+    assert behavior.handle(load(17.0, 5.3)) == [harder(1.2 * 5.3 / 0.4)], "it creeps"
+    assert behavior.handle(load(17.01, 5.65)) == [harder(1.5 * 5.0 / 0.4)]
+    behavior = in_the_air(tightest_n=16.0)
+    assert behavior.handle(load(17.0, 7.0)) == [harder(16.0)]
+    assert not behavior.handle(load(17.1, 9.0))
 
 
 def test_a_grip_that_is_no_longer_needed_is_loosened_step_by_step():
@@ -136,22 +135,17 @@ def test_a_grip_that_is_no_longer_needed_is_loosened_step_by_step():
     assert forces_n[-1] == pytest.approx(15.0)
 
 
-def test_a_slip_that_is_told_of_a_finger_that_carries_little_is_a_knock():
+def test_a_slip_of_a_finger_that_carries_little_or_while_the_arm_shakes_is_a_knock():
     behavior = in_the_air()
     tell(behavior, load(15.1, 3.9))
-    assert not [*behavior.handle(slip(15.2)), *behavior.handle(Tick(15.2))], "65 % of what friction bears"
+    assert not slips(behavior, 15.2), "65 % of what friction bears"
     tell(behavior, over(15.3), load(15.35, 5.0))
-    commands = [*behavior.handle(slip(15.8)), *behavior.handle(Tick(15.8))]
-    assert commands[-1].force_n > 1.2 * 15.0
-
-
-def test_while_the_arm_shakes_it_no_slip_is_believed():
-    behavior, _ = grasping(shake_m_s=0.05)
-    tell(behavior, load(12.9, 4.0), slip(13.0), Tick(13.0), over(13.05), load(13.2, 5.0), arm(14.0))
-    tell(behavior, arm(UP_S))
+    assert slips(behavior, 15.8)[-1].force_n > 1.2 * 15.0
+    behavior = slipping(shake_m_s=0.05)
+    tell(behavior, arm(14.0), arm(UP_S))
     assert behavior.state == "SHAKING"
-    commands = [*behavior.handle(slip(15.25)), *behavior.handle(Tick(15.25))]
-    assert not any(isinstance(command, Grip) for command in commands), "83 % of what friction bears"
+    believed = any(isinstance(command, Grip) for command in slips(behavior, 15.25))
+    assert not believed, "83 % of what friction bears"
 
 
 def test_a_slip_that_outlasts_what_the_jaws_themselves_do_is_believed():
@@ -164,15 +158,8 @@ def test_a_slip_that_outlasts_what_the_jaws_themselves_do_is_believed():
     assert commands[-1].force_n > 15.0, "but it is not over"
 
 
-def test_a_load_that_jumps_makes_the_jaws_press_harder_before_anything_slips():
-    behavior = in_the_air()
-    assert behavior.handle(load(17.0, 5.3)) == [harder(1.2 * 5.3 / 0.4)], "it creeps"
-    assert behavior.handle(load(17.01, 5.65)) == [harder(1.5 * 5.0 / 0.4)]
-
-
 def test_while_the_arm_moves_it_it_is_gripped_for_what_the_motion_adds():
-    behavior, _ = grasping(moving_margin=1.5)
-    tell(behavior, load(12.9, 4.0), slip(13.0), Tick(13.0), over(13.05), load(13.2, 5.0))
+    behavior = slipping(moving_margin=1.5)
     assert harder(1.5 * 5.0 / 0.4) in behavior.handle(arm(14.0))
     tell(behavior, arm(UP_S))
     forces_n = [command.force_n for k in range(80) for command in behavior.handle(Tick(UP_S + 0.01 * k))]
@@ -182,7 +169,7 @@ def test_while_the_arm_moves_it_it_is_gripped_for_what_the_motion_adds():
 def test_what_the_drives_friction_takes_or_adds_is_commanded_besides():
     behavior, _ = grasping(jaws_n=0.5)
     tell(behavior, load(12.9, 3.8))
-    assert [*behavior.handle(slip(13.0)), *behavior.handle(Tick(13.0))] == [harder(1.2 * 9.5 + 0.5)]
+    assert slips(behavior, 13.0) == [harder(1.2 * 9.5 + 0.5)]
     tell(behavior, over(13.05), load(13.1, 3.5))
     assert [*behavior.handle(Tick(13.45)), *behavior.handle(Tick(13.5))][0] == harder(0.94 * 11.4 - 0.5)
 
@@ -201,17 +188,11 @@ def test_the_shake_goes_up_and_down_and_ends_standing():
 
 def test_steps_of_force_are_the_other_rule():
     behavior, _ = grasping(rule="step", load=(), tighten_n=2.0)
-    assert behavior.handle(slip(13.0)) + list(behavior.handle(Tick(13.0))) == [harder(12.0)]
+    assert slips(behavior, 13.0) == [harder(12.0)]
     assert not behavior.handle(Tick(13.04))
     assert behavior.handle(Tick(13.05)) == [harder(14.0)], "it slips on"
     behavior.handle(over(13.06))
     assert not behavior.handle(Tick(13.2))
-
-
-def test_no_grip_is_harder_than_the_hardest():
-    behavior = in_the_air(tightest_n=16.0)
-    assert behavior.handle(load(17.0, 7.0)) == [harder(16.0)]
-    assert not behavior.handle(load(17.1, 9.0))
 
 
 def test_what_is_carried_to_the_end_is_held_and_set_down():
@@ -221,47 +202,38 @@ def test_what_is_carried_to_the_end_is_held_and_set_down():
     assert behavior.handle(arm(22.0)) == [Release("gripper", 0.02)]
 
 
-def test_what_a_finger_no_longer_carries_at_the_end_is_lost():
-    behavior = in_the_air()
-    tell(behavior, load(17.0, 0.2), Tick(UP_S + 5.0))
-    assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in HOLDING")
+def test_what_a_finger_no_longer_carries_at_the_end_or_feels_where_nothing_tells_the_load_is_lost():
+    carried = in_the_air()
+    tell(carried, load(17.0, 0.2), Tick(UP_S + 5.0))
+    felt, _ = grasping(load=())
+    tell(felt, arm(14.0), arm(UP_S), lost(16.0, "left_contact"), Tick(UP_S + 5.0))
+    for behavior in (carried, felt):
+        assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in HOLDING")
 
 
-def test_where_nothing_tells_the_load_the_fingers_must_feel_it_to_the_end():
-    behavior, _ = grasping(load=())
-    tell(behavior, arm(14.0), arm(UP_S), lost(16.0, "left_contact"), Tick(UP_S + 5.0))
-    assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in HOLDING")
-
-
-def test_what_falls_out_of_the_jaws_is_no_grasp():
+def test_what_falls_out_of_the_jaws_is_no_grasp_and_a_pause_sets_it_down():
     behavior, _ = grasping()
     behavior.handle(Gripped(13.0, "gripper", False, 0.0, 0.0))
     assert behavior.state == "LOWERING"
     assert (behavior.outcome, behavior.reason) == ("dropped", "the object was lost in LOADING")
-
-
-def test_a_pause_sets_it_down():
     behavior, _ = grasping()
     assert behavior.handle(Resumed(13.0)) == [MovePose("arm", (0.002, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01)]
     assert behavior.reason == "a pause broke the grip off"
 
 
-def test_without_centering_the_jaws_close_where_they_are():
-    behavior = Grasp(GraspSettings(center=False), SearchFactors(), NAMES)
-    behavior.begin(0.0)
-    tell(behavior, *FOUND[:4], Tick(6.0))
-    assert behavior.state == "RESTING"
-    (grip,) = behavior.handle(Tick(8.0))
-    assert isinstance(grip, Grip)
-
-
-def test_a_slip_before_the_lift_is_no_slip_of_the_object():
+def test_a_slip_before_the_lift_is_no_slip_of_the_object_and_without_centering_the_jaws_close_at_once():
     behavior = Grasp(GraspSettings(slip=("slip",)), SearchFactors(), NAMES)
     behavior.begin(0.0)
     tell(behavior, *FOUND[:-3])
     assert behavior.state == "CLOSING"
     assert "slip" in behavior.plan.detectors, "it has learned in the rest what noise is"
     assert not behavior.handle(slip(11.5))
+    behavior = Grasp(GraspSettings(center=False), SearchFactors(), NAMES)
+    behavior.begin(0.0)
+    tell(behavior, *FOUND[:4], Tick(6.0))
+    assert behavior.state == "RESTING"
+    (grip,) = behavior.handle(Tick(8.0))
+    assert isinstance(grip, Grip)
 
 
 @pytest.mark.parametrize(

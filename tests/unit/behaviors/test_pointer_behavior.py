@@ -75,9 +75,7 @@ def test_every_angle_is_touched_up_and_then_down_again():
         assert turn.twist[:4] + turn.twist[5:] == (0.0,) * 5
         turned += turn.twist[4] * turn.duration_s
         angles.append(turned)
-    assert angles == pytest.approx([-0.5, 0.0, 0.5, 0.0, -0.5, 0.0]), (
-        "the last angle up is the first one down"
-    )
+    assert angles == pytest.approx([-0.5, 0.0, 0.5, 0.0, -0.5, 0.0]), "the last up is the first down"
     descents = [command for command in commands if isinstance(command, MoveAt) and command.velocity_m_s > 0.0]
     assert len(descents) == 6
     assert commands[0] == commands[-1] == Home("arm")
@@ -91,14 +89,6 @@ def test_a_touch_stops_the_arm_rests_records_and_lifts_turned_as_it_is():
     assert behavior.handle(Tick(t_s + 0.3)) == []
     assert behavior.state == "RECORDING"
     assert behavior.handle(Tick(t_s + 0.8)) == [MoveAt("arm", -0.01, 0.0)]
-
-
-def test_another_detector_starts_and_ends_no_descent():
-    behavior, t_s = to("WAITING")
-    assert behavior.handle(ready(t_s, "other")) == []
-    behavior, t_s = to("DESCENDING")
-    assert behavior.handle(contact(t_s, "other")) == []
-    assert behavior.state == "DESCENDING"
 
 
 def test_an_angle_without_a_table_ends_the_trial_without_contact():
@@ -138,15 +128,20 @@ def test_after_a_pause_it_lifts_goes_home_and_turns_to_the_same_angle(state):
     assert turn.twist[4] * turn.duration_s == pytest.approx(-0.5)
 
 
-def test_only_the_touch_detector_is_armed_and_only_touches_and_the_start_are_recorded():
+def test_only_the_touch_detector_is_armed_and_another_starts_and_ends_no_descent():
     plans = pointer().plans
     assert plans["WAITING"].detectors == plans["DESCENDING"].detectors == {"touch"}
     assert plans["ZEROING"].measures == {"arm.pose"}
     assert plans["RECORDING"].measures == {"signals.tip", "arm.pose"}
     assert plans["LIFTING"].measures == frozenset()
+    behavior, t_s = to("WAITING")
+    assert behavior.handle(ready(t_s, "other")) == []
+    behavior, t_s = to("DESCENDING")
+    assert behavior.handle(contact(t_s, "other")) == []
+    assert behavior.state == "DESCENDING"
 
 
-@pytest.mark.parametrize("angles", [(0.5, -0.5), (0.0,), (0.0, 1.6)])
-def test_angles_that_do_not_ascend_or_leave_the_half_cylinder_are_refused(angles):
-    with pytest.raises(ValidationError):
-        PointerSettings(angles_rad=angles)
+def test_angles_that_do_not_ascend_or_leave_the_half_cylinder_are_refused():
+    for angles in ((0.5, -0.5), (0.0,), (0.0, 1.6)):
+        with pytest.raises(ValidationError):
+            PointerSettings(angles_rad=angles)

@@ -12,13 +12,8 @@ from drivers.core.messages import Home, MoveAt, Sent, Stop, Tare, Twist
 from tests.unit.behaviors.driving import arm, still, tell
 
 RUN = {
-    "stream": "board.fingertip",
-    "forces_stream": "signals.tip",
-    "touch": "touch",
-    "paper": "paper",
-    "ours": "ours",
-    "tilt_rad": -0.4,
-    "press_m": 0.001,
+    **{"stream": "board.fingertip", "forces_stream": "signals.tip", "tilt_rad": -0.4, "press_m": 0.001},
+    **{"touch": "touch", "paper": "paper", "ours": "ours"},
     "steps": (
         {"do": "hold", "duration_s": 0.2},
         {"do": "roll", "duration_s": 2.0, "turn_rad": 0.8},
@@ -104,12 +99,14 @@ def test_a_trial_touches_presses_rolls_slides_and_goes_home():
     assert behavior.outcome == "contact"
 
 
-def test_only_the_sensors_own_detectors_listen_from_rest_until_it_lifts():
+def test_only_the_sensors_own_detectors_listen_from_rest_until_it_lifts_and_its_forces_are_watched():
     for state, _ in PATH[:-1]:
         plan = led_to(state).plan
         listening = state not in MOVING_FREELY
         assert plan.detectors == (frozenset({"touch", "paper", "ours"}) if listening else frozenset()), state
         assert ("signals.tip" in plan.measures) is listening
+    assert trial().range_streams == {"signals.tip"}
+    assert trial({"forces_stream": None}).range_streams == frozenset()
 
 
 def test_slip_detectors_may_listen_from_the_first_motion_on_and_learn_there():
@@ -123,11 +120,14 @@ def test_slip_detectors_may_listen_from_the_first_motion_on_and_learn_there():
             assert behavior.plan.detectors == expected, state
 
 
-def test_without_a_tilt_it_rests_at_once():
+def test_without_a_tilt_it_rests_at_once_and_without_stop_on_slip_nothing_follows_from_slip():
     behavior = trial({"tilt_rad": 0.0})
     behavior.begin(0.0)
     tell(behavior, arm(0.5), Tick(0.7))
     assert behavior.state == "RESTING"
+    behavior = led_to("SLIPPING")
+    assert behavior.handle(slip(8.0)) == []
+    assert behavior.state == "SLIPPING"
 
 
 @pytest.mark.parametrize("reflex", ["ours", "paper"])
@@ -149,23 +149,13 @@ def test_a_roll_that_is_cut_short_is_turned_back_by_what_it_turned():
     assert behavior.handle(arm(7.6)) == [Twist("arm", (0.0, 0.0, 0.0, 0.0, 0.2, 0.0), pytest.approx(1.0))]
 
 
-def test_without_stop_on_slip_nothing_follows_from_slip():
-    behavior = led_to("SLIPPING")
-    assert behavior.handle(slip(8.0)) == []
-    assert behavior.state == "SLIPPING"
-
-
-def test_a_table_that_is_not_there_ends_the_trial_without_contact():
-    behavior = led_to("DESCENDING")
-    assert behavior.handle(arm(6.7, 0.006)) == [MoveAt("arm", -0.01, 0.0)]
-    assert behavior.outcome == "no_contact"
-    assert "0.006 m" in behavior.reason
-
-
-def test_the_touch_of_another_detector_is_not_its_own():
+def test_the_touch_of_another_detector_is_not_its_own_and_without_a_table_there_is_no_contact():
     behavior = led_to("DESCENDING")
     assert behavior.handle(touch(5.0, "other")) == []
     assert behavior.state == "DESCENDING"
+    assert behavior.handle(arm(6.7, 0.006)) == [MoveAt("arm", -0.01, 0.0)]
+    assert behavior.outcome == "no_contact"
+    assert "0.006 m" in behavior.reason
 
 
 LIFT = MoveAt("arm", -0.01, 0.0)
@@ -232,11 +222,6 @@ def test_a_turn_that_a_pause_broke_off_is_left_to_home(state):
     assert behavior.state == "RETURNING"
 
 
-def test_the_forces_of_the_trials_own_sensor_are_watched_in_every_motion():
-    assert trial().range_streams == {"signals.tip"}
-    assert trial({"forces_stream": None}).range_streams == frozenset()
-
-
 @pytest.mark.parametrize(("stops", "outcome"), [(True, "fault"), (False, UNDECIDED)])
 def test_a_refused_baseline_of_a_slip_detector_is_a_fault_only_where_it_stops_the_arm(stops, outcome):
     behavior = led_to("DESCENDING", stop_on_slip=stops, reflex="ours")
@@ -253,20 +238,10 @@ def test_a_motion_that_never_ends_is_a_fault_with_its_state():
     assert "ROLLING" in behavior.reason
 
 
-@pytest.mark.parametrize(
-    "step",
-    [
-        {"do": "roll", "duration_s": 1.0},
-        {"do": "slip", "duration_s": 1.0, "turn_rad": 1.0},
-        {"do": "hold", "duration_s": 1.0, "speed_m_s": 0.01},
-    ],
-)
-def test_a_step_without_its_number_or_with_anothers_is_refused(step):
-    with pytest.raises(ValidationError, match="each its own"):
-        trial({"steps": (step,)})
-
-
-def test_two_steps_of_a_kind_in_a_row_are_refused():
+def test_a_step_without_its_number_or_with_anothers_is_refused_and_two_of_a_kind_in_a_row():
+    for step in ({"do": "roll"}, {"do": "slip", "turn_rad": 1.0}, {"do": "hold", "speed_m_s": 0.01}):
+        with pytest.raises(ValidationError, match="each its own"):
+            trial({"steps": ({"duration_s": 1.0, **step},)})
     twice = {"do": "slip", "duration_s": 1.0, "speed_m_s": 0.01}
     with pytest.raises(ValidationError, match="two of a kind"):
         trial({"steps": (twice, {**twice, "speed_m_s": -0.01})})

@@ -99,9 +99,8 @@ class Bench:
             assert not silent & self.stoppers, f"{where}: {silent} have nothing left to report"
 
     def _towards_the_object(self, command):
-        return isinstance(command, MoveAt) or (
-            isinstance(command, MovePose) and command.offset[:3] == pytest.approx(END)
-        )
+        to_the_end = isinstance(command, MovePose) and command.offset[:3] == pytest.approx(END)
+        return to_the_end or isinstance(command, MoveAt)
 
     def _carry_out(self, command):
         match command:
@@ -207,7 +206,8 @@ def bench_of(name, felt):
 
 
 EXPERIMENTS = ["aura", "centering"]
-CONTACTS = st.sampled_from(["left_contact", "right_contact", "contact_ours", "contact_paper"])
+FINGERS = ("left_contact", "right_contact")
+CONTACTS = st.sampled_from([*FINGERS, "contact_ours", "contact_paper"])
 HAPPENINGS = st.one_of(
     st.just(("go_on",)),
     st.tuples(st.just("pause"), st.frozensets(CONTACTS)),
@@ -235,9 +235,7 @@ def test_the_undisturbed_trial_passes_through_all_but_the_way_out_after_a_touch(
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 @pytest.mark.parametrize("felt", [False, True])
-@pytest.mark.parametrize(
-    "touched", [frozenset(), frozenset({"contact_ours", "left_contact", "right_contact"})]
-)
+@pytest.mark.parametrize("touched", [frozenset(), frozenset({"contact_ours", *FINGERS})])
 def test_a_pause_in_any_state_is_gone_on_from_safely(name, felt, touched):
     undisturbed = bench_of(name, felt)
     steps = 0

@@ -10,15 +10,8 @@ from tests.unit.behaviors.driving import lead, tell
 
 
 def weights(bridge="x", **settings):
-    given = {
-        "weights_x_n": (1.0, 2.0),
-        "cycles": 1,
-        "preloads": 0,
-        "swing_s": 1.0,
-        "record_s": 0.5,
-        **settings,
-    }
-    return Weights(WeightsSettings(**given), WeightsFactors(bridge=bridge), frozenset())
+    given = {"weights_x_n": (1.0, 2.0), "cycles": 1, "preloads": 0, "swing_s": 1.0, "record_s": 0.5}
+    return Weights(WeightsSettings(**given | settings), WeightsFactors(bridge=bridge), frozenset())
 
 
 def answered(t_s):
@@ -48,22 +41,20 @@ def run(behavior):
     return recorded
 
 
-def test_it_asks_for_the_setup_first_and_then_for_nothing_on_it():
+def test_it_asks_for_the_setup_first_once_more_after_a_pause_and_then_for_nothing_on_it():
     behavior = weights()
-    assert behavior.begin(0.0) == [
-        Ask("operator", "set the fingertip up for weights on bridge Fx, with nothing on it")
-    ]
+    (asked,) = behavior.begin(0.0)
+    assert asked == Ask("operator", "set the fingertip up for weights on bridge Fx, with nothing on it")
+    assert behavior.handle(Resumed(5.0)) == [asked]
+    assert behavior.state == "SETTING_UP"
     assert behavior.handle(answered(9.0)) == [LoadWeight("operator", "x", 0.0)]
 
 
-def test_a_cycle_goes_up_through_all_weights_and_down_again():
+def test_a_cycle_goes_up_through_all_weights_and_down_again_or_as_they_are_listed():
     behavior = weights(weights_x_n=(1.0, 2.0, 3.0), cycles=2, preloads=1)
     cycle = [1.0, 2.0, 3.0, 2.0, 1.0, 0.0]
     assert run(behavior) == [0.0, 3.0, 0.0, *cycle, *cycle]
     assert behavior.outcome == "calibrated"
-
-
-def test_listed_weights_come_in_their_order():
     assert run(weights(weights_x_n=(2.0, 0.5, 1.0), order="listed")) == [0.0, 2.0, 0.5, 1.0, 0.0]
 
 
@@ -71,12 +62,8 @@ def test_the_wrong_weight_is_waited_out():
     behavior = weights()
     behavior.begin(0.0)
     behavior.handle(answered(1.0))
-    for wrong in (
-        Loaded(2.0, "operator", "x", 1.0),
-        Loaded(2.0, "operator", "y", 0.0),
-        Loaded(2.0, "board", "x", 0.0),
-    ):
-        assert behavior.handle(wrong) == []
+    for wrong in (("operator", "x", 1.0), ("operator", "y", 0.0), ("board", "x", 0.0)):
+        assert behavior.handle(Loaded(2.0, *wrong)) == []
         assert behavior.state == "HANGING"
     behavior.handle(Loaded(3.0, "operator", "x", 0.0))
     assert behavior.state == "SWINGING"
@@ -91,13 +78,6 @@ def test_a_person_who_does_not_answer_ends_the_trial_with_the_request_in_its_rea
     assert behavior.done
     assert behavior.outcome == "aborted"
     assert behavior.reason == "operator did not answer within 60 s when asked for 0 N on bridge x"
-
-
-def test_a_pause_before_the_fingertip_is_set_up_asks_for_that_again():
-    behavior = weights()
-    asked = behavior.begin(0.0)
-    assert behavior.handle(Resumed(5.0)) == asked
-    assert behavior.state == "SETTING_UP"
 
 
 HUNG = {"HANGING": [answered(1.0)], "SWINGING": [Loaded(2.0, "operator", "x", 0.0)], "RECORDING": [Tick(3.0)]}
@@ -117,17 +97,11 @@ def test_while_it_waits_for_the_person_only_their_answer_is_subscribed_and_only_
     assert plans["RECORDING"].measures == {"board.fingertip"}
 
 
-@pytest.mark.parametrize(
-    "given", [{"weights_y_n": (2.0, 1.0)}, {"weights_t_n": (1.0,)}, {"weights_x_n": (0.0, 1.0)}]
-)
-def test_weights_that_do_not_ascend_or_are_but_one_is_refused(given):
-    with pytest.raises(ValidationError):
-        WeightsSettings(**given)
-
-
-def test_the_default_weights_end_where_the_paper_tested_and_pass_the_middle():
-    settings = WeightsSettings()
+def test_weights_that_do_not_ascend_or_are_but_one_are_refused_and_the_defaults_end_where_the_paper_tested():
+    for given in ({"weights_y_n": (2.0, 1.0)}, {"weights_t_n": (1.0,)}, {"weights_x_n": (0.0, 1.0)}):
+        with pytest.raises(ValidationError):
+            WeightsSettings(**given)
     for bridge, top_n in (("x", 7.0), ("y", 7.0), ("t", 1.0)):
-        weights_n = settings.weights_n(bridge)
+        weights_n = WeightsSettings().weights_n(bridge)
         assert weights_n[-1] == top_n
         assert top_n / 2.0 in weights_n
