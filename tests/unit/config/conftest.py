@@ -55,22 +55,19 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str
     return write_file
 
 
-COMPARED = {
-    "zaber_stage": {"microstep_m", "travel_m"},
-    "ur_arm": {"tcp_offset", "payload_kg", "payload_cog_m"},
-}
-"""Settings of a driver that the real device is held against at opening."""
+def loaded(name: str, overrides: Mapping[str, str] | None = None) -> Any:
+    """A profile whose sections have the types that it gives them."""
+    return load_profile(name, overrides)
+
+
+COMPARED = {"microstep_m", "travel_m", "tcp_offset", "payload_kg", "payload_cog_m"}
+"""Settings of stage and arm that the real device is held against at opening."""
 
 
 def on_the_mock_bench(devices: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """The devices with the mock bench's ports, and without what a real device is held against."""
-    return {
-        name: {
-            **{key: value for key, value in device.items() if key not in COMPARED.get(device["driver"], ())},
-            "port": "mock",
-        }
-        for name, device in devices.items()
-    }
+    own = {name: {key: device[key] for key in device.keys() - COMPARED} for name, device in devices.items()}
+    return {name: {**device, "port": "mock"} for name, device in own.items()}
 
 
 PLAIN = {

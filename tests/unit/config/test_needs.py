@@ -41,10 +41,8 @@ def sensor(name):
     return {"trials.list": f'[{{ sensor = "{name}" }}]'}
 
 
-ARM = {
-    f"devices.arm.{key}"
-    for key in ("port", "start_pose", "approach_axis", "tcp_offset", "payload_kg", "payload_cog_m")
-}
+TOOL = ("start_pose", "approach_axis", "tcp_offset", "payload_kg", "payload_cog_m")
+ARM = {f"devices.arm.{key}" for key in ("port", *TOOL)}
 LIMITS = {"limits.force_n", "limits.travel_m"}
 STAGE = {f"devices.stage.{key}" for key in ("port", "microstep_m", "travel_m")}
 GRIPPER = {"devices.gripper.port", "devices.gripper.closed_width_m"}
@@ -52,19 +50,13 @@ BOARD, AUDIO, TIP = "devices.board.port", "devices.audio.port", "signals.tip.gai
 WAVEFORM = "detectors.ours.threshold"
 APPROACH = "behavior.approach_limit_m"
 PATH = {f"behavior.{key}" for key in ("clear_m", "sweep_m", "grip_width_m")}
-CENTERING = PATH | {
-    f"detectors.{side}_{what}.threshold" for side in ("left", "right") for what in ("paper", "contact")
-}
+SIDES = ("left", "right")
+CENTERING = PATH | {f"detectors.{side}_{what}.threshold" for side in SIDES for what in ("paper", "contact")}
+LISTENS = ("ours.threshold", "ours.level_fs", "contact.threshold")
 GRASP = PATH | {
-    "limits.grip_n",
-    "detectors.slip_ours.threshold",
-    "signals.pad.overload_n",
+    *("limits.grip_n", "detectors.slip_ours.threshold", "signals.pad.overload_n"),
     *(f"behavior.{key}" for key in ("lift_m", "weight_n", "grip_force_n", "jaws_n", "tightest_n")),
-    *(
-        f"detectors.{side}_{what}"
-        for side in ("left", "right")
-        for what in ("ours.threshold", "ours.level_fs", "contact.threshold")
-    ),
+    *(f"detectors.{side}_{what}" for side in SIDES for what in LISTENS),
 }
 PRETOUCH = {"detectors.pretouch_paper.threshold", "detectors.pretouch_ours.threshold"}
 
@@ -75,6 +67,7 @@ def slipping(stream, name, *thresholds):
     return ARM | LIMITS | asked | set(stream) | {f"detectors.{each}.threshold" for each in thresholds}
 
 
+BORDER = slipping({BOARD, TIP}, "fingertip", "touch_fingertip", "fingertip_ours", "border")
 HALF_FULL = {"behavior.light_m", "behavior.full_m"}
 HELD = ARM | LIMITS | GRIPPER | {AUDIO}
 TOUCHED = HELD | PRETOUCH | {"detectors.contact_ours.threshold"}
@@ -105,12 +98,7 @@ CASES = [
     ),
     *((name, {}, "arm gripper audio", HELD | PRETOUCH) for name in ("pretouch", "pretouch_y", "pretouch_z")),
     *((name, {}, "arm gripper audio", TOUCHED) for name in ("touch", "objects")),
-    (
-        "border",
-        {},
-        "arm board",
-        slipping({BOARD, TIP}, "fingertip", "touch_fingertip", "fingertip_ours", "border"),
-    ),
+    ("border", {}, "arm board", BORDER),
     ("centering", {"trials.grid.method": '["paper"]'}, "arm gripper audio", HELD | CENTERING),
     ("grasp", {}, "arm gripper audio board", HELD | {BOARD} | GRASP),
 ]
@@ -135,15 +123,7 @@ def test_every_hardware_profile_is_among_them():
 PRINTED = {"fingertip_paper", "flexible_paper", "contact_paper", "touch"}
 """Detectors with a threshold that is the paper's, or the trial's factor."""
 
-MOVING = {
-    "start_pose",
-    "approach_axis",
-    "tcp_offset",
-    "payload_kg",
-    "payload_cog_m",
-    "microstep_m",
-    "travel_m",
-}
+MOVING = {*TOOL, "microstep_m", "travel_m"}
 
 
 @pytest.mark.parametrize("name", HARDWARE)
@@ -167,38 +147,35 @@ def test_on_hardware_nothing_that_moves_and_no_threshold_has_a_value_of_the_simu
     assert live - unset - console == set()
 
 
-def test_a_bench_with_a_setting_that_is_not_set_is_not_even_made():
-    with refused(ProfileError, "[devices.audio] port is not set"):
-        assemble.build_rig(load_profile("hardware/chirp"), devices={"audio"})
-
-
 LAB = """
 extends = "hardware/chirp"
 devices.audio.port = "sounddevice:Scarlett"
 """
 
 
-def test_a_lab_gives_its_values_in_a_profile_of_its_own_and_may_ask_again_below_it(tmp_path):
+def test_a_lab_gives_its_values_in_a_profile_of_its_own_and_without_no_rig_is_made(tmp_path):
     (tmp_path / "lab.toml").write_text(LAB)
     assert opened(tmp_path / "lab.toml") == {"audio"}
-    (tmp_path / "student.toml").write_text(
-        'extends = "lab"\ndevices.audio.port = "? which card is free today"\n'
-    )
+    (tmp_path / "student.toml").write_text('extends = "lab"\ndevices.audio.port = "? which is free today"\n')
     assert missing(tmp_path / "student.toml") == {"devices.audio.port"}
+    with refused(ProfileError, "[devices.audio] port is not set"):
+        assemble.build_rig(load_profile("hardware/chirp"), devices={"audio"})
 
 
-def test_a_trial_may_give_the_value():
+def test_a_trial_may_give_the_value_and_until_then_it_is_the_classes_own():
     values = {key: value for key, value in lab_values("hardware/transient").items() if "detectors" not in key}
     row = {"trials.list": '[{ location = "f", speed_m_s = 0.003, detectors.ours.threshold = 6.0 }]'}
     assert missing("hardware/transient", values) == {"detectors.ours.threshold"}
     assert opened("hardware/transient", values | row) == {"stage", "board"}
+    source = read_source("hardware/transient")
+    assert "microstep_m" not in source.data["devices"]["stage"]
+    assert ("devices", "stage", "microstep_m") in source.unset
 
 
 @pytest.mark.parametrize("name", ["hardware/slip", "mock/pointer", "mock/slip"])
 def test_what_a_run_keeps_of_a_profile_loads_again(name):
-    profile = load_profile(
-        name, {"detectors.dsa_ours": "none", "devices.matrix": "none"} if "slip" in name else {}
-    )
+    off = {"detectors.dsa_ours": "none", "devices.matrix": "none"} if "slip" in name else {}
+    profile = load_profile(name, off)
     again = load_resolved(name, profile.resolved)
     assert again.hash == profile.hash
     assert again.source.absent == profile.source.absent
@@ -242,10 +219,13 @@ def test_what_is_taken_off_is_missed_only_by_trials_that_use_it():
             check_refusal(line, named, '"none"')
 
 
-def test_a_fault_of_a_device_that_no_trial_uses_is_refused():
+def test_what_no_trial_uses_may_have_no_fault_and_an_emulator_that_lacks_a_device_is_not_joined():
     fault = {"faults": '[{ device = "arm", kind = "stall", at_s = 1.0 }]'}
     with refused(ProfileError, "mock/chirp", '[faults] #1 device = "arm"', "remove the fault"):
         opened("mock/chirp", fault)
+    profile = load_profile("emulated/slip", sensor("wrist"))
+    with refused(RefusedError, "arm", "emulate emulated/slip"):
+        assemble._wire_devices(replace(profile, devices={"arm": profile.devices["arm"]}), VirtualClock(), {})
 
 
 def test_the_limits_of_a_second_mover_ask_for_it_only_where_it_is_used():
@@ -285,18 +265,6 @@ def test_an_experiment_that_names_no_device_may_command_any(tmp_path):
     (tmp_path / "idle.py").write_text(OWN)
     (tmp_path / "idle.toml").write_text('extends = "mock/bench_resonance"\nexperiment = "idle:Idle"\n')
     assert opened(tmp_path / "idle.toml") == {"stage", "board"}
-
-
-def test_an_emulator_that_lacks_a_device_of_the_run_is_not_joined():
-    profile = load_profile("emulated/slip", sensor("wrist"))
-    with refused(RefusedError, "arm", "emulate emulated/slip"):
-        assemble._wire_devices(replace(profile, devices={"arm": profile.devices["arm"]}), VirtualClock(), {})
-
-
-def test_a_value_without_one_to_stand_in_for_it_is_the_classes_own_until_it_is_given():
-    source = read_source("hardware/transient")
-    assert "microstep_m" not in source.data["devices"]["stage"]
-    assert ("devices", "stage", "microstep_m") in source.unset
 
 
 def test_a_limit_that_the_lab_has_not_given_is_not_shown_beside_what_is_read():

@@ -38,19 +38,22 @@ def test_a_sound_profile_holds_every_section_with_its_defaults(write):
     assert profile.faults == ()
 
 
-def test_a_profile_cannot_be_changed(write):
+def test_a_profile_cannot_be_changed_and_its_hash_follows_the_settings_and_not_the_files(write):
     profile = load_profile("touch.toml")
     with pytest.raises(dataclasses.FrozenInstanceError):
         profile.experiment = "other"
     with pytest.raises(ValueError, match="frozen"):
         profile.limits.force_n = 9.0
+    write("same.toml", 'extends = "touch"\n# only a comment\n[limits]\nforce_n = 2')
+    write("other.toml", 'extends = "touch"\n[limits]\nforce_n = 2.5')
+    hashes = [load_profile(f"{name}.toml").hash for name in ("touch", "same", "other")]
+    assert hashes[0] == hashes[1] != hashes[2]
+    assert len(hashes[0]) == 64
 
 
 def test_the_resolved_profile_loads_again_to_the_same_settings(write):
-    write(
-        "armed.toml",
-        'extends = "touch"\n[signals.near]\nkind = "scaled"\n[detectors.contact]\ninput = "signals.near"',
-    )
+    near = '[signals.near]\nkind = "scaled"\n[detectors.contact]\ninput = "signals.near"'
+    write("armed.toml", f'extends = "touch"\n{near}')
     profile = load_profile("armed.toml", {"plant.noise_scale": "0.5", "loop.rate_hz": "none"})
     assert (profile.loop.rate_hz, profile.resolved["loop"]["rate_hz"]) == (None, "none")
     again = load_resolved("manifest.json", profile.resolved)
@@ -60,25 +63,13 @@ def test_the_resolved_profile_loads_again_to_the_same_settings(write):
     assert again.detectors["contact"].settings.input == "signals.near"
 
 
-def test_the_hash_follows_the_settings_and_not_the_files(write):
-    write("same.toml", 'extends = "touch"\n# only a comment\n[limits]\nforce_n = 2')
-    write("other.toml", 'extends = "touch"\n[limits]\nforce_n = 2.5')
-    hashes = [load_profile(f"{name}.toml").hash for name in ("touch", "same", "other")]
-    assert hashes[0] == hashes[1] != hashes[2]
-    assert len(hashes[0]) == 64
-
-
 # --- refusals: file, section, key, what is wrong, what was probably meant ----------------------------
 
 
 @pytest.mark.parametrize(
     ("setting", "place", "remedy"),
     [
-        (
-            "detectors.contact.threshold_sgima=3",
-            "[detectors.contact] threshold_sgima = 3",
-            "'threshold_sigma'",
-        ),
+        ("detectors.contact.threshold_sgima=3", "[detectors.contact] threshold_sgima", "'threshold_sigma'"),
         ("limits.force_kg=2", "[limits] force_kg = 2", "force_n = 19.6133"),
         ("limits.force_n=0", "[limits] force_n = 0", "greater than 0, in N"),
         ("limits.force_n=two", '[limits] force_n = "two"', "number, in N"),
@@ -109,11 +100,7 @@ def test_the_hash_follows_the_settings_and_not_the_files(write):
         ("signals.near.input=signals.near", "[signals] near", "circle"),
         ("detectors.contact.input=signals.neat", "[detectors.contact] input", "'near'"),
         ("faults=[{ device = 'stge', kind = 'stll', at_s = 1 }]", "[faults #1] kind", "'stall'"),
-        (
-            "faults=[{ device = 'board', kind = 'stall', at_s = 1 }]",
-            "[faults #1] kind",
-            "can show drift, late, stuck, unplug",
-        ),
+        ("faults=[{ device = 'board', kind = 'stall', at_s = 1 }]", "[faults #1] kind", "drift, late, stuck"),
         ("devices.stage.port=/dev/x", '[devices.board] port = "mock"', 'stage at "/dev/x"; write "emulated"'),
         ("devices.signals={ driver = 'zaber_stage', port = 'mock' }", "[devices] signals", "choose another"),
     ],
@@ -143,44 +130,29 @@ def test_the_file_in_the_chain_that_made_the_mistake_is_named(write):
     write("none.toml", 'experiment = "touch"')
     check_refusal(refusal("none.toml")[0], "none.toml: devices is missing", "at least one")
     check_refusal(refusal("bench.toml")[0], "bench.toml: experiment is missing", "a bench alone is there to")
-    write(
-        "bench.toml",
-        'limits.force_n = 2.0\n[devices.stage]\ndriver = "zaber_stage"\nport = "mock"\nspeed = 3',
-    )
+    write("bench.toml", '[devices.stage]\ndriver = "zaber_stage"\nport = "mock"\nspeed = 3')
     check_refusal(refusal()[0], "bench.toml: [devices.stage] speed = 3")
 
 
-def test_every_mistake_is_listed_in_one_go(write):
+def test_every_mistake_is_listed_in_one_go_and_a_line_break_in_a_name_does_not_break_its_line(write):
     wrong = {"limits.force_n": "-1", "behavior.settle_s": "-1", "plant.noise_scale": "x"}
     assert len(refusal(overrides=wrong)) == 3
-
-
-def test_a_line_break_in_a_name_does_not_break_the_line_of_the_error(write):
-    for name, shown in (
-        (r"a\nb", r"a\nb"),
-        (r"detectors.a\rb.c", r"[detectors.a\rb]"),
-        (r"a\u2028b", r"a\u2028b"),
-    ):
+    for name in (r"a\nb", r"detectors.a\rb.c", r"a\u2028b"):
         write("broken.toml", f'extends = "touch"\n[trials.grid]\n"{name}" = [1]\n')
         for problem in refusal("broken.toml"):
-            check_refusal(problem, shown)
+            check_refusal(problem, name.removesuffix(".c"))
 
 
 # --- benches and ports -------------------------------------------------------------------------------
 
 
-def test_on_an_emulated_bench_a_real_port_is_known(write):
-    emulated = {"devices.stage.port": "emulated"}
-    assert load_profile("touch.toml", emulated).real_ports == {}
-    own = {**emulated, **BOARD, "devices.board.port": "/dev/ttyUSB0"}
+def test_the_port_chooses_bench_and_settings_class_and_a_real_one_on_an_emulated_bench_is_known(write):
+    profile = load_profile("touch.toml", {"devices.stage.port": "emulated"})
+    assert (profile.bench, profile.real_ports) == ("emulated", {})
+    assert profile.devices["stage"].settings.baud == 115200
+    own = {"devices.stage.port": "emulated", **BOARD, "devices.board.port": "/dev/ttyUSB0"}
     assert load_profile("touch.toml", own).real_ports == {"board": "/dev/ttyUSB0"}
     assert load_profile("touch.toml", ARM).real_ports == {}
-
-
-def test_the_port_chooses_the_settings_class(write):
-    profile = load_profile("touch.toml", {"devices.stage.port": "emulated"})
-    assert profile.bench == "emulated"
-    assert profile.devices["stage"].settings.baud == 115200
 
 
 def test_a_device_on_a_network_has_its_address_for_a_port(write):
@@ -201,9 +173,8 @@ def test_a_fault_that_its_device_can_show_is_taken(write):
 
 
 def test_a_trials_dotted_factors_lie_over_the_profile_for_that_trial_alone(write):
-    profile = load_profile(
-        "touch.toml", {"trials.grid": "{ plant.noise_scale = [0.5, 2.0] }", "signals.near.kind": "scaled"}
-    )
+    grid = "{ plant.noise_scale = [0.5, 2.0] }"
+    profile = load_profile("touch.toml", {"trials.grid": grid, "signals.near.kind": "scaled"})
     quiet, loud = (profile.for_trial(trial) for trial in profile.trials(0))
     assert (quiet.plant.settings.noise_scale, loud.plant.settings.noise_scale) == (0.5, 2.0)
     assert profile.plant.settings.noise_scale == 1.0
@@ -222,10 +193,7 @@ def test_a_trials_dotted_factors_lie_over_the_profile_for_that_trial_alone(write
         ("speed_m_s = 4.0", ["row 1", "speed_m_s = 4.0", "less than or equal to 0.05, in m/s"]),
         ("speed_m_s = 0.004, loop.rate_hz = 3", ["row 1", "loop.rate_hz", "a trial may change signals"]),
         ("speed_m_s = 0.004, plant.kind = 'slip'", ["row 1", "plant.kind", "set up once"]),
-        (
-            "speed_m_s = 0.004, detectors.contat.sample_hz = 3",
-            ["row 1", "[detectors.contat]", "did you mean 'contact'"],
-        ),
+        ("speed_m_s = 0.004, detectors.contat.sample_hz = 3", ["row 1", "[detectors.contat]", "'contact'"]),
         ("speed_m_s = 0.004, plant.noise_scale = -1", ["row 1", "[plant] noise_scale = -1", "greater than"]),
         ("speed_m_s = [1]", ["[trials.list #1] speed_m_s = [1]", "number, text, true or false"]),
     ],
@@ -234,9 +202,13 @@ def test_a_mistake_in_a_trial_is_named_with_its_row(write, row, named):
     check_refusal(refusal(overrides={"trials.list": f"[{{ {row} }}]"})[0], "--set: ", *named)
 
 
-def test_a_mistake_in_the_grid_is_named_there(write):
+def test_a_mistake_in_the_grid_or_in_rows_from_elsewhere_is_named_there(write):
     first = refusal(overrides={"trials.grid": "{ detectors.contact.sample_hz = [15, -1] }"})[0]
     check_refusal(first, "[detectors.contact] sample_hz = -1", "greater than 0, in Hz")
+    first = refusal(rows=[{"speed_m_s": "fast"}], labels=["trials.csv: row 2"])[0]
+    check_refusal(first, "trials.csv: row 2, column speed_m_s", "number, in m/s")
+    first = refusal(rows=[{"plant": {"noise_scale": -1}, "speed_m_s": 0.001}])[0]
+    check_refusal(first, "row 1: [plant] noise_scale = -1")
 
 
 def test_rows_from_elsewhere_take_the_place_of_list_and_grid(write):
@@ -246,15 +218,6 @@ def test_rows_from_elsewhere_take_the_place_of_list_and_grid(write):
         *((1, 0.001, 1), (2, 0.001, 2)),
         *((3, 0.002, 1), (4, 0.002, 2)),
     ]
-
-
-def test_a_mistake_in_rows_from_elsewhere_is_named_with_their_label(write):
-    first = refusal(rows=[{"speed_m_s": "fast"}], labels=["trials.csv: row 2"])[0]
-    check_refusal(first, "trials.csv: row 2, column speed_m_s", "number, in m/s")
-    check_refusal(
-        refusal(rows=[{"plant": {"noise_scale": -1}, "speed_m_s": 0.001}])[0],
-        "row 1: [plant] noise_scale = -1",
-    )
 
 
 def test_more_trials_than_a_run_can_have_are_counted_before_they_are_built(write):

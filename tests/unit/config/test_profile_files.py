@@ -19,19 +19,21 @@ def refusal(name, overrides=None):
     return str(caught.value)
 
 
-def test_tables_are_joined_key_by_key_and_other_values_replaced(write):
+def test_tables_are_joined_key_by_key_and_a_device_that_is_none_is_taken_off_the_bench(write):
     write("base.toml", "[a]\nx = 1\ny = [1, 2]\n[a.deep]\nz = 1")
     write("top.toml", 'extends = "base"\n[a]\ny = [3]\n[a.deep]\nw = 2')
     assert read_source("top.toml").data == {"a": {"x": 1, "y": [3], "deep": {"z": 1, "w": 2}}}
+    write("arm.toml", 'extends = "touch"\n[devices]\nstage = "none"\n[devices.arm]\nport = "mock"')
+    assert read_source("arm.toml").data["devices"] == {"arm": {"port": "mock"}}
+    assert read_source("touch.toml", {"devices.stage": "none"}).data["devices"] == {}
 
 
-def test_a_name_means_the_file_under_profiles_and_a_path_the_file_itself(write):
+def test_a_name_means_the_file_under_profiles_and_one_that_two_parents_share_is_applied_once_before_both(
+    write,
+):
     assert "mock/transient" in profile_names()
     assert read_source("mock/transient").name == "mock/transient"
     assert read_source("touch.toml").name == "touch.toml"
-
-
-def test_a_file_that_two_parents_share_is_applied_once_before_both(write):
     write("base.toml", "limit = 1")
     write("left.toml", 'extends = "base"\nlimit = 2')
     write("right.toml", 'extends = "base"\nport = "right"')
@@ -39,50 +41,43 @@ def test_a_file_that_two_parents_share_is_applied_once_before_both(write):
     assert read_source("both.toml").data == {"limit": 2, "port": "right"}
 
 
-def test_a_circle_of_extends_is_named(write):
+def test_a_circle_of_extends_and_a_missing_profile_are_named(write):
     write("a.toml", 'extends = "b"')
     write("b.toml", 'extends = "a"')
     assert refusal("a.toml") == "b.toml: extends goes in a circle: a.toml -> b.toml -> a.toml"
+    assert refusal("mock/transiet").startswith("no profile 'mock/transiet'; did you mean 'mock/transient'")
+    assert refusal("zzz") == "no profile 'zzz'; see: run.py list"
 
 
-def test_a_table_starts_afresh_where_a_later_file_names_another_kind(write):
-    write("top.toml", 'extends = "touch"\n[detectors.contact]\nkind = "level"\ngamma = 2.0')
-    assert read_source("top.toml").data["detectors"]["contact"] == {"kind": "level", "gamma": 2.0}
+def test_a_table_starts_afresh_where_a_later_file_names_another_kind_and_goes_on_where_the_same(write):
+    for kind, kept in (("level", {}), ("resonance.paper", {"threshold_sigma": 3.0})):
+        write("top.toml", f'extends = "touch"\n[detectors.contact]\nkind = "{kind}"\ngamma = 2.0')
+        contact = read_source("top.toml").data["detectors"]["contact"]
+        assert contact == {"kind": kind, "gamma": 2.0, **kept}
 
 
-def test_a_table_goes_on_where_a_later_file_names_the_same_kind(write):
-    write("top.toml", 'extends = "touch"\n[detectors.contact]\nkind = "resonance.paper"')
-    assert read_source("top.toml").data["detectors"]["contact"]["threshold_sigma"] == 3.0
-
-
-def test_a_device_that_is_none_is_taken_off_the_bench(write):
-    write("arm.toml", 'extends = "touch"\n[devices]\nstage = "none"\n[devices.arm]\nport = "mock"')
-    assert read_source("arm.toml").data["devices"] == {"arm": {"port": "mock"}}
-    assert read_source("touch.toml", {"devices.stage": "none"}).data["devices"] == {}
-
-
-def test_overrides_are_toml_values_or_plain_text_and_come_last(write):
+def test_overrides_are_toml_values_or_plain_text_come_last_and_bring_in_no_second_key(write):
     source = read_source("touch.toml", {"limits.force_n": "1.5", "title": "another one", "trials.list": "[]"})
     assert source.data["limits"] == {"force_n": 1.5}
     assert source.data["title"] == "another one"
     assert source.data["trials"] == {"list": []}
-
-
-def test_an_override_cannot_bring_in_a_second_key(write):
     assert read_source("touch.toml", {"title": "1\nexperiment = 2"}).data["experiment"] == "touch"
 
 
-def test_each_value_knows_the_file_that_gave_it(write):
+def test_each_value_knows_the_file_that_gave_it_and_each_line_ends_with_it(write):
     source = read_source("touch.toml", {"limits.force_n": "1"})
     assert source.origin(("devices", "stage", "port")) == "bench.toml"
     assert source.origin(("detectors", "contact", "kind")) == "touch.toml"
     assert source.origin(("limits", "force_n")) == "--set"
     assert source.origin(("nothing", "like", "it")) == "touch.toml"
-
-
-def test_a_missing_profile_is_named_with_a_near_one(write):
-    assert refusal("mock/transiet").startswith("no profile 'mock/transiet'; did you mean 'mock/transient'")
-    assert refusal("zzz") == "no profile 'zzz'; see: run.py list"
+    profile = load_profile("touch.toml", {"limits.force_n": "1.5"})
+    origins = profile.source.origins
+    lines = to_toml(profile.resolved, lambda path: origins.get(path, "default")).splitlines()
+    ends = {line.split(" = ")[0]: line.split("  # ")[-1] for line in lines if " = " in line and "# " in line}
+    assert ends["force_n"] == "--set"
+    assert ends["driver"] == "bench.toml"
+    assert ends["threshold_sigma"] == "touch.toml"
+    assert ends["average_samples"] == "default"
 
 
 @pytest.mark.parametrize(
@@ -100,22 +95,16 @@ def test_a_file_that_cannot_be_read_is_named_with_the_place(write, text, named):
     check_refusal(refusal("broken.toml"), "broken.toml: ", *named)
 
 
-def test_a_file_that_is_no_text_is_named(write, tmp_path):
+def test_a_file_that_is_no_text_is_named_and_one_with_a_byte_order_mark_is_read(write, tmp_path):
     (tmp_path / "noise.toml").write_bytes(b"a = 1\n\xff\xfe")
     check_refusal(refusal("noise.toml"), "noise.toml: ", "UTF-8", "position 6")
-
-
-def test_a_file_with_a_byte_order_mark_is_read(write):
     write("marked.toml", "\ufeffa = 1")
     assert read_source("marked.toml").data == {"a": 1}
 
 
-@pytest.mark.parametrize("key", ["", "a..b", ".a", "limits."])
-def test_an_override_without_a_proper_key_is_refused(write, key):
-    check_refusal(refusal("touch.toml", {key: "1"}), "--set", f"'{key}'", "write for example")
-
-
-def test_an_override_through_another_overrides_plain_value_is_refused(write):
+def test_an_override_without_a_proper_key_or_through_another_is_refused(write):
+    for key in ("", "a..b", ".a", "limits."):
+        check_refusal(refusal("touch.toml", {key: "1"}), "--set", f"'{key}'", "write for example")
     check_refusal(refusal("touch.toml", {"a": "1", "a.b": "2"}), "--set", "a.b", "'a'")
 
 
@@ -159,59 +148,29 @@ def test_an_unknown_key_is_answered_with_what_was_probably_meant(key, value, kno
     assert unknown_key(key, value, known) == hint
 
 
-def test_nothing_near_gives_no_hint():
+def test_nothing_near_gives_no_hint_and_many_names_are_not_listed_in_full():
     assert did_you_mean("zzz", ["alpha", "beta"]) == ""
-
-
-def test_many_names_are_not_listed_in_full():
     assert near_or_all("zzz", [f"name{i:02}" for i in range(40)]).endswith("name11, …")
 
 
-@pytest.mark.parametrize(
-    ("key", "unit"),
-    [
-        ("speed_m_s", "m/s"),
-        ("a_m_s2", "m/s²"),
-        ("force_n", "N"),
-        ("sample_hz", "Hz"),
-        ("start_m", "m"),
-        ("location", ""),
-    ],
-)
-def test_the_unit_at_the_end_of_a_name_is_known(key, unit):
-    assert si_unit(key) == unit
+def test_the_unit_at_the_end_of_a_name_is_known():
+    keys = ("speed_m_s", "a_m_s2", "force_n", "sample_hz", "start_m", "location")
+    assert [si_unit(key) for key in keys] == ["m/s", "m/s²", "N", "Hz", "m", ""]
 
 
-leaves = st.one_of(
-    st.booleans(),
-    st.integers(-(2**63), 2**63 - 1),
-    st.floats(allow_nan=False, allow_infinity=False),
-    st.text(st.characters(codec="utf-8")),
-)
+text = st.text(st.characters(codec="utf-8"))
+numbers = st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False)
 values = st.recursive(
-    leaves,
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=3), st.dictionaries(st.text(st.characters(codec="utf-8")), inner, min_size=1)
-    ),
+    st.booleans() | numbers | text,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(text, inner, min_size=1),
     max_leaves=12,
 )
 
 
 @settings(max_examples=40)
-@given(table=st.dictionaries(st.text(st.characters(codec="utf-8")), values))
+@given(table=st.dictionaries(text, values))
 def test_any_table_reads_back_as_it_was(table):
     assert tomllib.loads(to_toml(table, lambda path: "somewhere")) == table
-
-
-def test_each_line_ends_with_where_its_value_came_from(write):
-    profile = load_profile("touch.toml", {"limits.force_n": "1.5"})
-    origins = profile.source.origins
-    lines = to_toml(profile.resolved, lambda path: origins.get(path, "default")).splitlines()
-    ends = {line.split(" = ")[0]: line.split("  # ")[-1] for line in lines if " = " in line and "# " in line}
-    assert ends["force_n"] == "--set"
-    assert ends["driver"] == "bench.toml"
-    assert ends["threshold_sigma"] == "touch.toml"
-    assert ends["average_samples"] == "default"
 
 
 def test_a_printed_profile_is_a_profile_with_the_same_hash(write):

@@ -26,17 +26,11 @@ def load(text, path, **extra):
     return load_profile(path, **extra)
 
 
-def test_the_example_is_a_profile(tmp_path):
+def test_the_examples_are_profiles_and_the_joined_one_is_what_the_shipped_one_begins_with(tmp_path):
     profile = load(EXAMPLE, tmp_path / "my.toml")
     assert len(profile.trials(0)) == 6
     assert profile.detectors["contact"].settings.threshold_sigma == 4.0
-
-
-def test_the_joined_example_is_what_the_shipped_profile_begins_with(tmp_path):
     assert load(JOINED, tmp_path / "my.toml").bench == "emulated"
-
-
-def test_the_crossed_example_crosses(tmp_path):
     example = EXAMPLE[: EXAMPLE.index("[trials]")]
     assert len(load(example + CROSSED, tmp_path / "my.toml").trials(0)) == 27
 

@@ -2,11 +2,10 @@
 
 import pytest
 
-from config.profile import load_profile
 from config.sections import referred
 from config.source import ProfileError, profile_names, read_source
 from tests.refusals import check_refusal
-from tests.unit.config.conftest import on_the_mock_bench
+from tests.unit.config.conftest import loaded, on_the_mock_bench
 
 EXPERIMENTS = [name for name in profile_names() if "bench" not in name and not name.startswith("papers/")]
 
@@ -17,26 +16,10 @@ STREAMS = (
 """What the devices send, on any bench."""
 
 TABLE_I = [
-    ("a", 3.785),
-    ("b", 3.691),
-    ("c", 4.919),
-    ("d", 4.487),
-    ("e", 4.885),
-    ("f", 4.843),
-    ("g", 4.555),
-    ("h", 3.260),
-    ("f", 2.540),
-    ("f", 4.513),
-    ("f", 6.435),
-    ("f", 8.060),
-    ("f", 10.685),
-    ("f", 11.997),
+    *(("a", 3.785), ("b", 3.691), ("c", 4.919), ("d", 4.487), ("e", 4.885), ("f", 4.843), ("g", 4.555)),
+    *(("h", 3.260), ("f", 2.540), ("f", 4.513), ("f", 6.435), ("f", 8.060), ("f", 10.685), ("f", 11.997)),
 ]
 """Backus and Dollar, Table I: location and mean speed in mm/s, row by row."""
-
-
-def loaded(name, overrides=None):
-    return load_profile(name, overrides)
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
@@ -93,14 +76,11 @@ def test_other_benches_ask_for_the_same(bench, experiment, same, emulated):
         assert "shortened" in other["title"]
 
 
-def test_transient_runs_the_rows_of_table_i_three_times_each():
+def test_transient_runs_the_rows_of_table_i_three_times_each_by_the_papers_criterion():
     trials = sorted(loaded("mock/transient").trials(7), key=lambda trial: trial.id)
     rows = [(trial.factors["location"], round(trial.factors["speed_m_s"] * 1e3, 6)) for trial in trials]
     assert rows == [row for row in TABLE_I for _ in range(3)]
     assert [trial.repeat for trial in trials] == [1, 2, 3] * 14
-
-
-def test_transient_uses_the_papers_criterion():
     detector = loaded("mock/transient").detectors["contact"]
     assert detector.kind == "resonance.paper"
     settings = detector.settings
@@ -110,10 +90,8 @@ def test_transient_uses_the_papers_criterion():
 
 def test_the_study_crosses_noise_and_sample_rate_on_every_row():
     profile = loaded("mock/transient_study")
-    cells = {
-        (trial.factors["plant.noise_scale"], trial.factors["detectors.contact.sample_hz"])
-        for trial in profile.trials(0)
-    }
+    varied = ("plant.noise_scale", "detectors.contact.sample_hz")
+    cells = {tuple(trial.factors[name] for name in varied) for trial in profile.trials(0)}
     assert cells == {(noise, rate) for noise in (0.5, 1.0, 2.0) for rate in (10.0, 15.0, 28.0)}
     trial = profile.trials(0)[0]
     own = profile.for_trial(trial)
@@ -169,7 +147,7 @@ def with_a_cell(port, force='{ columns = [1], unit = "N" }'):
     key, _, value = CELL.format(port=port, force=force).partition("=")
     ports = {"devices.stage.port": '"/dev/nowhere/1"', "devices.board.port": '"/dev/nowhere/2"'}
     with pytest.raises(ProfileError) as caught:
-        load_profile("hardware/transient", {**ports, key: value})
+        loaded("hardware/transient", {**ports, key: value})
     return caught.value.problems
 
 

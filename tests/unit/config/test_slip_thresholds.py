@@ -19,10 +19,8 @@ def carried():
 
 
 def test_every_slip_threshold_of_the_profile_is_printed_by_the_paper_or_found_here():
-    printed = {
-        "fingertip_paper": PAPER_THRESHOLDS["fingertip"],
-        "flexible_paper": PAPER_THRESHOLDS["flexible_finger"],
-    }
+    names = {"fingertip_paper": "fingertip", "flexible_paper": "flexible_finger"}
+    printed = {name: PAPER_THRESHOLDS[sensor] for name, sensor in names.items()}
     assert set(carried()) == set(CARRIED) | set(printed)
     assert {name: carried()[name]["threshold"] for name in printed} == printed
     assert all(carried()[name]["kind"] == kind for name, (_, _, kind) in CARRIED.items())
@@ -31,15 +29,10 @@ def test_every_slip_threshold_of_the_profile_is_printed_by_the_paper_or_found_he
 @pytest.mark.parametrize("name", CARRIED)
 def test_a_threshold_of_the_profile_is_within_the_interval_that_was_found(name):
     study = json.loads((FOLDER / "slip_thresholds.json").read_text(encoding="utf-8"))
-    sensor, bumps_hz, kind = CARRIED[name]
-    rows = [
-        r
-        for r in study["thresholds"]
-        if (r["sensor"], r["bumps_hz"], r["detector"]) == (sensor, bumps_hz, kind)
-    ]
-    assert len(rows) == 1
-    assert not rows[0]["extrapolated"]
-    assert rows[0]["threshold_low"] <= carried()[name]["threshold"] <= rows[0]["threshold_high"]
+    keys = ("sensor", "bumps_hz", "detector")
+    (row,) = [row for row in study["thresholds"] if tuple(row[key] for key in keys) == CARRIED[name]]
+    assert not row["extrapolated"]
+    assert row["threshold_low"] <= carried()[name]["threshold"] <= row["threshold_high"]
 
 
 def test_a_threshold_leaves_one_alarm_an_hour_and_counts_the_first_seconds_apart():

@@ -25,19 +25,13 @@ from config.trials import (
 from tests.refusals import refused
 
 
-def test_every_row_meets_every_combination_and_the_last_factor_varies_fastest():
+def test_rows_meet_every_combination_the_last_factor_fastest_and_nested_factors_become_dotted():
     settings = TrialsSettings(list=[{"x": 1}, {"x": 2}], grid={"a": [1, 2], "b": [3, 4]})
     assert [tuple(row[name] for name in "xab") for row in combinations(settings)] == [
         *((1, 1, 3), (1, 1, 4), (1, 2, 3), (1, 2, 4)),
         *((2, 1, 3), (2, 1, 4), (2, 2, 3), (2, 2, 4)),
     ]
-
-
-def test_without_list_and_grid_there_is_one_trial_without_factors():
     assert trials_from(combinations(TrialsSettings())) == [Trial(1, {}, 1)]
-
-
-def test_nested_factors_become_dotted_names():
     (trial,) = trials_from([{"speed_m_s": 0.1, "plant": {"noise_scale": 2}}])
     assert trial.own == {"speed_m_s": 0.1}
     assert trial.overrides == {"plant.noise_scale": 2}
@@ -52,18 +46,14 @@ def test_shuffling_changes_the_order_and_no_trial(count, repeats, seed):
     assert shuffled == in_order(listed, "shuffled", seed)
 
 
-def test_seeds_give_different_orders_and_listed_stays():
+def test_seeds_give_different_orders_and_listed_stays_and_single_trials_keep_their_numbers():
     listed = trials_from([{"x": i} for i in range(10)])
     assert in_order(listed, "shuffled", 1) != in_order(listed, "shuffled", 2)
     assert in_order(listed, "listed", 1) == listed
-
-
-def test_single_trials_keep_their_numbers():
-    listed = trials_from([{"x": i} for i in range(5)])
     assert chosen(listed, [4, 2]) == [listed[1], listed[3]]
-    assert chosen(listed, [], (2, 3)) == [listed[1], listed[4]]
-    with refused(ProfileError, "--only 6", "1 to 5"):
-        chosen(listed, [6])
+    assert chosen(listed, [], (2, 5)) == [listed[1], listed[6]]
+    with refused(ProfileError, "--only 11", "1 to 10"):
+        chosen(listed, [11])
 
 
 def test_a_csv_file_gives_numbers_text_and_truth_values(tmp_path):
@@ -77,10 +67,12 @@ def test_a_csv_file_gives_numbers_text_and_truth_values(tmp_path):
     assert labels == [f"{path}: row 2", f"{path}: row 4"]
 
 
-def test_a_csv_file_as_spreadsheets_save_it_is_read(tmp_path):
+def test_a_csv_file_as_spreadsheets_save_it_is_read_and_one_that_is_missing_is_named(tmp_path):
     path = tmp_path / "trials.csv"
     path.write_bytes(b'\xef\xbb\xbf"location","speed_m_s"\r\n"f",0.004\r\n')
     assert read_csv(path)[0] == [{"location": "f", "speed_m_s": 0.004}]
+    with refused(ProfileError, str(tmp_path / "none.csv"), "No such file"):
+        read_csv(tmp_path / "none.csv")
 
 
 @pytest.mark.parametrize(
@@ -105,11 +97,6 @@ def test_a_bad_csv_file_is_one_line_with_row_and_column(tmp_path, text, named):
         read_csv(path)
 
 
-def test_a_csv_file_that_is_missing_is_named(tmp_path):
-    with refused(ProfileError, str(tmp_path / "none.csv"), "No such file"):
-        read_csv(tmp_path / "none.csv")
-
-
 def plan_of(name, **sets):
     profile = load_profile(name, {key.replace("__", "."): value for key, value in sets.items()})
     plan = plan_campaign(profile, profile.trials(0), 0)
@@ -122,10 +109,9 @@ def lines_of(name, **sets):
 
 
 def test_what_was_never_measured_is_reported_as_such():
-    assert (
-        cost("mock/transient", "transient", 2).bench_s == 2 * cost("mock/transient", "transient", 1).bench_s
-    )
-    assert cost("mine.toml", "transient", 1) == cost("mock/transient", "transient", 1)
+    one, two = (cost("mock/transient", "transient", trials) for trials in (1, 2))
+    assert two.bench_s == 2 * one.bench_s
+    assert cost("mine.toml", "transient", 1) == one
     assert duration("mine.toml", "mine:Own", "mock", 3) == "not measured"
     assert duration("mine.toml", "transient", "mock", 3).endswith(", as shipped with its devices")
     assert "shipped" not in duration("hardware/transient", "transient", "hardware", 3)
@@ -145,10 +131,11 @@ def test_a_plan_shows_time_disk_motion_force_and_what_each_state_computes():
     assert lines_of("emulated/pointer")[0].startswith("emulated/pointer: 1 trial of pointer")
 
 
-def test_a_bench_in_wall_time_is_planned_in_wall_time():
+def test_a_bench_in_wall_time_is_planned_in_wall_time_and_a_speed_deep_in_the_settings_is_found():
     estimate = duration("hardware/transient", "transient", "hardware", 42)
     assert estimate.startswith("about 1.1 h")
     assert "computed" not in estimate
+    assert any("of travel, at 0.01 m/s" in line for line in lines_of("mock/slip"))
 
 
 def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):
@@ -161,10 +148,6 @@ def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):
     assert count("mock/centering") == 4
     assert count("mock/centering", 2) == 2
     assert count("emulated/transient") == 1
-
-
-def test_a_speed_that_stands_deep_in_the_settings_is_planned():
-    assert any("of travel, at 0.01 m/s" in line for line in lines_of("mock/slip"))
 
 
 def test_list_counts_the_trials_that_are_run():

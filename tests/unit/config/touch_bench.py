@@ -71,7 +71,7 @@ class TouchSettings(Settings):
     ready: bool = True
 
 
-class GuardSettings(Settings):
+class LimitsSettings(Settings):
     force_n: float = Field(default=2.0, gt=0.0, le=10.0)
 
 
@@ -87,7 +87,7 @@ class FingerSettings(Settings):
     noise_scale: float = Field(default=1.0, ge=0.0)
 
 
-class FaultSettings(Settings):
+class FaultsSettings(Settings):
     device: DeviceName
     kind: Literal["unplug", "stall"]
     at_s: float = Field(ge=0.0)
@@ -106,23 +106,14 @@ COLUMNS = ()
 def measure(*given: Any) -> Any: ...
 
 
+SIMULATED: dict[str, Any] = dict.fromkeys(("mock", "emulated"), f"{__name__}:MockStage")
+SIMULATED["emulated_faults"] = ("unplug",)
 KINDS: dict[str, dict[str, PlainKind]] = {
     "driver": {
         "zaber_stage": DriverKind(
-            f"{__name__}:Stage",
-            mock=f"{__name__}:MockStage",
-            emulated=f"{__name__}:MockStage",
-            mock_faults=("unplug", "stall"),
-            emulated_faults=("unplug",),
-            streams=("position",),
+            f"{__name__}:Stage", **SIMULATED, mock_faults=("unplug", "stall"), streams=("position",)
         ),
-        "sensor_board": DriverKind(
-            f"{__name__}:Stage",
-            mock=f"{__name__}:MockStage",
-            emulated=f"{__name__}:MockStage",
-            mock_faults=("unplug",),
-            emulated_faults=("unplug",),
-        ),
+        "sensor_board": DriverKind(f"{__name__}:Stage", **SIMULATED, mock_faults=("unplug",)),
         "ur_arm": DriverKind(f"{__name__}:Network", mock=f"{__name__}:Network"),
     },
     "detector": {
@@ -134,8 +125,4 @@ KINDS: dict[str, dict[str, PlainKind]] = {
     "experiment": {"touch": ExperimentKind(f"{__name__}:Touch", measures=__name__)},
     "plant": {"finger": PlainKind(f"{__name__}:Finger")},
 }
-PARTS = {
-    "limits": f"{__name__}:GuardSettings",
-    "loop": f"{__name__}:LoopSettings",
-    "faults": f"{__name__}:FaultSettings",
-}
+PARTS = {part: f"{__name__}:{part.capitalize()}Settings" for part in ("limits", "loop", "faults")}
