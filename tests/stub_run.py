@@ -34,6 +34,9 @@ class Asker:
     def __init__(self):
         self.question, self.answers = None, []
 
+    def ask(self, number, text):
+        self.question = Question(number, text)
+
     def answer(self, number, done):
         self.answers.append((number, done))
         self.question = None
@@ -106,7 +109,7 @@ class StubRun:
         )
 
     def ask(self, text):
-        self.asker.question = Question(7, text)
+        self.asker.ask(7, text)
 
     def received(self):
         return [request for request, _ in self.requests]

@@ -40,27 +40,21 @@ def test_at_rest_a_stream_may_be_silent_four_times_as_long_as_a_motion_would_bea
     assert "check PROFILE --connect" in failed.reason
 
 
-def test_a_motion_bears_the_silence_of_what_it_depends_on_no_longer_than_its_limit():
+def test_a_motion_bears_the_silence_of_what_it_depends_on_no_longer_than_its_limit_and_that_of_others():
     arrivals = watching("board.load", urgent=["board.load"])
     assert arrivals.check(0.05, [block("board.load", 0.05)], moving=True) is None
     assert arrivals.check(0.15, [], moving=True) is None
     assert arrivals.check(0.151, [], moving=True) is not None
-
-
-def test_a_stream_that_the_motion_does_not_depend_on_is_given_as_long_as_at_rest():
     arrivals = watching("board.load")
     assert arrivals.check(0.39, [], moving=True) is None
     assert arrivals.check(0.41, [], moving=True) is not None
 
 
-def test_a_stream_that_was_not_needed_before_the_motion_is_not_stale_when_it_begins():
+def test_what_was_not_needed_before_a_motion_is_not_stale_when_it_begins_and_one_that_is_over_excuses_nothing():
     arrivals = watching("signals.tip", urgent=["signals.tip"])
     assert arrivals.check(90.0, [], moving=False) is None
     assert arrivals.check(90.1, [], moving=True) is None
     assert arrivals.check(90.21, [], moving=True) is not None
-
-
-def test_what_began_a_motion_that_is_over_excuses_nothing_in_the_next_one():
     arrivals = watching("board.load", urgent=["board.load"])
     arrivals.check(0.0, [], moving=True)
     arrivals.check(0.05, [block("board.load", 0.05)], moving=False)
@@ -74,8 +68,12 @@ def test_a_slow_stream_is_given_twice_its_own_longest_interval(stream, patience_
     assert watching(stream).check(patience_s + 0.01, [], moving=False) is not None
 
 
-def test_what_comes_only_when_something_changes_is_never_silent():
+def test_what_comes_when_something_changes_is_never_silent_and_an_empty_block_or_another_stream_is_passed_over():
     assert watching("person.load").check(1e4, [], moving=False) is None
+    arrivals = watching("board.load")
+    empty = SampleBlock("board.load", 0, 0.1, np.empty((0, 1)), rate_hz=1000.0, unit="N")
+    assert arrivals.check(0.1, [empty, block("stage.position", 0.1)], moving=False) is None
+    assert arrivals.check(0.41, [], moving=False) is not None
 
 
 def test_the_silence_of_a_signal_names_what_it_is_made_of_and_the_device():
@@ -93,13 +91,10 @@ def test_a_loop_that_was_away_polled_no_device_and_is_no_excuse_in_a_motion():
     assert arrivals.check(0.2, [], moving=True, late_s=0.15) is not None
 
 
-def test_a_time_stamp_from_the_future_keeps_nothing_alive():
+def test_a_time_stamp_from_the_future_keeps_nothing_alive_and_an_older_block_makes_nothing_older():
     arrivals = watching("board.load")
     arrivals.check(0.1, [block("board.load", 30.0)], moving=False)
     assert arrivals.check(0.6, [], moving=False) is not None
-
-
-def test_an_older_block_makes_no_stream_older():
     arrivals = watching("board.load")
     arrivals.check(0.3, [block("board.load", 0.3), block("board.load", 0.1)], moving=False)
     assert arrivals.check(0.65, [], moving=False) is None
@@ -116,14 +111,11 @@ def test_a_stream_that_stays_subscribed_is_as_old_as_it_was_and_one_that_left_is
 def test_a_sensor_with_noise_that_repeats_one_value_is_stuck_since_the_last_change():
     arrivals = watching("board.load")
     assert arrivals.check(0.05, [block("board.load", 0.05, [1, 2, 7])], moving=False) is None
-    found = [
-        arrivals.check(t_s, [block("board.load", t_s, [7] * 10)], moving=False) for t_s in (0.15, 0.25, 0.26)
-    ]
-    assert found[:2] == [None, None]
-    assert found[2].device == "board"
-    assert found[2].reason.startswith(
-        "board.load sticks at 0.007 N for 0.210 s, since 0.050 s (limits.stuck_s"
-    )
+    for t_s in (0.15, 0.25):
+        assert arrivals.check(t_s, [block("board.load", t_s, [7] * 10)], moving=False) is None
+    found = arrivals.check(0.26, [block("board.load", 0.26, [7] * 10)], moving=False)
+    assert found.device == "board"
+    assert found.reason.startswith("board.load sticks at 0.007 N for 0.210 s, since 0.050 s (limits.stuck_s")
 
 
 @pytest.mark.parametrize(("values", "every_s"), [([7, 8, 7], 0.1), ([8, 8, 7], 0.3)])
@@ -134,10 +126,8 @@ def test_one_sample_that_differs_in_between_is_enough_to_live(values, every_s):
 
 
 def test_a_position_may_stand_for_as_long_as_it_likes_and_so_may_all_without_a_limit():
-    for arrivals, stream in (
-        (watching("stage.position"), "stage.position"),
-        (watching("board.load", stuck_s=None), "board.load"),
-    ):
+    for stream, stuck_s in (("stage.position", 0.2), ("board.load", None)):
+        arrivals = watching(stream, stuck_s=stuck_s)
         for t_s in (0.1, 0.3, 0.6, 0.9):
             assert arrivals.check(t_s, [block(stream, t_s, [5] * 10)], moving=False) is None
 
@@ -163,13 +153,6 @@ def test_one_that_stays_subscribed_stays_stuck_and_three_channels_of_it_are_show
     assert found[1].reason.startswith("board.load sticks at 0.007, 0.008, 0.009 N for 0.250 s")
 
 
-def test_an_empty_block_and_one_without_a_subscription_are_passed_over():
-    arrivals = watching("board.load")
-    empty = SampleBlock("board.load", 0, 0.1, np.empty((0, 1)), rate_hz=1000.0, unit="N")
-    assert arrivals.check(0.1, [empty, block("stage.position", 0.1)], moving=False) is None
-    assert arrivals.check(0.41, [], moving=False) is not None
-
-
 def test_turns_seen_as_one_are_whole_where_no_gap_is_wider_than_half_of_what_is_allowed():
     arrivals = watching("board.load", "board.period", urgent=["board.load"])
     arrivals.check(0.0, [], moving=True)
@@ -180,9 +163,7 @@ def test_turns_seen_as_one_are_whole_where_no_gap_is_wider_than_half_of_what_is_
     torn = [whole[0], block("board.load", 2.0, [2] * 1929)]
     assert arrivals.whole_until_s(2.0, [*torn, counts]) == pytest.approx(0.07)
     seldom = SampleBlock("board.period", 0, 0.2, np.ones((3, 1)), times_s=np.array([0.2, 1.7, 1.9]), unit="s")
-    assert arrivals.whole_until_s(2.0, [*whole, seldom]) == pytest.approx(0.3), (
-        "one within a block ends it before"
-    )
+    assert arrivals.whole_until_s(2.0, [*whole, seldom]) == pytest.approx(0.3), "within a block"
 
 
 def test_what_sticks_within_a_block_is_found_however_the_stream_is_cut():

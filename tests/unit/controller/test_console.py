@@ -32,27 +32,11 @@ from controller.recording.series import TrialRecording
 from controller.registry import EXPERIMENTS
 from controller.scales import DIGITS, figure
 from drivers.core import compiled, compiling
-from drivers.core.protocols import Question
-
-
-class Asker:
-    """A device that asks the person at the keyboard."""
-
-    def __init__(self):
-        self.question = None
-        self.answers = []
-        self.asked = 0
-
-    def ask(self, number, text="hang 0.50 N on bridge Fx, then press Enter"):
-        self.asked, self.question = number, Question(number, text)
-
-    def answer(self, number, done):
-        self.answers.append((number, done))
-        self.question = None
-
+from tests.stub_run import Asker
 
 ROW = {"delay_s": 0.21, "extent_m": 0.001, "force_n": 0.05, "truth_contact_s": 1.0, "detect_s": 2.5}
 
+ASKED = "hang 0.50 N on bridge Fx, then press Enter"
 
 PATIENCE_S = 100.0
 """Longest wait for a key on a machine that is busy with other things; it comes within a millisecond otherwise."""
@@ -92,12 +76,7 @@ ACTS = {
     "blank": lambda keyboard, asker: keyboard.press(b" \n"),
     "oops": lambda keyboard, asker: keyboard.press(b"oops\n"),
     "end of input": lambda keyboard, asker: keyboard.press(b"\x04"),
-    "asked": lambda keyboard, asker: asker.ask(asker.asked + 1),
-    "SIGTERM": lambda keyboard, asker: interrupt(signal.SIGTERM),
-    "SIGHUP": lambda keyboard, asker: interrupt(signal.SIGHUP),
-    "SIGQUIT": lambda keyboard, asker: interrupt(signal.SIGQUIT),
-    "SIGTTIN": lambda keyboard, asker: interrupt(signal.SIGTTIN),
-    "SIGTTOU": lambda keyboard, asker: interrupt(signal.SIGTTOU),
+    "asked": lambda keyboard, asker: asker.ask(2 if asker.question else 1, ASKED),
 }
 """What happens at a terminal; any other step is what the operator then requests of the loop."""
 
@@ -134,19 +113,26 @@ def test_what_is_pressed_at_a_terminal_is_what_the_loop_gets(keyboard, steps):
         for number, step in enumerate(steps):
             if step in ACTS:
                 ACTS[step](keyboard, asker)
+            elif str(step).startswith("SIG"):
+                interrupt(getattr(signal, step))
             elif not isinstance(step, tuple):
                 assert operator.poll() == step, f"step {number}"
     assert asker.answers == [step for step in steps if isinstance(step, tuple)]
 
 
-def test_without_a_terminal_the_first_ctrl_c_aborts_and_no_file_answers_a_question():
+def test_without_a_terminal_ctrl_c_aborts_no_file_answers_and_continuing_the_program_resumes(stopper):
     asker = Asker()
-    asker.ask(1)
+    asker.ask(1, ASKED)
     with Path(os.devnull).open() as nothing, ConsoleOperator(nothing, asking=[asker]) as operator:
         assert [operator.poll(), operator.poll()] == [None, None]
         interrupt()
         assert operator.poll() == "abort"
     assert asker.answers == []
+    with Path(os.devnull).open() as nothing, ConsoleOperator(nothing) as operator:
+        interrupt(signal.SIGTSTP)
+        assert operator.poll() == "suspend"
+        operator.suspend()
+        assert [operator.poll(), operator.poll()] == ["resume", None]
 
 
 class Stopper:
@@ -184,14 +170,6 @@ def test_ctrl_z_requests_to_suspend_and_leaves_a_pause_that_enter_ends(keyboard,
         assert [operator.poll(), operator.poll()] == ["resume", None]
 
 
-def test_without_a_terminal_continuing_the_program_resumes_the_run_as_well(stopper):
-    with Path(os.devnull).open() as nothing, ConsoleOperator(nothing) as operator:
-        interrupt(signal.SIGTSTP)
-        assert operator.poll() == "suspend"
-        operator.suspend()
-        assert [operator.poll(), operator.poll()] == ["resume", None]
-
-
 def test_in_the_background_the_keyboard_is_not_read(keyboard, monkeypatch):
     monkeypatch.setattr(os, "tcgetpgrp", lambda descriptor: os.getpgrp() + 1)
     with ConsoleOperator(keyboard.file) as operator:
@@ -203,23 +181,21 @@ def test_in_the_background_the_keyboard_is_not_read(keyboard, monkeypatch):
         assert operator.poll() == "resume"
 
 
-def test_handlers_and_the_terminal_are_as_before_afterwards(keyboard):
+def test_handlers_and_the_terminal_are_as_before_afterwards_and_ctrl_s_holds_no_output_up(keyboard):
     import termios
 
-    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    modes = termios.tcgetattr(keyboard.file.fileno())
+    def handlers():
+        return [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+
+    before, modes = handlers(), termios.tcgetattr(keyboard.file.fileno())
     with ConsoleOperator(keyboard.file):
         assert signal.getsignal(signal.SIGINT) is not before[0]
         assert not termios.tcgetattr(keyboard.file.fileno())[3] & termios.ECHO
         assert not termios.tcgetattr(keyboard.file.fileno())[0] & termios.IXON
-    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
-    assert termios.tcgetattr(keyboard.file.fileno()) == modes
-
-
-def test_ctrl_s_does_not_hold_the_output_up(keyboard):
-    with ConsoleOperator(keyboard.file):
         keyboard.press(b"\x13\n")
         assert select.select([], [keyboard.file], [], 0.0)[1], "a write would wait for Ctrl+Q"
+    assert handlers() == before
+    assert termios.tcgetattr(keyboard.file.fileno()) == modes
 
 
 @pytest.fixture
@@ -237,25 +213,27 @@ def test_a_question_is_printed_once_on_a_plain_console_and_stands_in_the_live_vi
     screen.campaign_started("mock/weights", 3, Path("runs/x"))
     screen.trial_started(1, {"bridge": "x"})
     assert screen.text()[-1] == "Ctrl+C pauses"
-    asker.ask(1)
+    asker.ask(1, ASKED)
     plain.poll()
     plain.poll()
     plain.campaign_ended("")
-    assert lines == ["hang 0.50 N on bridge Fx, then press Enter"]
-    assert screen.text()[-1] == "hang 0.50 N on bridge Fx, then press Enter"
+    assert lines == [ASKED]
+    assert screen.text()[-1] == ASKED
     screen.campaign_ended("")
 
 
-def test_off_a_terminal_each_trial_is_one_line(plain):
+def test_off_a_terminal_each_trial_is_one_line_and_a_pause_is_told_with_the_way_out(plain):
     console, lines = plain
     console.campaign_started("mock/transient", 2, Path("runs/x"))
     console.trial_started(7, {"location": "f", "speed_m_s": 0.004843})
     console.state("APPROACH", 92.0)
     console.trial_ended(7, "false_contact", ROW)
+    console.state("PAUSED", 3.0)
     console.campaign_ended("contact: 2")
     assert lines == [
         "mock/transient: 2 trials into runs/x",
         "[1/2] trial 7 location f, speed 4.843 mm/s: false contact, delay 0.21 s, extent 1 mm, force 0.05 N",
+        "paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts",
     ]
 
 
@@ -267,13 +245,6 @@ def test_off_a_terminal_a_long_campaign_has_a_screen_of_lines_and_one_for_each_t
         console.trial_ended(trial, "fault" if trial == 7 else "contact", {})
     console.campaign_ended("")
     assert [int(line[1:].partition("/")[0]) for line in lines[1:]] == [1, 6, 7, *range(12, 133, 6)]
-
-
-def test_a_pause_is_reported_with_the_way_out(plain):
-    console, lines = plain
-    console.state("PAUSED", 3.0)
-    console.campaign_ended("")
-    assert lines == ["paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts"]
 
 
 def test_a_reader_that_takes_nothing_holds_neither_a_line_nor_the_end_up(keyboard, monkeypatch):
@@ -326,21 +297,17 @@ def test_a_reader_that_has_left_ends_the_output_and_nothing_else(keyboard):
         raise BrokenPipeError(32, "Broken pipe")
 
     console = PlainConsole(ConsoleOperator(keyboard.file), show)
-    console.campaign_started("mock/transient", 1, Path("runs/x"))
-    console.state("PAUSED", 3.0)
+    for trial in (1, 2):
+        console.campaign_started("mock/transient", trial, Path("runs/x"))
     console.campaign_ended("")
     assert len(printed) == 1
 
 
-def test_the_key_results_come_first():
-    row = foremost(
-        {"truth_s": 1.0, "onset_s": 2.0, "delay_s": 3.0, "force_n": 4.0}, ["force_n", "delay_s", "seen"]
-    )
+def test_the_key_results_come_first_and_every_measure_names_columns_of_its_own():
+    measured = {"truth_s": 1.0, "onset_s": 2.0, "delay_s": 3.0, "force_n": 4.0}
+    row = foremost(measured, ["force_n", "delay_s", "seen"])
     assert list(key_results(row)) == ["force_n", "delay_s", "truth_s"]
     assert list(key_results({"a": 1, "b": 2})) == ["a", "b"]
-
-
-def test_every_measure_names_columns_of_its_own():
     for name in EXPERIMENTS.keys() - {"grasp"}:
         measures = import_module(EXPERIMENTS[name].measures)
         assert len(measures.HIGHLIGHTS) == RESULTS
@@ -348,11 +315,8 @@ def test_every_measure_names_columns_of_its_own():
         assert all(column.meaning for column in measures.COLUMNS.values()), name
 
 
-def test_what_was_not_seen_is_a_dash():
+def test_what_was_not_seen_is_a_dash_and_tens_of_kilohertz_have_no_exponent():
     assert (figure(None), figure(0.123456), figure(3), figure("f")) == ("–", "0.1235", "3", "f")
-
-
-def test_a_frequency_of_tens_of_kilohertz_has_no_exponent():
     assert (figure(40000.0), figure(39188.4), figure(-39188.4)) == ("40000", "39188", "−39188")
 
 
@@ -385,9 +349,8 @@ def screen(keyboard, monkeypatch):
     """
     monkeypatch.setattr(live, "REFRESH_S", -1.0)
     file = io.StringIO()
-    console = LiveConsole(
-        ConsoleOperator(keyboard.file), Terminal(file=file, force_terminal=True, width=80, height=24)
-    )
+    terminal = Terminal(file=file, force_terminal=True, width=80, height=24)
+    console = LiveConsole(ConsoleOperator(keyboard.file), terminal)
 
     def text():
         return console._picture().plain.splitlines()
@@ -419,6 +382,8 @@ def test_the_view_shows_trial_state_results_and_counts(screen):
     assert lines[13].startswith("trial 12  APPROACH since 92.25 s, for 0 s  location a  speed 3.785 mm/s")
     assert lines[14] == "contact: 10, false contact: 1; 10 of 11 succeeded"
     assert lines[15] == "Ctrl+C pauses"
+    screen.state("PAUSED", 93.0)
+    assert screen.text()[-1] == "paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts"
     screen.campaign_ended("11 trials")
     assert screen.text()[-1].startswith("   11"), "what is left is the table; the line of the outcome follows"
 
@@ -431,14 +396,6 @@ def test_the_table_shows_every_number_and_text_whole(screen):
     assert row.split() == ["1", "barrett_finger", "−0.06323", "false", "contact", "–", "−1.2e−97"]
     assert "force" not in head, "what there is no room for is left out whole"
     assert len(head) == len(row), "names stand above their columns"
-    screen.campaign_ended("")
-
-
-def test_a_pause_shows_the_way_out(screen):
-    screen.campaign_started("mock/transient", 42, Path("runs/x"))
-    screen.trial_started(1, {})
-    screen.state("PAUSED", 3.0)
-    assert screen.text()[-1] == "paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts"
     screen.campaign_ended("")
 
 

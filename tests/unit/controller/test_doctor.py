@@ -24,23 +24,15 @@ class Sensor:
     def __init__(
         self, name, clock, value=1.0, rate_hz=100.0, error=None, noisy=False, details=None, ends_s=99.0
     ):
-        self.name = name
-        self.clock = clock
-        self.value = value
-        self.rate_hz = rate_hz
-        self.error = error
-        self.noisy, self.details, self.ends_s = noisy, details or {}, ends_s
-        self.commands = []
-        self.closed = False
-        self.statuses = []
-        self.seq = 0
+        self.name, self.clock, self.value, self.rate_hz = name, clock, value, rate_hz
+        self.error, self.noisy, self.details, self.ends_s = error, noisy, details or {}, ends_s
+        self.commands, self.statuses, self.seq, self.closed = [], [], 0, False
 
     def open(self):
         if self.error:
             raise self.error
         stream = StreamInfo(f"{self.name}.force", ("fx",), "N", rate_hz=self.rate_hz, noisy=self.noisy)
-        streams = {stream.name: stream}
-        return DeviceInfo(self.name, "LC-5", serial="17", streams=streams, details=self.details)
+        return DeviceInfo(self.name, "LC-5", serial="17", streams={stream.name: stream}, details=self.details)
 
     def close(self):
         self.closed = True
@@ -49,13 +41,12 @@ class Sensor:
         self.commands.append(command)
 
     def read(self):
-        if self.value is None or self.clock.now() > self.ends_s:
+        now_s = self.clock.now()
+        if self.value is None or now_s > self.ends_s:
             return []
         self.seq += 1
         values = np.array([[self.value(self.seq) if callable(self.value) else self.value]])
-        return [
-            SampleBlock(f"{self.name}.force", self.seq, self.clock.now(), values, rate_hz=100.0, unit="N")
-        ]
+        return [SampleBlock(f"{self.name}.force", self.seq, now_s, values, rate_hz=100.0, unit="N")]
 
     def account(self):
         return {}
@@ -75,34 +66,21 @@ def clock():
     return VirtualClock()
 
 
-def test_every_device_is_named_and_every_sensor_read(clock):
-    findings = lines(Sensor("cell", clock, value=0.25))
-    assert [finding.line for finding in findings] == [
-        "cell: LC-5, serial 17",
-        "    cell.force: 100 samples in 1 s, fx 0.25 +- 0 N",
-    ]
-    assert all(finding.verdict == "ok" for finding in findings)
-
-
-def test_nothing_is_asked_of_a_device_but_to_listen(clock):
-    sensor = Sensor("cell", clock)
-    lines(sensor)
+def test_every_device_is_named_and_every_sensor_read_and_asked_for_nothing_but_to_listen(clock):
+    sensor = Sensor("cell", clock, value=0.25)
+    named, read = lines(sensor)
+    assert named.line == "cell: LC-5, serial 17"
+    assert read.line == "    cell.force: 100 samples in 1 s, fx 0.25 +- 0 N"
+    assert named.verdict == read.verdict == "ok"
     assert sensor.commands == [Listen("cell", frozenset({"cell.force"})), Listen("cell", frozenset())]
     assert sensor.closed
 
 
-def test_a_silent_sensor_is_found(clock):
-    assert [finding.verdict for finding in lines(Sensor("cell", clock, value=None))] == ["ok", "fail"]
-
-
-def test_an_irregular_stream_may_be_silent(clock):
+def test_a_silent_sensor_is_found_and_an_irregular_one_may_be_silent(clock):
+    silent = lines(Sensor("cell", clock, value=None))
+    assert [finding.verdict for finding in silent] == ["ok", "fail"]
+    assert summary(silent) == "1 ok, 0 warn, 1 fail"
     assert all(finding.verdict == "ok" for finding in lines(Sensor("cell", clock, value=None, rate_hz=None)))
-
-
-def test_values_that_are_not_finite_are_found(clock):
-    finding = lines(Sensor("cell", clock, value=np.nan))[1]
-    assert finding.verdict == "fail"
-    assert "not finite" in finding.line
 
 
 def test_lost_samples_are_found_and_are_no_other_rate(clock):
@@ -124,19 +102,16 @@ def test_what_is_lost_again_and_again_is_one_line_with_a_count(clock):
     assert (many.verdict, many.line.strip()) == ("fail", "stalled: it is too hot (3 times)")
 
 
-def test_a_device_that_does_not_open_hides_no_other(clock):
+def test_a_device_that_does_not_open_hides_no_other_and_all_are_closed_where_the_reader_leaves(clock):
     deaf = Sensor("stage", clock, error=SilentError("stage", "opening", "no reply", "is it on?"))
     findings = lines(deaf, Sensor("cell", clock))
     assert (findings[0].verdict, findings[0].line) == ("fail", "stage: no reply while opening; is it on?")
     assert findings[1].line.startswith("cell: ")
     assert deaf.closed
-
-
-def test_all_devices_are_closed_where_the_reader_of_findings_leaves_early(clock):
     sensor = Sensor("cell", clock)
-    findings: Any = examine(Rig("mock", {"cell": sensor}, clock), SCENE)
-    next(findings)
-    findings.close()
+    early: Any = examine(Rig("mock", {"cell": sensor}, clock), SCENE)
+    next(early)
+    early.close()
     assert sensor.closed
 
 
@@ -144,6 +119,7 @@ def test_all_devices_are_closed_where_the_reader_of_findings_leaves_early(clock)
     ("sensor", "verdict", "named"),
     [
         ({"value": lambda k: 0.01 * k + 0.001 * (k % 2)}, "warn", ["drifts by 0.5 N", "warm up"]),
+        ({"value": np.nan}, "fail", ["not finite"]),
         ({"value": 0.25, "noisy": True}, "fail", ["repeats one value", "plugged in"]),
         ({"value": lambda k: k % 2, "rate_hz": 104.0}, "warn", ["100 Hz", "104", "correct its rate"]),
         ({"value": lambda k: k % 2, "details": {"safety_status": "FAULT"}}, "warn", ["is FAULT", "pendant"]),
@@ -163,11 +139,6 @@ def test_a_watchdog_is_left_to_act_and_one_that_does_not_is_a_failure(clock):
         check_refusal(finding.line, "cell", "watchdog of 1 s")
 
 
-def test_findings_are_counted():
-    clock = VirtualClock()
-    assert summary(lines(Sensor("cell", clock, value=None))) == "1 ok, 0 warn, 1 fail"
-
-
 def test_a_port_that_this_user_may_not_open_is_named_with_what_to_do(monkeypatch, tmp_path):
     port = SimpleNamespace(
         device=str(tmp_path / "ttyACM0"), manufacturer="Zaber", product="X-MCC", description="", vid=0x2939, pid=0x495B
@@ -178,9 +149,7 @@ def test_a_port_that_this_user_may_not_open_is_named_with_what_to_do(monkeypatch
     monkeypatch.setattr("resource.getrlimit", lambda _: (0, 0))
     used, realtime = computer({"stage": port.device})
     assert (used.verdict, realtime.verdict) == ("fail", "warn")
-    check_refusal(
-        used.line, "Zaber, X-MCC", "stage", "usermod -aG dialout", 'ATTRS{idVendor}=="2939"', '"495b"'
-    )
+    check_refusal(used.line, "Zaber, X-MCC", "stage", "usermod -aG dialout", 'idVendor}=="2939"', '"495b"')
     check_refusal(realtime.line, "rtprio", "limits.d")
     monkeypatch.setattr("os.access", lambda *_: True)
     (other, _) = computer({"stage": "/dev/elsewhere"})
@@ -188,13 +157,8 @@ def test_a_port_that_this_user_may_not_open_is_named_with_what_to_do(monkeypatch
     assert "not used by this profile" in other.line
 
 
-LIMITS = GuardSettings(
-    travel_m=0.01,
-    speed_m_s=0.01,
-    force_n=2.0,
-    force_stream="board.load_cell",
-    position_stream="stage.position",
-)
+WATCHED = {"force_stream": "board.load_cell", "position_stream": "stage.position"}
+LIMITS = GuardSettings(travel_m=0.01, speed_m_s=0.01, force_n=2.0, **WATCHED)
 
 NOISE_N = 0.01 * np.random.default_rng(1).standard_normal((10_000, 1))
 
@@ -204,26 +168,23 @@ def of(stream, values):
     parts = np.array_split(values, 100)
     places = np.cumsum([0, *map(len, parts)])
     rate_hz = len(values) / 10.0
-    return [
-        SampleBlock(stream, int(at), at / rate_hz, part, rate_hz=rate_hz)
-        for at, part in zip(places[:-1], parts, strict=True)
-    ]
+    cut = zip(places[:-1], parts, strict=True)
+    return [SampleBlock(stream, int(at), at / rate_hz, part, rate_hz=rate_hz) for at, part in cut]
 
 
 def reasons(*blocks, events=(), limits=LIMITS):
     return list(unrest([each for own in blocks for each in own], events, limits))
 
 
-def test_noise_and_a_place_that_stays_are_rest():
+def test_noise_a_place_that_stays_slow_drift_and_a_wave_are_rest():
     places_m = 0.003 + 1e-5 * NOISE_N / NOISE_N.std()
     assert reasons(of("board.load_cell", NOISE_N), of("stage.position", places_m)) == []
     assert reasons(of("board.taxel", np.zeros((1000, 2)))) == []
-
-
-def test_slow_drift_is_rest_and_a_wave_is():
     ramp = NOISE_N + np.linspace(0.0, 0.1, 10_000)[:, None]
     wave = np.sin(2.0 * np.pi * 28.0 * np.arange(10_000) / 1000.0)[:, None]
     assert reasons(of("board.load_cell", ramp), of("board.accelerometer", wave)) == []
+    none = LIMITS.model_copy(update={"force_n": None})
+    assert reasons(of("board.load_cell", NOISE_N + 0.3), limits=none) == [], "a load without a limit"
 
 
 @pytest.mark.parametrize(
@@ -238,11 +199,6 @@ def test_slow_drift_is_rest_and_a_wave_is():
 def test_motion_a_load_and_a_touch_are_none(stream, values, named):
     (line,) = reasons(of(stream, values))
     check_refusal(line, stream, *named)
-
-
-def test_a_load_is_held_against_nothing_where_there_is_no_force_limit():
-    none = LIMITS.model_copy(update={"force_n": None})
-    assert reasons(of("board.load_cell", NOISE_N + 0.3), limits=none) == []
 
 
 def test_a_stream_beyond_its_range_is_none():

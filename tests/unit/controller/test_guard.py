@@ -30,6 +30,7 @@ from drivers.core.messages import (
     Twist,
 )
 from drivers.core.settings import HomeSpeed, Settings
+from tests.refusals import refused
 
 
 def guard(*, quiet=True, **changes):
@@ -87,6 +88,8 @@ def among_three(number, odd, others):
     return [odd if each == number else others for each in range(3)]
 
 
+OUTSIDE = ((-0.11, 0, 0.1), (0.11, 0, 0.1), (0, -0.11, 0.1), (0, 0, -0.01))
+FAR, NEAR = (0.0, 0.0, 0.31), (0.0, 0.0, 0.1)
 BEYOND = Saturated(0.0, "signals", "signals.fingertip", 1.62)
 SPIKE = force(np.where((np.arange(40) >= 10) & (np.arange(40) < 14), 50.0, 0.0))
 WINDOW = force(np.where((np.arange(60) >= 40) & (np.arange(60) < 50), 3.0, 0.0))
@@ -94,24 +97,12 @@ PRESSED = force(np.full(20, 2.5))
 
 SEEN: dict[str, Any] = {
     "a spike shorter than half the median": ({}, [SPIKE], None),
-    "a lasting force": (
-        {},
-        [PRESSED],
-        "board.load_cell is at 2.500 N (10 ms median), beyond limits.force_n = 2",
-    ),
+    "a lasting force": ({}, [PRESSED], "board.load_cell is at 2.500 N (10 ms median), beyond limits.force_n"),
     "a force that lasts for one window of a long block": ({}, [WINDOW], "3.000 N (10 ms median)"),
-    "a force that grows, by its first window beyond": (
-        {"force_median_s": 0.001},
-        [force([1.0, 1.9, 2.1, 5.0])],
-        "2.100 N",
-    ),
+    "a force that grows": ({"force_median_s": 0.001}, [force([1.0, 1.9, 2.1, 5.0])], "2.100 N"),
     "a pull": ({}, [force(np.full(20, -2.5))], "at -2.500 N"),
     "a force that is no number": ({}, [force([0.0, math.nan])], "board.load_cell reads nan"),
-    "one sample where the median is over less than two": (
-        {"force_median_s": 0.001},
-        [force([2.5])],
-        "2.500 N",
-    ),
+    "one sample, the median over less than two": ({"force_median_s": 0.001}, [force([2.5])], "2.500 N"),
     "another channel": (WRIST, [wrist(0.0, 0.0, 2.5)], None),
     "the channel": ({**WRIST, "force_channels": (2,)}, [wrist(0.0, 0.0, 2.5)], "2.500 N"),
     "the size of three channels, within": ({**ALL_THREE, "force_n": 2.01}, [wrist(1.2, 0.0, 1.6, 9.0)], None),
@@ -130,32 +121,15 @@ SEEN: dict[str, Any] = {
     "a tool that leaves its box": (
         BOX,
         [pose((0.0, 0.0, 0.1), (0.0, 0.1001, 0.1))],
-        "arm.pose is at (0.0000, 0.1001, 0.1000) m, outside limits.workspace_min_m .. workspace_max_m",
+        "arm.pose is at (0.0000, 0.1001, 0.1000) m, outside limits.workspace_min_m",
     ),
     "a pose that is no number": (BOX, [pose((math.nan, 0.0, 0.1))], "nan"),
     "counts in the box": (BOX, [sent("arm.pose", np.full((1, 6), 90), scale=1e-3)], None),
-    "counts beyond the box": (
-        BOX,
-        [sent("arm.pose", np.full((1, 6), 110), scale=1e-3)],
-        "(0.1100, 0.1100, 0.1100)",
-    ),
+    "counts beyond the box": (BOX, [sent("arm.pose", np.full((1, 6), 110), scale=1e-3)], "(0.1100, 0.1100, "),
     "an unknown stream": ({}, [sent("board.accelerometer", np.full((5, 1), 99.0))], None),
-    **{
-        f"position {number} of three": ({}, [position(among_three(number, 0.0121, 0.005))], "0.012100 m")
-        for number in range(3)
-    },
-    **{
-        f"pose {number} of three": (
-            BOX,
-            [pose(*among_three(number, (0.0, 0.0, 0.31), (0.0, 0.0, 0.1)))],
-            "0.3100",
-        )
-        for number in range(3)
-    },
-    **{
-        f"beyond the box at {place_m}": (BOX, [pose(place_m)], "outside")
-        for place_m in ((-0.11, 0, 0.1), (0.11, 0, 0.1), (0, -0.11, 0.1), (0, 0, -0.01))
-    },
+    **{f"place {n} of 3": ({}, [position(among_three(n, 0.0121, 0.005))], "0.012100 m") for n in range(3)},
+    **{f"pose {n} of three": (BOX, [pose(*among_three(n, FAR, NEAR))], "0.3100") for n in range(3)},
+    **{f"beyond the box at {place_m}": (BOX, [pose(place_m)], "outside") for place_m in OUTSIDE},
 }
 
 
@@ -167,12 +141,10 @@ def test_what_is_beyond_a_limit_stops_the_bench_moving_or_not(name, moving):
     assert reason is None if words is None else words in reason
 
 
-@pytest.mark.parametrize(
-    ("late_s", "moving", "stops"), [(0.125, True, False), (0.126, True, True), (0.3, False, False)]
-)
-def test_a_late_loop_stops_what_moves(late_s, moving, stops):
-    reason = guard(late_s=0.125).check(0.0, [position([0.0])], moving=moving, late_s=late_s)
-    assert (reason is not None and "the loop is" in reason) == stops
+def test_a_late_loop_stops_what_moves():
+    for late_s, moving, stops in ((0.125, True, False), (0.126, True, True), (0.3, False, False)):
+        reason = guard(late_s=0.125).check(0.0, [position([0.0])], moving=moving, late_s=late_s)
+        assert (reason is not None and "the loop is" in reason) == stops
 
 
 def test_a_sensor_beyond_its_range_stops_the_bench_and_is_the_first_of_several_reasons():
@@ -203,7 +175,7 @@ def test_a_trial_may_have_the_range_of_its_own_streams_watched_and_the_next_one_
     assert watched.inputs == {"board.load_cell", "stage.position"}
 
 
-def test_what_the_guard_watches_must_arrive_while_anything_moves():
+def test_what_the_guard_watches_must_arrive_while_anything_moves_and_nothing_of_the_trial_before():
     watched = guard(range_streams=["signals.tip"])
     watched.arrivals.expect(frozenset({"stage.position", "signals.tip"}), 0.0)
     assert watched.arrivals.check(0.1, [], moving=True) is None
@@ -211,6 +183,10 @@ def test_what_the_guard_watches_must_arrive_while_anything_moves():
     failed = watched.arrivals.check(0.21, [], moving=True)
     assert failed is not None
     assert failed.reason.startswith("signals.tip is silent")
+    watched = guard()
+    watched.arrivals.expect(frozenset({"board.load_cell"}), 0.0)
+    watched.reset()
+    assert watched.arrivals.check(90.0, [], moving=True) is None
 
 
 def test_the_inputs_of_an_armed_detector_must_arrive_while_anything_moves_and_not_when_it_is_disarmed():
@@ -223,25 +199,20 @@ def test_the_inputs_of_an_armed_detector_must_arrive_while_anything_moves_and_no
     assert watched.arrivals.check(0.2, [], moving=True) is None
 
 
-def test_a_new_trial_has_nothing_that_is_late():
-    watched = guard()
-    watched.arrivals.expect(frozenset({"board.load_cell"}), 0.0)
-    watched.reset()
-    assert watched.arrivals.check(90.0, [], moving=True) is None
-
-
 def test_a_range_that_nothing_reports_is_refused_before_anything_moves():
     streams = {name: StreamInfo(name, ("x",), "N") for name in ("board.load_cell", "signals.tip")}
     streams["stage.position"] = StreamInfo("stage.position", ("x",), "m")
     guard(range_streams=["signals.tip"]).check_streams(streams)
-    with pytest.raises(
-        GuardRefusal, match=r"limits.range_streams = signals.tap: the bench has no such stream"
-    ):
+    with refused(GuardRefusal, "limits.range_streams = signals.tap", "no such stream"):
         guard(range_streams=["signals.tap"]).check_streams(streams)
 
 
 def twist(*rates, for_s=1.0):
     return Twist("arm", rates, for_s)
+
+
+def along_axis(axis, rate):
+    return twist(*np.roll([rate, 0.0, 0.0, 0.0, 0.0, 0.0], axis))
 
 
 def goes(*offset, speed_m_s=0.01):
@@ -275,11 +246,7 @@ REFUSED = [
     ({}, Release("gripper", 0.0), "0 m/s is no speed"),
     ({}, Release("gripper", 0.03), "0.03 m/s is beyond"),
     *(({}, Grip("gripper", 0.01, 0.01, n), "is outside 0 .. limits.grip_n = 80") for n in (0.0, -5.0, 80.1)),
-    (
-        {},
-        MoveTo("lift", 0.01, 0.01),
-        "[limits] are those of stage; give lift its own in [limits.movers.lift]",
-    ),
+    ({}, MoveTo("lift", 0.01, 0.01), "are those of stage; give lift its own in [limits.movers.lift]"),
     (LIFT, MoveTo("lift", 0.11, 0.3), "outside limits.movers.lift.travel_min_m .. travel_m = -0.0005 .. 0.1"),
     (LIFT, MoveAt("lift", -0.31, 0.1), "beyond limits.movers.lift.speed_m_s = 0.3"),
     (LIFT, MoveTo("stage", 0.1, 0.02), "outside limits.travel_min_m"),
@@ -291,38 +258,16 @@ REFUSED = [
     ({**ARM, "reach_m": 0.1}, twist(0.01, 0.0, 0.0, 0.0, 0.1, 0.0, for_s=5.0), "limits.reach_rad = 0"),
     (REACH, twist(0.01, 0.0, 0.0, 0.0, 0.0, 0.0, for_s=11.0), "limits.reach_m = 0.1"),
     (REACH, twist(0.0, 0.0, 0.0, 0.0, 1.01, 0.0), "limits.turn_rad_s = 1"),
-    (
-        REACH,
-        twist(0.0, 0.0, 0.0, 0.0, 0.5, 0.0, for_s=3.1),
-        "turns by 1.55 rad, beyond limits.reach_rad = 1.5",
-    ),
+    (REACH, twist(0.0, 0.0, 0.0, 0.0, 0.5, 0.0, for_s=3.1), "turns by 1.55 rad, beyond limits.reach_rad"),
     (REACH, twist(0.02, 0.0, 0.0, 0.0, 0.0, 0.0, for_s=-60.0), "-60 s is no duration"),
     (REACH, twist(0.02, 0.0, 0.0, 0.0, 0.0, 0.0, for_s=0.0), "0 s is no duration"),
     (REACH, goes(0.06, 0.08, 0.03, 0.0, 0.0, 0.0), "limits.reach_m = 0.1"),
     (REACH, goes(0.05, 0.0, 0.0, 0.0, 0.0, 0.0, speed_m_s=0.021), "limits.speed_m_s = 0.02"),
     (REACH, goes(0.0, 0.0, 0.0, 1.8, 2.4, 0.0), "turns by 3 rad, beyond limits.reach_rad = 1.5"),
     # what turns on its way takes the same number for rad/s
-    (
-        {**REACH, "turn_rad_s": 0.009},
-        goes(0.0, 0.0, 0.0, 0.0, 0.5, 0.0),
-        "0.01 rad/s is beyond limits.turn_rad_s",
-    ),
-    *(
-        (
-            TURNS,
-            twist(*np.roll([0.51, 0.0, 0.0, 0.0, 0.0, 0.0], 3 + axis)),
-            "0.51 rad/s is beyond limits.turn_rad_s",
-        )
-        for axis in range(3)
-    ),
-    *(
-        (
-            TURNS,
-            twist(*np.roll([0.021, 0.0, 0.0, 0.0, 0.0, 0.0], axis)),
-            "0.021 m/s is beyond limits.speed_m_s",
-        )
-        for axis in range(3)
-    ),
+    ({**REACH, "turn_rad_s": 0.009}, goes(0.0, 0.0, 0.0, 0.0, 0.5, 0.0), "0.01 rad/s is beyond limits.turn"),
+    *((TURNS, along_axis(3 + axis, 0.51), "0.51 rad/s is beyond limits.turn_rad_s") for axis in range(3)),
+    *((TURNS, along_axis(axis, 0.021), "0.021 m/s is beyond limits.speed_m_s") for axis in range(3)),
 ]
 
 
@@ -359,25 +304,20 @@ def test_what_is_just_within_its_limits_passes_as_it_is(changes, command):
     assert guard(**changes).admit(command) == command
 
 
-def test_a_bench_without_a_force_limit_watches_and_needs_no_force_stream():
+def test_a_bench_without_a_force_limit_or_some_streams_fits_and_lists_what_it_has_where_it_does_not():
     watched = guard(force_n=None)
     assert watched.inputs == {"stage.position"}
     watched.check_streams({"stage.position": StreamInfo("stage.position", ("x",), "m")})
+    guard(force_n=None, force_stream=None, position_stream=None).check_streams({})
+    with pytest.raises(GuardRefusal, match=r"no such stream; it has a.b, c.d$"):
+        guard().check_streams({name: StreamInfo(name, ("x",), "m") for name in ("c.d", "a.b")})
 
 
-def test_half_a_box_is_refused():
-    with pytest.raises(ValueError, match="give all or none"):
-        guard(workspace_min_m=(0.0, 0.0, 0.0))
-
-
-def test_a_window_begins_anew_with_a_trial():
+def test_a_window_begins_anew_with_a_trial_and_what_is_no_number_is_forgotten_once_it_was_reported():
     watched = guard()
     watched.check(0.005, [force(np.full(5, 9.0))], moving=True)
     watched.reset()
     assert watched.check(0.01, [force(np.full(6, 0.1))], moving=True) is None
-
-
-def test_what_is_no_number_is_forgotten_once_it_has_been_reported():
     watched = guard()
     assert "reads nan" in watched.check(0.001, [force([math.nan])], moving=True)
     assert watched.check(0.02, [force(np.zeros(20))], moving=True) is None
@@ -401,10 +341,7 @@ def test_a_motion_that_no_limit_is_known_for_is_refused(monkeypatch):
         ({"board.load_cell": 1}, "limits.position_stream = stage.position: the bench has no such stream"),
         ({"board.load_cell": 0, "stage.position": 1}, "channel 0 is to be watched, but it has 0"),
         ({"board.load_cell": 1, "stage.position": 1}, "limits.pose_stream = arm.pose: the bench has no"),
-        (
-            {"board.load_cell": 1, "stage.position": 1, "arm.pose": 2},
-            "channel 2 is to be watched, but it has 2",
-        ),
+        ({"board.load_cell": 1, "stage.position": 1, "arm.pose": 2}, "channel 2 is to be watched, but it"),
     ],
 )
 def test_streams_that_do_not_fit_are_refused_before_anything_moves(streams, reason):
@@ -434,30 +371,28 @@ def test_a_limit_is_held_against_no_stream_in_another_unit(name, unit, reason):
 # --- limits of each mover
 
 
-def test_where_no_stream_shows_whose_the_limits_are_they_are_the_first_ones_that_moves():
+def test_each_mover_has_its_own_limits_position_and_blind_travel():
     limits = guard(position_stream=None)
     limits.admit(MoveTo("stage", 0.01, 0.01))
     with pytest.raises(GuardRefusal, match=r"those of stage"):
         limits.admit(MoveTo("lift", 0.01, 0.01))
-
-
-def test_each_movers_position_is_watched():
     limits = guard(**LIFT)
     assert limits.inputs == {"board.load_cell", "stage.position", "lift.position"}
-    block = SampleBlock("lift.position", 0, 0.0, np.array([[0.05]]), times_s=np.zeros(1), unit="m")
-    assert limits.check(0.0, [block], moving=True) is None
-    far = SampleBlock("lift.position", 0, 0.0, np.array([[0.11]]), times_s=np.zeros(1), unit="m")
-    assert "outside limits.movers.lift.travel_min_m" in limits.check(0.0, [far], moving=True)
-
-
-def test_a_motion_takes_the_blind_travel_of_its_mover_along():
-    admitted = guard(blind_travel_m=0.004).admit(MoveAt("stage", 0.01, 0.01))
-    assert admitted.blind_travel_m == 0.004
-    admitted = guard(blind_travel_m=0.004).admit(MoveTo("stage", 0.01, 0.01))
-    assert admitted.blind_travel_m == 0.004
+    assert limits.check(0.0, [sent("lift.position", [[0.05]])], moving=True) is None
+    reason = limits.check(0.0, [sent("lift.position", [[0.11]])], moving=True)
+    assert "outside limits.movers.lift.travel_min_m" in reason
+    for command in (MoveAt("stage", 0.01, 0.01), MoveTo("stage", 0.01, 0.01)):
+        assert guard(blind_travel_m=0.004).admit(command).blind_travel_m == 0.004
 
 
 # --- a way out of contact
+
+ONWARD = [
+    MoveAt("stage", 0.01, 0.012),
+    MoveTo("stage", 0.005, 0.01),
+    Twist("stage", (-0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1),
+    MovePose("stage", (0.0,) * 6, 0.01),
+]
 
 
 def pressed(force_n=6.0, **changes):
@@ -471,21 +406,13 @@ def test_a_trial_that_begins_in_contact_may_go_home_and_back():
     watched = pressed()
     for command in (Home("stage"), MoveAt("stage", -0.01, 0.0), MoveTo("stage", 0.0, 0.01), Stop("stage")):
         assert watched.admit(command) == command
+    command = MoveAt("stage", 0.01, 0.012)
+    assert guard(quiet=False).admit(command) == command
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        MoveAt("stage", 0.01, 0.012),
-        MoveTo("stage", 0.005, 0.01),
-        Twist("stage", (-0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1),
-        MovePose("stage", (0.0,) * 6, 0.01),
-    ],
-)
+@pytest.mark.parametrize("command", ONWARD)
 def test_a_trial_that_begins_in_contact_goes_nowhere_else(command):
-    with pytest.raises(
-        GuardRefusal, match=rf"^{type(command).__name__}\(stage\): the trial began in contact, at 6 N still"
-    ):
+    with refused(GuardRefusal, f"{type(command).__name__}(stage): the trial began in contact, at 6 N still"):
         pressed().admit(command)
 
 
@@ -527,16 +454,17 @@ def test_the_limit_follows_the_force_down_and_is_the_settings_again_below_it():
     assert "2.050 N" in watched.check(0.06, [force(np.full(20, 2.05), 40)], moving=True)
 
 
-def test_a_contact_that_comes_later_is_none_that_was_there():
+def test_a_contact_that_comes_later_is_none_that_was_there_but_the_next_trial_may_begin_in_one():
     watched = guard(quiet=False)
     watched.check(0.02, [force(np.full(20, 0.1))], moving=True)
     assert "2.100 N" in watched.check(0.04, [force(np.full(20, 2.1), 20)], moving=True)
-
-
-def test_the_next_trial_may_begin_in_contact_again():
     watched = guard()
     watched.reset()
     assert watched.check(0.02, [force(np.full(20, 6.0))], moving=True) is None
+    watched = guard(quiet=False, force_n=0.5)
+    watched.check(0.02, [force(np.full(20, 0.8))], moving=True)
+    with pytest.raises(GuardRefusal, match=r"at 0.8 N still, beyond limits.force_n = 0.5"):
+        watched.admit(MoveAt("stage", 0.01, 0.012))
 
 
 # --- a stop holds
@@ -568,23 +496,11 @@ def test_after_a_stop_what_takes_load_away_is_admitted(before, command):
     assert stopped(*before).admit(command) == command
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        MoveAt("stage", 0.01, 0.012),
-        MoveTo("stage", 0.005, 0.01),
-        Twist("stage", (-0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1),
-        MovePose("stage", (0.0,) * 6, 0.01),
-        Grip("gripper", 0.01, 0.01, 5.0),
-        SetTendon("board", 0.001),
-    ],
-)
+@pytest.mark.parametrize("command", [*ONWARD, Grip("gripper", 0.01, 0.01, 5.0), SetTendon("board", 0.001)])
 def test_after_a_stop_nothing_else_moves_until_the_next_trial(command):
     watched = stopped(reach_m=0.1, reach_rad=1.0)
     for _ in range(2):
-        with pytest.raises(
-            GuardRefusal, match=r"the trial was stopped; until its end only Stop, Home, Release"
-        ):
+        with refused(GuardRefusal, "the trial was stopped", "only Stop, Home, Release"):
             watched.admit(command)
     watched.reset()
     assert watched.admit(command) == command
@@ -608,43 +524,21 @@ def test_after_a_stop_what_presses_may_grow_while_movers_brake_and_then_only_fal
     assert "5.210 N" in watched.check(then_s + 0.06, [force(np.full(20, 5.21), 1360)], moving=True)
 
 
-def test_after_a_stop_beyond_the_travel_the_place_is_no_reason_to_stop_the_way_back():
+def test_after_a_stop_the_place_is_no_reason_to_stop_the_way_back_but_lateness_and_a_range_are():
     watched = stopped()
     assert watched.check(2.0, [position([0.013])], moving=True) is None
     watched.reset()
     assert watched.check(0.1, [position([0.013])], moving=True)
-
-
-def test_after_a_stop_a_late_loop_and_a_sensor_beyond_its_range_stop_again():
     assert "late" in stopped().check(2.0, [], moving=True, late_s=0.2)
     beyond = Saturated(2.0, "board", "signals.tip", 9.0)
     assert "beyond its range" in stopped().check(2.0, [], moving=True, saturated=[beyond])
 
 
-def test_a_bench_without_some_streams_fits_and_lists_what_it_has_where_it_does_not():
-    guard(force_n=None, force_stream=None, position_stream=None).check_streams({})
-    with pytest.raises(GuardRefusal, match=r"no such stream; it has a.b, c.d$"):
-        guard().check_streams({name: StreamInfo(name, ("x",), "m") for name in ("c.d", "a.b")})
-
-
-def test_a_motion_before_the_first_force_sample_is_none_out_of_contact():
-    command = MoveAt("stage", 0.01, 0.012)
-    assert guard(quiet=False).admit(command) == command
-
-
-def test_a_light_contact_at_the_start_is_one_where_the_limit_is_lighter():
-    watched = guard(quiet=False, force_n=0.5)
-    watched.check(0.02, [force(np.full(20, 0.8))], moving=True)
-    with pytest.raises(GuardRefusal, match=r"at 0.8 N still, beyond limits.force_n = 0.5"):
-        watched.admit(MoveAt("stage", 0.01, 0.012))
-
-
 def test_what_views_show_beside_its_limit_is_force_and_travel_where_they_are_watched():
     limits = GuardSettings(travel_m=0.01, force_stream="board.force", force_n=0.5, force_channels=(1,))
-    assert list(shown_limits(limits)) == [
-        ("force", "board.force", (1,), 0.5, "N"),
-        ("travel", "stage.position", (0,), 0.01, "m"),
-    ]
+    force, travel = shown_limits(limits)
+    assert force == ("force", "board.force", (1,), 0.5, "N")
+    assert travel == ("travel", "stage.position", (0,), 0.01, "m")
     assert list(shown_limits(GuardSettings(travel_m=0.01, position_stream=None))) == []
 
 
@@ -697,16 +591,15 @@ def test_what_pressed_beyond_the_second_tier_goes_back_once(before):
     assert watched.way_out() is None
 
 
-def test_the_way_back_is_that_of_what_moved_last_within_its_own_limits():
+def test_the_way_back_is_that_of_what_moved_last_within_its_own_limits_and_jaws_open():
     lift, stage = MoveAt("lift", 0.004, 0.1), MoveAt("stage", 0.01, 0.012)
     movers = {"lift": {**LIFT_LIMITS, "speed_m_s": 0.005}}
     way, for_s = crushed(lift, stage, lift, movers=movers).way_out()
-    assert (way.device, way.velocity_m_s, way.blind_travel_m) == (
-        "lift",
-        -0.005,
-        LIFT_LIMITS["blind_travel_m"],
-    )
+    assert (way.device, way.velocity_m_s, way.blind_travel_m) == ("lift", -0.005, 0.01)
     assert for_s == pytest.approx(0.6), "3 mm at 5 mm/s"
+    way, for_s = crushed(MoveAt("stage", 0.01, 0.012), Grip("gripper", 0.01, 0.02, 5.0)).way_out()
+    assert way == Release("gripper", 0.02)
+    assert for_s == pytest.approx(0.15)
 
 
 def test_it_goes_back_no_farther_than_where_approaches_begin_where_its_place_is_known():
@@ -720,17 +613,9 @@ def test_it_goes_back_no_farther_than_where_approaches_begin_where_its_place_is_
     assert watched.way_out()[0].limit_m == -0.02
 
 
-def test_jaws_that_crushed_open():
-    way, for_s = crushed(MoveAt("stage", 0.01, 0.012), Grip("gripper", 0.01, 0.02, 5.0)).way_out()
-    assert way == Release("gripper", 0.02)
-    assert for_s == pytest.approx(0.15)
-
-
-@pytest.mark.parametrize(
-    "before", [(), (MoveAt("stage", -0.01, 0.0),), (Twist("stage", (0.01, 0, 0, 0, 0, 0), 0.1),)]
-)
-def test_where_no_way_back_is_known_there_is_none(before):
-    assert crushed(*before, reach_m=0.1).way_out() is None
+def test_where_no_way_back_is_known_there_is_none():
+    for before in ([], [MoveAt("stage", -0.01, 0.0)], [Twist("stage", (0.01, 0, 0, 0, 0, 0), 0.1)]):
+        assert crushed(*before, reach_m=0.1).way_out() is None
 
 
 def test_a_stop_below_the_second_tier_is_enough_and_one_that_brakes_beyond_it_is_not():
@@ -754,11 +639,13 @@ def test_a_contact_from_before_the_trial_is_no_crush():
     assert watched.way_out() is None
 
 
-@pytest.mark.parametrize("key", ["retreat_n", "peak_n"])
-def test_the_tiers_are_in_order(key):
-    with pytest.raises(ValueError, match=f"{key} = 2 is not above force_n = 2"):
-        guard(**{key: 2.0})
-    guard(force_n=None, **{key: 2.0})
+def test_half_a_box_and_tiers_that_are_not_in_order_are_refused():
+    with pytest.raises(ValueError, match="give all or none"):
+        guard(workspace_min_m=(0.0, 0.0, 0.0))
+    for key in ("retreat_n", "peak_n"):
+        with pytest.raises(ValueError, match=f"{key} = 2 is not above force_n = 2"):
+            guard(**{key: 2.0})
+        guard(force_n=None, **{key: 2.0})
 
 
 # --- what is forecast of an approach
@@ -775,7 +662,7 @@ def test_a_forecast_is_a_spring_times_the_way_after_the_touch():
     assert found.most_n == pytest.approx(4.5)
 
 
-def test_what_goes_back_or_on_or_knows_no_stiffness_has_no_forecast():
+def test_what_goes_back_or_on_or_knows_no_stiffness_has_no_forecast_and_is_admitted():
     watched = guard(**STIFF)
     assert watched.foreseen(0.0, MoveTo("stage", 0.01, 0.01)).peak_n is None
     assert watched.foreseen(0.1, MoveTo("stage", 0.012, 0.01)) is None
@@ -784,9 +671,10 @@ def test_what_goes_back_or_on_or_knows_no_stiffness_has_no_forecast():
     assert watched.foreseen(0.4, Home("stage")) is None
     assert guard().foreseen(0.0, MoveAt("stage", 0.01, 0.012)) is None
     assert guard(**STIFF, force_n=None).foreseen(0.0, MoveAt("stage", 0.01, 0.012)) is None
+    guard(peak_n=4.0).admit(MoveAt("stage", 0.02, 0.012))
 
 
-def test_beside_it_stands_what_happened():
+def test_beside_a_forecast_stands_what_happened_as_far_as_a_stop_and_a_position_show_it():
     watched = guard(**STIFF)
     watched.foreseen(0.0, MoveAt("stage", 0.01, 0.012))
     watched.check(0.02, [position([0.004]), force(np.full(20, -0.7))], moving=True)
@@ -799,9 +687,6 @@ def test_beside_it_stands_what_happened():
     assert found.travel_m == pytest.approx(0.2e-3)
     assert found.pressed_n == pytest.approx(0.7)
     assert watched.answered(Standstill(0.06, "stage", 0.0042)) is None
-
-
-def test_how_far_it_went_is_not_known_where_it_was_not_stopped_or_no_position_shows_it():
     watched = guard(**STIFF)
     watched.foreseen(0.0, MoveAt("stage", 0.01, 0.012))
     assert math.isnan(watched.answered(Reached(0.05, "stage", 0.012)).travel_m)
@@ -827,29 +712,19 @@ def fastest(**changes):
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        (
-            {"peak_n": 4.0},
-            "would press 4.5 N where it is ended by limits.force_n alone, beyond limits.peak_n = 4",
-        ),
-        (
-            {"detector_delay_s": 0.02},
-            "would press 3.5 N where it is ended by the detector, beyond limits.force_n = 2",
-        ),
+        ({"peak_n": 4.0}, "4.5 N where it is ended by limits.force_n alone, beyond limits.peak_n = 4"),
+        ({"detector_delay_s": 0.02}, "3.5 N where it is ended by the detector, beyond limits.force_n = 2"),
         ({"peak_n": 4.0, "detector_delay_s": 0.02}, "beyond limits.peak_n = 4"),
     ],
 )
 def test_an_approach_that_would_press_too_hard_is_refused_with_the_fastest_that_would_not(changes, reason):
     watched = guard(**STIFF, **changes)
-    with pytest.raises(GuardRefusal, match=re.escape(reason)) as refused:
+    with pytest.raises(GuardRefusal, match=re.escape(reason)) as refusal:
         watched.admit(MoveAt("stage", 0.01, 0.012))
-    said_m_s = float(re.findall(r"at most (\S+) m/s", str(refused.value))[0])
+    said_m_s = float(re.findall(r"at most (\S+) m/s", str(refusal.value))[0])
     watched.admit(MoveAt("stage", said_m_s, 0.012))
     assert said_m_s == pytest.approx(fastest(**STIFF, **changes), rel=0.01)
     watched.admit(MoveAt("stage", -0.01, 0.0))
-
-
-def test_the_same_where_no_stiffness_is_known_is_admitted():
-    guard(peak_n=4.0).admit(MoveAt("stage", 0.02, 0.012))
 
 
 # --- the commanded and the measured position
@@ -892,11 +767,9 @@ FORWARD = MoveAt("stage", 0.002, 0.012)
 @pytest.mark.parametrize("pieces", [1, 7])
 def test_a_mover_that_does_not_do_what_it_was_commanded_is_stopped(commands, block, off, pieces):
     watched = moving(*commands)
-    cuts = np.array_split(np.arange(len(block)), pieces)
-    reasons = [
-        watched.check(1.0, [position(block.values[cut, 0], float(block.times[cut[0]]))], moving=True)
-        for cut in cuts
-    ]
+    cuts = zip(np.array_split(block.values[:, 0], pieces), np.array_split(block.times, pieces), strict=True)
+    parts = [position(places_m, float(times_s[0])) for places_m, times_s in cuts]
+    reasons = [watched.check(1.0, [part], moving=True) for part in parts]
     assert any(reason is not None and "limits.follow_m = 0.001" in reason for reason in reasons) == off
 
 
@@ -922,16 +795,8 @@ def test_a_mover_need_not_be_compared_and_another_ones_command_is_not_its_own():
 
 # --- two sensors of one quantity
 
-BOTH = {
-    "agree": {
-        "force": {
-            "streams": ["board.load_cell", "arm.force"],
-            "channels": [0, 2],
-            "factor": -1.0,
-            "most": 0.5,
-        }
-    }
-}
+PAIR = {"streams": ["board.load_cell", "arm.force"], "channels": [0, 2], "factor": -1.0, "most": 0.5}
+BOTH = {"agree": {"force": PAIR}}
 
 
 def loads(first_n, second_n, start=0, zero_n=0.0):
@@ -939,25 +804,15 @@ def loads(first_n, second_n, start=0, zero_n=0.0):
     times_s = (start + np.arange(0, len(second_n), 2)) / 1000
     values = np.zeros((len(times_s), 6))
     values[:, 2] = zero_n - np.asarray(second_n)[::2]
-    return [
-        force(first_n, start),
-        SampleBlock("arm.force", start, times_s[0], values, times_s=times_s, unit="N"),
-    ]
+    second = SampleBlock("arm.force", start, times_s[0], values, times_s=times_s, unit="N")
+    return [force(first_n, start), second]
 
 
-@pytest.mark.parametrize(
-    ("second_n", "off"),
-    [
-        (np.full(300, 1.0), False),
-        (np.full(300, 0.6), False),
-        (np.full(300, 0.4), True),
-        (np.full(300, 1.6), True),
-    ],
-)
+@pytest.mark.parametrize(("second_n", "off"), [(1.0, False), (0.6, False), (0.4, True), (1.6, True)])
 @pytest.mark.parametrize("size", [20, 600])
 def test_two_sensors_that_disagree_for_long_enough_stop_the_bench(second_n, off, size):
     """Both begin at another zero of their own, and then feel 1 N, or another force, for 0.3 s."""
-    first_n, second_n = np.append(np.zeros(300), np.full(300, 1.0)), np.append(np.zeros(300), second_n)
+    first_n, second_n = np.repeat([0.0, 1.0], 300), np.repeat([0.0, second_n], 300)
     watched, reasons = guard(**BOTH), []
     for start in range(0, 600, size):
         cut = slice(start, start + size)

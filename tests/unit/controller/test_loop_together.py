@@ -30,10 +30,8 @@ from drivers.core.messages import (
 from simulator.look_ahead import LONGEST_S, LookAhead
 
 RATE_HZ = 200.0
-STREAMS = {
-    name: StreamInfo(name, ("force",), "N", rate_hz=1000.0, longest_s=0.05)
-    for name in ("board.force", "board.load")
-}
+NAMES = ("board.force", "board.load")
+STREAMS = {name: StreamInfo(name, ("force",), "N", rate_hz=1000.0, longest_s=0.05) for name in NAMES}
 CONTACT = 800.0
 
 
@@ -103,11 +101,9 @@ class Board(Device):
         times_s = np.arange(begin, self.sent) / 1000
         load = np.zeros(len(times_s)) if self.load_n is None else np.interp(times_s, *self.load_n)
         made = {"board.force": np.arange(begin, self.sent) * 1.0, "board.load": load}
-        return [
-            SampleBlock(name, begin, begin / 1000, made[name].reshape(-1, 1), 1000.0, unit="N")
-            for name in sorted(self.listening)
-            if len(times_s)
-        ]
+        made = {name: values.reshape(-1, 1) for name, values in made.items() if len(times_s)}
+        heard = [name for name in sorted(self.listening) if name in made]
+        return [SampleBlock(name, begin, begin / 1000, made[name], 1000.0, unit="N") for name in heard]
 
 
 class LevelDetector:
@@ -256,6 +252,16 @@ def put(**changes):
     return case
 
 
+def presses(*points):
+    """A load through these points: (s, N)."""
+    return put(board={"load_n": tuple(zip(*points, strict=True))})
+
+
+LESS = ((0.0, 60.0), (0.1, 60.0), (0.5, 20.0))
+MORE = ((0.0, 60.0), (0.1, 60.0), (0.2, 80.0), (0.3, 20.0))
+BLIND = {"blind_s": 1.0}
+
+
 def lost(*times_s):
     return put(board={"reports": [Lost(at_s, "board", "board.force", 3) for at_s in times_s]})
 
@@ -269,31 +275,17 @@ def lost(*times_s):
         pytest.param([put(board={"breaks_s": 0.2})], 21, id="breaks at rest"),
         pytest.param([put(board={"ends_s": 0.5})], 27, id="falls silent"),
         pytest.param([rests(1.0), put(board={"ends_s": 0.1})], 68, id="falls silent at rest"),
-        pytest.param([put(board={"load_n": ((0.6, 0.601), (0.0, 60.0))})], 18, id="presses"),
+        pytest.param([presses((0.6, 0.0), (0.601, 60.0))], 18, id="presses"),
         pytest.param([lost(0.503)], 23, id="loses samples"),
         pytest.param([lost(0.563, 0.503)], 28, id="loses samples twice"),
         pytest.param([put(sum={"beyond_s": 0.477})], 12, id="leaves its range"),
         pytest.param([put(sum={"breaks_s": 0.3})], 19, id="cannot be used"),
-        pytest.param(
-            [rests(0.7), put(board={"load_n": ((0.0, 0.1, 0.5), (60.0, 60.0, 20.0))})],
-            18,
-            id="is in contact from the start, less and less",
-        ),
-        pytest.param(
-            [put(board={"load_n": ((0.0, 0.1, 0.2, 0.3), (60.0, 60.0, 80.0, 20.0))})],
-            15,
-            id="is in contact from the start, and more",
-        ),
+        pytest.param([rests(0.7), presses(*LESS)], 18, id="is in contact from the start, less and less"),
+        pytest.param([presses(*MORE)], 15, id="is in contact from the start, and more"),
         pytest.param([rests(5.0), put(detector={"above": 5300.0})], 19, id="rests long"),
-        pytest.param(
-            [rests(1.0, prompt=False), put(detector={"above": 1300.0}, stage={"blind_s": 1.0})],
-            18,
-            id="idles",
-        ),
+        pytest.param([rests(1.0, prompt=False), put(detector={"above": 1300.0}, stage=BLIND)], 18, id="idle"),
         pytest.param([put(stage={"blind_s": 1 / RATE_HZ})], 170, id="must be looked at"),
-        pytest.param(
-            [lambda bench: setattr(bench.board, "held", (n for n in ()))], 170, id="cannot be copied"
-        ),
+        pytest.param([lambda bench: setattr(bench.board, "held", (n for n in ()))], 170, id="not copied"),
     ],
 )
 def test_a_bench_goes_the_same_way_as_turn_by_turn_in_so_many_looks(cases, looks):

@@ -49,23 +49,10 @@ PLACES = [
 REAL = st.floats(-1e6, 1e6, width=32)
 KINDS = st.sampled_from([float, np.float16, np.float32, np.float64, np.longdouble])
 WHOLE = st.sampled_from([int, np.int8, np.uint8, np.int32, np.int64])
+OTHERS = [True, np.True_, None, "0.01", b"1", 1j, Decimal("0.01"), Fraction(1, 3), 10**400, [0.01]]
 NO_NUMBERS = st.one_of(
     st.sampled_from([math.nan, math.inf, -math.inf]).flatmap(lambda x: KINDS.map(lambda kind: kind(x))),
-    st.sampled_from(
-        [
-            True,
-            np.True_,
-            None,
-            "0.01",
-            b"1",
-            1j,
-            Decimal("0.01"),
-            Fraction(1, 3),
-            10**400,
-            [0.01],
-            np.array(0.01),
-        ]
-    ),
+    st.sampled_from([*OTHERS, np.array(0.01)]),
 )
 
 
@@ -130,9 +117,7 @@ def test_a_row_of_the_known_length_becomes_a_tuple_of_floats_and_no_other_passes
     assert found == tuple(row)
 
 
-@pytest.mark.parametrize(
-    "row", ["123456", {1, 2, 3, 4, 5, 6}, range(6), np.zeros((6, 1)), np.array(1.0), None]
-)
+@pytest.mark.parametrize("row", ["123456", {*range(6)}, range(6), np.zeros((6, 1)), np.array(1.0), None])
 def test_what_is_no_row_is_refused(row):
     with pytest.raises(GuardRefusal, match=r"offset is"):
         normalised(MovePose("arm", row, 0.02))

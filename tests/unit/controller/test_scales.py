@@ -28,17 +28,8 @@ SIZE = {"mm": 1e-3, "mm/s": 1e-3, "ms": 1e-3, "°": math.pi / 180.0, "°/s": mat
 )
 """SI units in a unit that is shown (the ones of decibel, full scale and ppm are themselves)."""
 
-KIND = {
-    "m": "mm",
-    "m_s": "mm/s",
-    "rad": "°",
-    "rad_s": "°/s",
-    "s": "s",
-    "n": "N",
-    "v": "V",
-    "hz": "Hz",
-    "v_n": "V/N",
-}
+KIND = {"m": "mm", "m_s": "mm/s", "rad": "°", "rad_s": "°/s", "s": "s", "n": "N", "v": "V", "hz": "Hz"}
+KIND |= {"v_n": "V/N"}
 
 COLUMNS = sorted(
     {name for each in EXPERIMENTS.values() for name in import_module(each.measures).COLUMNS}
@@ -98,11 +89,9 @@ def test_a_unit_that_a_name_does_not_state_is_never_made_up(name, heading):
     assert scale_of(name).heading == heading
 
 
-@pytest.mark.parametrize(
-    ("value", "text"), [(None, "–"), (math.nan, "–"), (True, "True"), (2, "2000"), ("f", "f")]
-)
-def test_what_is_no_number_is_shown_as_it_is(value, text):
-    assert scale_of("extent_m").cell(value) == text
+def test_what_is_no_number_is_shown_as_it_is():
+    cells = map(scale_of("extent_m").cell, (None, math.nan, True, 2, "f"))
+    assert list(cells) == ["–", "–", "True", "2000", "f"]
 
 
 # --- every place that shows a column --------------------------------------------------------------------
@@ -113,17 +102,9 @@ def run(tmp_path):
     """Two trials in which every column and factor that is shipped has the same value."""
     cells = dict.fromkeys(COLUMNS, VALUE)
     rows = [{"trial": number, **cells, "outcome": "contact"} for number in (1, 2)]
-    folder = SimpleNamespace(path=tmp_path)
-    return SimpleNamespace(
-        trials=rows,
-        factors=COLUMNS[::2],
-        folder=folder,
-        table=pd.DataFrame(rows),
-        manifest={},
-        resolved={},
-        succeeded=bool,
-        events_of=lambda trial: (),
-    )
+    read = {"folder": SimpleNamespace(path=tmp_path), "table": pd.DataFrame(rows), "manifest": {}}
+    about = {"resolved": {}, "succeeded": bool, "events_of": lambda trial: ()}
+    return SimpleNamespace(trials=rows, factors=COLUMNS[::2], **read, **about)
 
 
 def check(pairs, count=None):
@@ -133,28 +114,24 @@ def check(pairs, count=None):
     assert found == [near(VALUE)] * len(found)
 
 
-def test_in_the_section_of_any_experiment_factors_and_results_alike(run, monkeypatch):
+def test_in_the_section_of_any_experiment_and_in_a_cell_of_its_own_factors_and_results_alike(
+    run, monkeypatch
+):
     monkeypatch.setattr(generic, "_draw", lambda *_: "")
     (row,) = generic.section("poke", [run], None).content["measured"]
     check([pair for pair in row.items() if pair[0] not in ("n", ROWS)])
+    check([pair for name in COLUMNS for pair in under(name, VALUE).items()])
 
 
 def test_in_the_table_of_all_trials(run):
     names, rows = trial_table([run])
+    lasting = [name for name in COLUMNS if not is_instant(name)]
     for row in rows:
-        check(
-            [
-                (heading, cell[0])
-                for (name, heading, _), cell in zip(names, row.cells, strict=True)
-                if name in COLUMNS and not is_instant(name)
-            ],
-            sum(not is_instant(name) for name in COLUMNS),
-        )
-        at_the_event = [cell[0] for each, cell in zip(names, row.cells, strict=True) if is_instant(each.name)]
-        assert at_the_event
-        assert set(at_the_event) == {"0"}, (
-            "an instant counts from the trial's event, which is at the same time here"
-        )
+        cells = list(zip(names, row.cells, strict=True))
+        pairs = [(heading, cell[0]) for (name, heading, _), cell in cells if name in lasting]
+        check(pairs, len(lasting))
+        at_the_event = {cell[0] for each, cell in cells if is_instant(each.name)}
+        assert at_the_event == {"0"}, "an instant counts from the trial's event, at the same time here"
 
 
 def test_on_a_terminal_and_off_it(run, monkeypatch):
@@ -200,7 +177,3 @@ def test_in_two_runs_beside_each_other(run):
     whose = [(head, each) for head, own in zip(first, cells, strict=True) for each in own]
     found = [read(head, cell) for head, cell in whose if head not in ("trial", "outcome")]
     assert found == [near(VALUE)] * (len(run.factors) + 2 * len(measured))
-
-
-def test_in_a_cell_of_an_experiments_own_section():
-    check([pair for name in COLUMNS for pair in under(name, VALUE).items()])

@@ -30,9 +30,7 @@ class Sessions:
 
     def open_one(self, name):
         if name in self.waits_for:
-            assert self.stopped[self.waits_for[name]].wait(PATIENCE_S), (
-                "the other was to be stopped meanwhile"
-            )
+            assert self.stopped[self.waits_for[name]].wait(PATIENCE_S), "the other is to be stopped meanwhile"
             raise DeviceError(name, "opening", "it is silent", "look at its cable")
         return self.Session(self, name)
 
@@ -68,16 +66,13 @@ def stop(monkeypatch):
     return stop
 
 
-def test_a_silent_mover_keeps_no_other_from_being_stopped(stop):
+def test_a_silent_mover_keeps_no_other_from_being_stopped_and_movers_on_one_line_are_stopped_in_turn(stop):
     bench = Sessions(gripper="/dev/ttyACM0", arm="10.0.0.2")
     bench.waits_for["gripper"] = "arm"
     still, said = stop(bench)
     assert not still
     assert said[0].startswith("gripper: NOT seen standing still"), "in the profile's order"
     assert said[1] == "arm: stopped, and stands still"
-
-
-def test_movers_on_one_line_are_stopped_one_after_the_other(stop):
     bench = Sessions(**{f"axis{number}": "/dev/ttyUSB0" for number in range(8)})
     assert stop(bench)[0]
 
@@ -139,11 +134,8 @@ def test_of_each_mover_it_is_said_whether_it_stands_and_how_that_is_known(
     programs, asked = [Program(*program)] if program else [], []
     monkeypatch.setattr(stopping, "unwatched", lambda limits: limits)
     monkeypatch.setattr(stopping, "holders", lambda profile, where: programs)
-    made = (
-        SimpleNamespace()
-        if beside is None
-        else SimpleNamespace(stop_beside=lambda s: asked.append(s) or beside)
-    )
+    stops = {} if beside is None else {"stop_beside": lambda where: asked.append(where) or beside}
+    made = SimpleNamespace(**stops)
     settings = SimpleNamespace(model_copy=lambda update: update)
     said = []
     entries = {"stage": SimpleNamespace(made=made, settings=settings)}
@@ -192,18 +184,17 @@ def test_a_device_that_another_program_has_is_refused_with_who_has_it(another):
     assert list(folder().iterdir()) == [theirs], "the refused program leaves no note"
 
 
-def test_a_serial_port_is_known_by_each_of_its_names(another, tmp_path):
+def test_the_note_of_a_program_that_was_killed_is_removed_and_a_port_is_known_by_each_of_its_names(
+    another, tmp_path
+):
+    stale = another(STAGE, lives=False)
+    with Holding("hardware/mine", "run", STAGE, alone=True):
+        assert not stale.exists()
     (tmp_path / "by-id").symlink_to(tmp_path / "ttyUSB7")
     another({"stage": {"port": str(tmp_path / "ttyUSB7")}})
     mine = {"stage": {"port": str(tmp_path / "by-id")}}
     with refused(DeviceError, "stage", "hardware/other"), Holding("hardware/mine", "run", mine, alone=True):
         pass
-
-
-def test_the_note_of_a_program_that_was_killed_is_removed(another):
-    stale = another(STAGE, lives=False)
-    with Holding("hardware/mine", "run", STAGE, alone=True):
-        assert not stale.exists()
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,7 @@ RATE_HZ = 1000.0
 
 def forces(angle_rad, force_n=4.0, noise_n=0.0):
     angle_rad = np.asarray(angle_rad, dtype=float)
-    found = np.broadcast_to(force_n, angle_rad.shape)[:, None] * np.column_stack(
-        [np.sin(angle_rad), np.cos(angle_rad)]
-    )
+    found = force_n * np.column_stack([np.sin(angle_rad), np.cos(angle_rad)])
     return found + noise_n * np.random.default_rng(3).standard_normal(found.shape)
 
 
@@ -36,24 +34,17 @@ def test_a_tip_that_is_hardly_pressed_has_no_angle():
     assert len(events_of(forces(np.full(500, 1.2), force_n=0.51))) == 1
 
 
-def test_a_lift_from_near_the_border_keeps_its_state():
+def test_a_lift_from_near_the_border_and_noise_near_the_threshold_are_one_report():
     near = forces(np.full(500, 1.2))
     in_air = forces(np.linspace(-3.0, 3.0, 500), force_n=0.03)
     assert [type(event) for event in events_of(np.concatenate([near, in_air, near]))] == [BorderNear]
-
-
-def test_noise_of_the_bridges_near_the_threshold_is_one_report():
-    """35 mN at 4 N, as the simulated bridges: the hysteresis is wider."""
+    # 35 mN at 4 N, as the simulated bridges: the hysteresis is wider.
     found = events_of(forces(np.linspace(0.7, 0.9, 5000), noise_n=0.035))
     assert [type(event) for event in found] == [BorderNear]
 
 
 def test_a_gap_begins_a_new_mean():
     detector = BorderDetector("border", BorderSettings())
-    detector.push(SampleBlock("signals.tip", 0, 0.0, forces(np.full(19, 1.0)), rate_hz=RATE_HZ))
-    assert (
-        detector.push(SampleBlock("signals.tip", 25, 0.025, forces(np.full(19, 1.0)), rate_hz=RATE_HZ)) == []
-    )
-    assert (
-        detector.push(SampleBlock("signals.tip", 44, 0.044, forces(np.full(1, 1.0)), rate_hz=RATE_HZ)) != []
-    )
+    for seq, n, events in ((0, 19, 0), (25, 19, 0), (44, 1, 1)):
+        part = SampleBlock("signals.tip", seq, seq / RATE_HZ, forces(np.full(n, 1.0)), rate_hz=RATE_HZ)
+        assert len(detector.push(part)) == events

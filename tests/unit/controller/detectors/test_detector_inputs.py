@@ -6,15 +6,15 @@ import pytest
 from controller.detectors.protocol import Hysteresis
 from controller.registry import KINDS, find
 from drivers.core.messages import SampleBlock
+from tests.refusals import refused
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS["detector"].keys() - {"resonance.paper"}))
 def test_samples_at_irregular_times_are_refused(kind):
     made, settings, _ = find("detector", kind)
     detector = made("name", settings())
-    irregular = SampleBlock(
-        detector.inputs[0], 0, 0.0, np.zeros((3, 2)), times_s=np.array([0.0, 0.1, 0.3]), unit="m"
-    )
+    times_s = np.array([0.0, 0.1, 0.3])
+    irregular = SampleBlock(detector.inputs[0], 0, 0.0, np.zeros((3, 2)), times_s=times_s, unit="m")
     with pytest.raises(ValueError, match=rf"^{detector.inputs[0]}: samples at irregular times.*; .*give it"):
         detector.push(irregular)
 
@@ -27,9 +27,7 @@ def test_a_channel_that_is_not_there_is_refused_in_one_line(kind, chosen):
     made, settings, _ = find("detector", kind)
     detector = made("name", settings(**chosen))
     block = SampleBlock(detector.inputs[0], 0, 0.0, np.zeros((10, 1)), rate_hz=1000.0)
-    with pytest.raises(
-        ValueError, match=rf"^{detector.inputs[0]}: no channel 3 while .*: it has 1; count from 0$"
-    ):
+    with refused(ValueError, f"{detector.inputs[0]}: no channel 3 while ", ": it has 1; count from 0"):
         detector.push(block)
 
 

@@ -25,12 +25,9 @@ def test_a_load_that_rests_is_told_more_exactly_than_one_that_changes():
     assert t_s < 1.05 + 0.15
 
 
-def test_a_load_that_swings_about_its_mean_is_told_at_its_mean_in_the_end():
+def test_a_load_that_swings_is_told_at_its_mean_and_a_ramp_at_its_last_milliseconds():
     swings = 2.0 + 0.06 * np.sin(2.0 * np.pi * 50.0 * np.arange(1000) / 1000.0)
     assert told(swings)[-1][1] == pytest.approx(2.0, abs=0.02)
-
-
-def test_the_loads_of_a_ramp_are_those_of_its_last_milliseconds():
     ramp_n = 4.3 * np.arange(700) / 1000.0
     for t_s, load_n in told(ramp_n):
         assert load_n == pytest.approx(4.3 * (t_s - 0.0015), abs=1e-6), "not of a tenth of a second"

@@ -48,15 +48,12 @@ def test_the_time_of_a_knock_lies_within_what_is_said_of_it(rise_s, amplitude):
     assert np.median(sigma) < 1e-4 + rise_s
 
 
-def test_a_knock_at_once_is_dated_to_a_sample():
+def test_a_knock_is_dated_to_a_sample_and_one_vibration_that_lasts_is_one_onset():
     left = np.random.default_rng(2).standard_normal(60)
     left[50:] *= 100.0
     ago, sigma = began(left)
     assert ago == pytest.approx(9.5 + 0.5, abs=1.0), "ten samples are of the knock"
     assert sigma < 1.0
-
-
-def test_one_vibration_that_lasts_is_one_onset_and_a_later_knock_another():
     x = noise(40_000)
     x[10_000:14_000] += noise(4_000, seed=2) * 30.0
     x[30_000:30_100] += noise(100, seed=3) * 30.0
@@ -96,14 +93,11 @@ def test_a_knock_in_the_quiet_is_refused_once_and_the_quiet_learned_after_it():
     assert ready.t_s == pytest.approx(0.9999)
 
 
-def test_a_dead_sensor_is_refused():
+def test_a_dead_sensor_is_refused_lost_samples_are_no_onset_and_a_long_gap_learns_anew():
     (refused,) = heard(np.full(20_000, 2.5))
     assert "the quiet is constant" in refused.reason
     (refused,) = heard(np.full(20_000, np.nan))
     assert "a value of the quiet is not finite" in refused.reason
-
-
-def test_lost_samples_are_no_onset_and_a_long_gap_learns_anew():
     listener = OnsetDetector("knock", OnsetSettings())
     heard(noise(10_000), listener=listener)
     assert heard(5.0 + noise(10_000, seed=2), seq=12_000, listener=listener) == []

@@ -85,10 +85,14 @@ def test_a_threshold_that_is_not_set_is_taken_from_the_noise_of_the_baseline():
     assert contact.threshold == ready.threshold
 
 
-def test_a_baseline_without_noise_gives_no_threshold():
+def test_a_baseline_without_noise_gives_no_threshold_and_a_coarse_converter_at_rest_is_no_contact():
     (refused,) = detector(threshold=None).push(block(np.zeros(400)))
     assert isinstance(refused, BaselineRefused)
     assert "set threshold" in refused.reason
+    values = np.zeros(600)
+    values[300:320] = 0.05
+    event = detector(threshold=None, baseline_s=0.5).push(block(values))[0]
+    assert isinstance(event, BaselineReady)
 
 
 @pytest.mark.parametrize(("offset", "kind"), [(0.1, BaselineReady), (2.0, BaselineRefused)])
@@ -118,13 +122,6 @@ def test_a_threshold_from_the_noise_refuses_a_contact_within_its_baseline(part, 
     event = detector(threshold=None, baseline_s=0.5).push(block(values))[0]
     assert type(event) is kind
     assert kind is BaselineReady or "is something touching" in event.reason
-
-
-def test_a_coarse_converter_at_rest_is_no_contact():
-    values = np.zeros(600)
-    values[300:320] = 0.05
-    event = detector(threshold=None, baseline_s=0.5).push(block(values))[0]
-    assert isinstance(event, BaselineReady)
 
 
 def test_a_tip_that_bounces_is_one_contact_where_the_hold_is_longer_than_the_bounces():

@@ -24,22 +24,12 @@ def approach(events, truth, thing="pipe", per_cm=2.33, until_s=14.0):
     recording.add(SampleBlock("arm.pose", 0, 0.0, pose, rate_hz=500.0, unit="m"))
     fine_s = np.arange(0.0, until_s, 0.001)
     z = np.exp(2j * np.pi * 100.0 * per_cm * np.interp(fine_s, times_s, x_m))
-    recording.add(
-        SampleBlock("signals.right", 0, 0.0, np.column_stack([z.real, z.imag]), rate_hz=1000.0, unit="FS")
-    )
-    return TrialEvidence(
-        {"object": thing},
-        recording,
-        events=sorted(events, key=lambda event: event.t_s),
-        visits=[
-            ("BASELINE", 0.0),
-            ("APPROACHING", 2.0),
-            ("HOLDING", 7.0),
-            ("RETRACTING", 9.0),
-            ("LEAVING", 14.0),
-        ],
-        truth=truth,
-    )
+    iq = np.column_stack([z.real, z.imag])
+    recording.add(SampleBlock("signals.right", 0, 0.0, iq, rate_hz=1000.0, unit="FS"))
+    visits = [("BASELINE", 0.0), ("APPROACHING", 2.0), ("HOLDING", 7.0), ("RETRACTING", 9.0)]
+    visits.append(("LEAVING", 14.0))
+    events = sorted(events, key=lambda event: event.t_s)
+    return TrialEvidence({"object": thing}, recording, events=events, visits=visits, truth=truth)
 
 
 def row_of(events, truth=(), **extra):
@@ -117,20 +107,11 @@ def test_an_approach_that_a_pause_broke_off_is_no_approach_and_the_next_one_is_o
         pytest.param([made(6.9)], (0, 0, 0, 0), None, id="late, yet true"),
         pytest.param([made(9.49)], (0, 0, 0, 0), None, id="while there is force"),
         pytest.param([made(9.51)], (0, 1, 0, 0), None, id="after the force is gone"),
-        pytest.param(
-            [made(1.0), made(6.01)],
-            (1, 1, 0, 0),
-            0.01,
-            id="after a false one in the rest, which stops nothing",
-        ),
+        pytest.param([made(1.0), made(6.01)], (1, 1, 0, 0), 0.01, id="after a false one in the rest"),
         pytest.param([made(5.99), made(6.01)], (0, 1, 0, 0), None, id="after a false one on the way"),
         pytest.param([made(6.02), held(6.5), lost(7.5)], (1, 0, 0, 0), 0.02, id="taken back too soon"),
-        pytest.param(
-            [made(6.02), held(6.5), lost(8.99)], (1, 0, 0, 0), 0.02, id="taken back before the return"
-        ),
-        pytest.param(
-            [made(6.02), held(6.5), lost(9.0)], (1, 0, 1, 1), 0.02, id="ended while the foam unloads"
-        ),
+        pytest.param([made(6.02), held(6.5), lost(8.99)], (1, 0, 0, 0), 0.02, id="taken back too early"),
+        pytest.param([made(6.02), held(6.5), lost(9.0)], (1, 0, 1, 1), 0.02, id="ended as it unloads"),
         pytest.param([made(6.02), held(6.5), lost(10.1)], (1, 0, 1, 0), 0.02, id="ended too late"),
     ],
 )
@@ -173,9 +154,8 @@ def test_reports_are_counted_by_approach():
 
 def found(events, visits, truth=(), outcome="centered"):
     factors = {"object_x_m": 0.002, "method": "ours"}
-    evidence = TrialEvidence(
-        factors, TrialRecording(1), list(events), dict(visits), list(visits), list(truth)
-    )
+    seen = (TrialRecording(1), list(events), dict(visits), list(visits), list(truth))
+    evidence = TrialEvidence(factors, *seen)
     return centering.measure(evidence, CenteringSettings(), outcome)[1]
 
 
@@ -196,14 +176,11 @@ def test_the_error_is_where_it_stands_less_where_the_object_is():
     assert row["gripped"] is None
 
 
-def test_a_search_that_never_ended_has_no_error_and_counts_touches():
+def test_a_search_that_never_ended_has_no_error_and_the_result_before_a_pause_is_discarded():
     truth = [(5.0, True), (5.5, False), (6.2, True)]
     row = found([], [("SEEKING_FORWARD", 6.0), ("LEAVING", 7.0)], truth, outcome="touched")
     assert (row["error_m"], row["touched"]) == (None, 1)
-
-
-def test_the_result_of_a_search_before_a_pause_is_discarded():
-    """Paused on its way to the middle, the search restarts and detects nothing."""
+    # Paused on its way to the middle, the search restarts and detects nothing.
     events = [PreTouch(6.5, "left_ours", 1.0, 0.5, 0.005), PreTouch(8.0, "right_ours", 1.0, 0.5, -0.003)]
     again = [("SEEKING_FORWARD", 20.0), ("LEAVING", 24.0)]
     row = found([*events, Reached(24.0, "arm", 0.03)], [*VISITS[:3], *again])
@@ -211,11 +188,8 @@ def test_the_result_of_a_search_before_a_pause_is_discarded():
 
 
 def test_a_grasp_reports_when_each_finger_felt_it():
-    events = [
-        Reached(9.0, "arm", 0.002),
-        Contact(11.4, "left_contact", 9.0, 5.0),
-        Gripped(12.0, "gripper", True, 0.019, 10.0),
-    ]
+    events = [Reached(9.0, "arm", 0.002), Contact(11.4, "left_contact", 9.0, 5.0)]
+    events.append(Gripped(12.0, "gripper", True, 0.019, 10.0))
     visits = [*VISITS, ("CLOSING", 11.0), ("RELEASING", 14.0)]
     row = found(events, visits)
     assert row["gripped"] == 1

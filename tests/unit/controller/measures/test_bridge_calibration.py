@@ -22,9 +22,8 @@ def volts(load_n, going, zero_v=0.0):
 def loop(cycle, zero_v=0.0, sd_v=0.001, samples=100, wander=0.0):
     """One cycle up and down."""
     there = [(load_n, "up") for load_n in LOADS_N] + [(load_n, "down") for load_n in LOADS_N[-2::-1]]
-    return [
-        Step(n, going, cycle, volts(n, going, zero_v) * (1.0 + wander), sd_v, samples) for n, going in there
-    ]
+    at_v = [volts(n, going, zero_v) * (1.0 + wander) for n, going in there]
+    return [Step(*leg, cycle, mean_v, sd_v, samples) for leg, mean_v in zip(there, at_v, strict=True)]
 
 
 def trial(cycles=3, zero_v=0.0, **how):
@@ -32,64 +31,59 @@ def trial(cycles=3, zero_v=0.0, **how):
     return [zero, *(step for cycle in range(cycles) for step in loop(cycle, zero_v, **how))]
 
 
-def test_the_gain_is_the_slope_through_zero_of_a_symmetric_loop():
+def test_the_gain_is_the_slope_through_zero_of_a_symmetric_loop_with_students_interval():
     found = calibrate([trial()], 0.0)
     # by hand: up and down cancel but at the top, which is in the list once
     assert found.gain_v_n.value == pytest.approx(GAIN_V_N, rel=1e-12)
     assert found.gain_v_n.low <= GAIN_V_N <= found.gain_v_n.high
     assert (found.cycles, found.steps, found.top_n) == (3, 21, 4.0)
-
-
-def test_hysteresis_is_the_largest_difference_over_the_output_at_the_top():
-    found = calibrate([trial()], 0.0)
-    assert found.hysteresis.value == pytest.approx(WIDTH, rel=1e-9)
-    assert found.hysteresis.low <= WIDTH <= found.hysteresis.high
-
-
-def test_the_interval_of_the_gain_is_students_on_the_residuals():
     found = calibrate([trial()], 0.0)
     residual_v = WIDTH * GAIN_V_N * TOP_N / 2.0
     squares = 2.0 * (2.0 * (0.5 * residual_v) ** 2 + residual_v**2)
     loads = 2.0 * (1.0 + 4.0 + 9.0) + 16.0
     half = 2.446912 * math.sqrt(squares / 6.0 / loads)  # t(0.975, 6) from a printed table
     assert found.gain_v_n.high - found.gain_v_n.value == pytest.approx(half, rel=1e-6)
-
-
-def test_more_cycles_of_the_same_loop_do_not_make_the_line_better():
     few, many = calibrate([trial(2)], 0.0), calibrate([trial(50)], 0.0)
     assert many.gain_v_n.high == pytest.approx(few.gain_v_n.high)
 
 
+def test_hysteresis_is_the_largest_difference_over_the_output_at_the_top():
+    for cycles, held in ((3, True), (1, False)):
+        hysteresis = calibrate([trial(cycles)], 0.0).hysteresis
+        assert hysteresis.value == pytest.approx(WIDTH, rel=1e-9)
+        assert (hysteresis.low <= WIDTH <= hysteresis.high) == held, "one cycle gives no interval"
+    assert math.isnan(hysteresis.low)
+
+
 def test_the_weights_own_uncertainty_widens_every_interval():
     sure, unsure = calibrate([trial()], 0.0), calibrate([trial()], 0.02)
-    fit = sure.gain_v_n.high - sure.gain_v_n.value
-    assert unsure.gain_v_n.high - unsure.gain_v_n.value == pytest.approx(
-        math.hypot(fit, 1.959964 * 0.02 * GAIN_V_N)
-    )
+    fit, wider = (each.gain_v_n.high - each.gain_v_n.value for each in (sure, unsure))
+    assert wider == pytest.approx(math.hypot(fit, 1.959964 * 0.02 * GAIN_V_N))
     assert unsure.resolution_n.high > sure.resolution_n.high
     assert unsure.hysteresis.low < sure.hysteresis.low
 
 
-def test_an_empty_bridge_that_is_not_at_zero_is_taken_off():
+def test_an_empty_bridge_that_is_not_at_zero_is_taken_off_and_preloads_count_for_nothing():
     found = calibrate([trial(zero_v=0.7), trial(zero_v=-0.2)], 0.0)
     assert found.gain_v_n.value == pytest.approx(GAIN_V_N)
     assert found.zero_v == pytest.approx(0.25)
     assert found.cycles == 6
+    zero, *cycles = trial()
+    preload = [Step(4.0, "up", -1, 9.9, 0.5, 100), Step(0.0, "zero", -1, 7.7, 0.5, 100)]
+    assert calibrate([[zero, *preload, *cycles]], 0.0) == calibrate([[zero, *cycles]], 0.0)
 
 
-def test_what_is_left_after_a_cycle_is_the_remanence():
+def test_what_is_left_after_a_cycle_is_the_remanence_and_cycles_that_differ_show_in_repeatability():
     left_v = 0.02 * GAIN_V_N * TOP_N
     steps = [*trial(1), Step(0.0, "zero", 0, left_v, 0.001, 100)]
     found = calibrate([steps], 0.0)
     assert found.remanence == pytest.approx(0.02)
     assert found.gain_v_n == calibrate([trial(1)], 0.0).gain_v_n
     assert math.isnan(calibrate([trial(1)], 0.0).remanence)
-
-
-def test_preloads_count_for_nothing():
-    zero, *cycles = trial()
-    preload = [Step(4.0, "up", -1, 9.9, 0.5, 100), Step(0.0, "zero", -1, 7.7, 0.5, 100)]
-    assert calibrate([[zero, *preload, *cycles]], 0.0) == calibrate([[zero, *cycles]], 0.0)
+    steps = [*trial(1), *loop(1, wander=0.01), *loop(2, wander=-0.01)]
+    found = calibrate([steps], 0.0)
+    assert found.repeat_v_n == pytest.approx(0.01 * GAIN_V_N, rel=1e-6)
+    assert found.hysteresis.high - found.hysteresis.low > 0.0
 
 
 def test_the_resolution_is_a_multiple_of_the_noise_of_one_sample():
@@ -97,13 +91,6 @@ def test_the_resolution_is_a_multiple_of_the_noise_of_one_sample():
     assert found.resolution_n.value == pytest.approx(DETECTED_SIGMA * 0.002 / GAIN_V_N)
     # 21 x 99 degrees of freedom: no narrower than a standard deviation's own interval, 1.96 / sqrt(2 x 2079)
     assert found.resolution_n.high / found.resolution_n.value - 1.0 > 1.96 / math.sqrt(2.0 * 2079.0) * 0.99
-
-
-def test_cycles_that_differ_show_in_the_repeatability_and_in_the_hysteresis():
-    steps = [*trial(1), *loop(1, wander=0.01), *loop(2, wander=-0.01)]
-    found = calibrate([steps], 0.0)
-    assert found.repeat_v_n == pytest.approx(0.01 * GAIN_V_N, rel=1e-6)
-    assert found.hysteresis.high - found.hysteresis.low > 0.0
 
 
 def test_the_intervals_hold_the_truth_as_often_as_stated():
@@ -116,27 +103,15 @@ def test_the_intervals_hold_the_truth_as_often_as_stated():
             steps.append(Step(load_n, going, 0, GAIN_V_N * load_n + 0.003 * rng.normal(), 0.001, 100))
         gain = calibrate([steps], 0.0).gain_v_n
         held += gain.low <= GAIN_V_N <= gain.high
-    assert (
-        0.95 - 3.0 * math.sqrt(0.95 * 0.05 / 200) <= held / 200 <= 0.95 + 3.0 * math.sqrt(0.95 * 0.05 / 200)
-    )
-
-
-def test_one_cycle_has_a_hysteresis_without_an_interval():
-    hysteresis = calibrate([trial(1)], 0.0).hysteresis
-    assert hysteresis.value == pytest.approx(WIDTH)
-    assert math.isnan(hysteresis.low)
+    assert abs(held / 200 - 0.95) <= 3.0 * math.sqrt(0.95 * 0.05 / 200)
 
 
 def test_what_is_no_ladder_calibrates_nothing():
     assert calibrate([], 0.0) is None
     assert calibrate([[]], 0.0) is None
-    assert (
-        calibrate([[Step(0.0, "zero", -1, 0.0, 0.001, 9), Step(1.0, "up", 0, 0.05, 0.001, 9)]], 0.0) is None
-    )
-
-
-def test_a_dead_bridge_calibrates_nothing():
-    dead = [Step(n, "up" if n else "zero", 0 if n else -1, 0.0, 0.0, 9) for n in (0.0, 1.0, 2.0)]
+    zero = Step(0.0, "zero", -1, 0.0, 0.001, 9)
+    assert calibrate([[zero, Step(1.0, "up", 0, 0.05, 0.001, 9)]], 0.0) is None
+    dead = [zero._replace(sd_v=0.0), *(Step(n, "up", 0, 0.0, 0.0, 9) for n in (1.0, 2.0))]
     assert calibrate([dead], 0.0) is None
 
 
@@ -149,9 +124,8 @@ def recorded(loads, samples=50, short=()):
     seq = 0
     for place, load_n in enumerate(loads):
         row = np.array([[0.0, load_n, 0.0]])
-        recording.add(
-            SampleBlock("operator.load", place, float(place), row, times_s=np.array([float(place)]))
-        )
+        t_s = float(place)
+        recording.add(SampleBlock("operator.load", place, t_s, row, times_s=np.array([t_s])))
         n = 1 if place in short else samples
         values = np.tile([9.0, GAIN_V_N * load_n, 9.0], (n, 1))
         recording.add(SampleBlock("board.fingertip", seq, place + 0.5, values, rate_hz=1000.0))
@@ -160,41 +134,25 @@ def recorded(loads, samples=50, short=()):
 
 
 def steps(loads, preloads=1, **how):
-    return steps_of(
-        recorded(loads, **how),
-        load_stream="operator.load",
-        bridges_stream="board.fingertip",
-        bridge="y",
-        preloads=preloads,
-    )
+    streams = {"load_stream": "operator.load", "bridges_stream": "board.fingertip"}
+    return steps_of(recorded(loads, **how), **streams, bridge="y", preloads=preloads)
 
 
 def test_loads_are_distinguished_by_direction_and_cycle():
     found = steps([0.0, 2.0, 0.0, 1.0, 2.0, 1.0, 0.0, 1.0, 2.0, 1.0])
-    assert [(step.load_n, step.going, step.cycle) for step in found] == [
-        (0.0, "zero", -2),
-        (2.0, "up", -1),
-        (0.0, "zero", -1),
-        (1.0, "up", 0),
-        (2.0, "up", 0),
-        (1.0, "down", 0),
-        (0.0, "zero", 0),
-        (1.0, "up", 1),
-        (2.0, "up", 1),
-        (1.0, "down", 1),
-    ]
+    cycles = [[(1.0, "up", n), (2.0, "up", n), (1.0, "down", n)] for n in (0, 1)]
+    preload = [(0.0, "zero", -2), (2.0, "up", -1), (0.0, "zero", -1)]
+    expected = [*preload, *cycles[0], (0.0, "zero", 0), *cycles[1]]
+    assert [(step.load_n, step.going, step.cycle) for step in found] == expected
     assert [step.mean_v for step in found] == pytest.approx([GAIN_V_N * step.load_n for step in found])
     assert {step.samples for step in found} == {50}
 
 
-def test_a_load_that_was_asked_for_again_after_a_pause_counts_once():
+def test_a_load_that_was_asked_for_again_after_a_pause_counts_once_and_an_empty_recording_has_no_steps():
     whole = steps([0.0, 1.0, 2.0, 1.0, 0.0], preloads=0)
     broken = steps([0.0, 1.0, 2.0, 2.0, 1.0, 0.0], preloads=0)
     assert [step[:3] for step in broken] == [step[:3] for step in whole]
     unrecorded = steps([0.0, 0.0, 1.0, 2.0, 1.0, 0.0], preloads=0, short=(0,))
     assert [step[:3] for step in unrecorded] == [step[:3] for step in whole]
-
-
-def test_an_empty_recording_has_no_steps():
     empty = TrialRecording(1)
     assert steps_of(empty, load_stream="a", bridges_stream="b", bridge="x", preloads=0) == []

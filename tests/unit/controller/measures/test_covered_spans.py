@@ -6,6 +6,7 @@ import pytest
 from controller.measures.trial import EDGE_S, MissingDataError, TrialEvidence
 from controller.recording.series import TrialRecording
 from drivers.core.messages import Lost, SampleBlock, StreamInfo
+from tests.refusals import refused
 
 FORCE = StreamInfo("board.force", ("force",), "N", rate_hz=1000.0)
 PLACE = StreamInfo("arm.position", ("position",), "m", rate_hz=500.0, longest_s=0.02)
@@ -25,9 +26,8 @@ def part(info, first_s, last_s):
     first, last = round(first_s * rate_hz), round(last_s * rate_hz)
     times_s = None if info.rate_hz else np.arange(first, last) / rate_hz
     values = np.ones((last - first, 1))
-    return SampleBlock(
-        info.name, first, first / rate_hz, values, rate_hz=info.rate_hz, times_s=times_s, unit="x"
-    )
+    grid = {"rate_hz": info.rate_hz, "times_s": times_s}
+    return SampleBlock(info.name, first, first / rate_hz, values, **grid, unit="x")
 
 
 def evidence(info, *spans_s, skipped=(), **more):
@@ -39,10 +39,14 @@ def evidence(info, *spans_s, skipped=(), **more):
     return TrialEvidence({}, recording, streams=INFOS, **more)
 
 
-def test_a_covered_span_is_given():
+def test_a_covered_span_is_given_whatever_is_missing_outside_of_it_or_under_way_at_its_end():
     found = evidence(FORCE, (0.0, 2.0))
     assert len(found.stream("board.force", 0.5, 1.5)) == 1000
     assert len(found.series("board.force", 0.5, 1.5)[1]) == 1001
+    found = evidence(FORCE, (0.4, 0.45), (0.5, 1.5), (1.7, 2.0))
+    assert len(found.stream("board.force", 0.5, 1.5)) == 1000
+    found = evidence(FORCE, (0.0, 1.5 - 0.9 * EDGE_S))
+    assert len(found.stream("board.force", 0.5, 1.5))
 
 
 @pytest.mark.parametrize(
@@ -55,9 +59,7 @@ def test_a_covered_span_is_given():
     ],
 )
 def test_a_span_with_a_hole_gives_no_number_but_its_place(spans_s, hole):
-    with pytest.raises(
-        MissingDataError, match=rf"board.force: no samples from {hole} s, .* of board, then run"
-    ):
+    with refused(MissingDataError, f"board.force: no samples from {hole} s", " of board, then run"):
         evidence(FORCE, *spans_s).series("board.force", 0.5, 1.5)
 
 
@@ -71,21 +73,11 @@ def test_what_was_lost_before_the_first_sample_is_a_hole_however_short(noticed_s
     assert len(evidence(FORCE, (0.55, 2.0), events=[before]).stream("board.force", 0.5, 1.5))
 
 
-def test_what_is_missing_outside_of_the_span_is_not_asked_for():
-    found = evidence(FORCE, (0.4, 0.45), (0.5, 1.5), (1.7, 2.0))
-    assert len(found.stream("board.force", 0.5, 1.5)) == 1000
-
-
 def test_an_unsubscribed_span_is_no_hole_unless_it_is_all():
     halves = evidence(FORCE, (0.0, 1.0), (1.4, 2.0), skipped=[(1.0, 1.4)])
     assert len(halves.stream("board.force", 0.5, 1.5)) == 600
     with pytest.raises(MissingDataError, match=r"1.050 to 1.350"):
         halves.series("board.force", 1.05, 1.35)
-
-
-def test_what_is_under_way_when_a_span_ends_is_not_waited_for():
-    found = evidence(FORCE, (0.0, 1.5 - 0.9 * EDGE_S))
-    assert len(found.stream("board.force", 0.5, 1.5))
 
 
 @pytest.mark.parametrize(("gap_s", "borne"), [(0.016, True), (0.03, False)])

@@ -17,10 +17,8 @@ def judged(share, *, simulated):
     """The outcome of a grasp in which the tool went up by 20 mm, and this share of 2 N was carried."""
     times_s = np.arange(500) / 100.0
     lifted, recording = times_s >= 3.0, TrialRecording(1)
-    for stream, unit, upwards in (
-        ("arm.pose", "m", 0.02 * lifted),
-        ("arm.force", "N", -2.0 * share * lifted),
-    ):
+    upward = (("arm.pose", "m", 0.02 * lifted), ("arm.force", "N", -2.0 * share * lifted))
+    for stream, unit, upwards in upward:
         values = np.zeros((500, 6))
         values[:, 2] = upwards
         recording.add(SampleBlock(stream, 0, 0.0, values, rate_hz=100.0, unit=unit))

@@ -23,30 +23,13 @@ from controller.measures.trial import TrialEvidence
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock, Sent, Standstill, Stop
 
-SETTINGS = RollSlipSettings(
-    sensors={
-        "fingertip": {
-            "stream": "board.fingertip",
-            "channel": 1,
-            "touch": "touch",
-            "paper": "p",
-            "ours": "o",
-            "press_m": 0.001,
-            "steps": ({"do": "slip", "duration_s": 1.0, "speed_m_s": 0.01},),
-        }
-    }
-)
+NAMED = {"stream": "board.fingertip", "channel": 1, "touch": "touch", "paper": "p", "ours": "o"}
+STEPS = ({"do": "slip", "duration_s": 1.0, "speed_m_s": 0.01},)
+SETTINGS = RollSlipSettings(sensors={"fingertip": {**NAMED, "press_m": 0.001, "steps": STEPS}})
 
 VISITS = [
-    ("HOMING", 0.0),
-    ("RESTING", 1.0),
-    ("DESCENDING", 2.0),
-    ("STOPPING", 3.5),
-    ("PRESSING", 3.6),
-    ("HOLDING", 4.0),
-    ("SLIPPING", 5.0),
-    ("HOLDING", 6.0),
-    ("LIFTING", 8.0),
+    *(("HOMING", 0.0), ("RESTING", 1.0), ("DESCENDING", 2.0), ("STOPPING", 3.5), ("PRESSING", 3.6)),
+    *(("HOLDING", 4.0), ("SLIPPING", 5.0), ("HOLDING", 6.0), ("LIFTING", 8.0)),
 ]
 
 BOTH = [*VISITS[:-1], ("SLIPPING", 7.0), ("LIFTING", 8.0)]
@@ -74,12 +57,9 @@ def tone(hz=187.5, volt=0.2, since_s=5.02, until_s=6.0, gap=0):
     values = np.zeros((len(times_s), 3))
     slipping = (times_s >= since_s) & (times_s < until_s)
     values[:, 1] = volt * np.sin(2 * np.pi * hz * times_s) * slipping
-    return [
-        SampleBlock(
-            "board.fingertip", 1000 + first, times_s[first], values[first:last], rate_hz=1000.0, unit="V"
-        )
-        for first, last in ((0, 4500), (4500 + gap, 7000))
-    ]
+    spans = ((0, 4500), (4500 + gap, 7000))
+    parts = [(1000 + first, times_s[first], values[first:last]) for first, last in spans]
+    return [SampleBlock("board.fingertip", *part, rate_hz=1000.0, unit="V") for part in parts]
 
 
 def ours(threshold=20.0):
@@ -94,16 +74,11 @@ def evidence(
     events=(), slips=((5.02, True), (6.0, False)), blocks=(), extra=(), visits=VISITS, detectors=None
 ):
     listed = [Contact(3.5, "touch", 0.4, 0.3), *events, *extra]
-    return TrialEvidence(
-        {"sensor": "fingertip"},
-        recorded(*blocks),
-        sorted(listed, key=lambda event: event.t_s),
-        dict(visits),
-        list(visits),
-        truth=[(3.4, True), (8.1, False)],
-        slips=slips,
-        detectors={"o": ARMED, "p": ARMED} | (detectors or {}),
-    )
+    listed.sort(key=lambda event: event.t_s)
+    seen = (recorded(*blocks), listed, dict(visits), list(visits))
+    armed = {"o": ARMED, "p": ARMED} | (detectors or {})
+    touch = [(3.4, True), (8.1, False)]
+    return TrialEvidence({"sensor": "fingertip"}, *seen, truth=touch, slips=slips, detectors=armed)
 
 
 def row_of(*args, **given):
@@ -118,12 +93,9 @@ def test_delays_run_from_the_true_slip_to_each_detectors_first_event():
     assert (row["reference"], row["slips"], row["slip_s"], row["slip_end_s"]) == ("truth", 1, 5.02, 6.0)
     assert row["ours_delay_s"] == row["ours_first_delay_s"] == pytest.approx(0.006)
     assert row["paper_delay_s"] == pytest.approx(0.088)
-    assert [
-        row[f"{detector}_{what}"]
-        for detector in ("paper", "ours")
-        for what in ("detected", "missed", "early")
-    ] == [*(1, 0, 0), *(1, 0, 0)]
-    assert [row[f"{detector}_false_alarms"] for detector in ("paper", "ours")] == [0, 0]
+    for who in ("paper", "ours"):
+        counts = [row[f"{who}_{what}"] for what in ("detected", "missed", "early", "false_alarms")]
+        assert counts == [1, 0, 0, 0]
     assert (row["clock_s"], row["touch_s"], row["touch_truth_s"]) == (1.0, 3.5, 3.4)
 
 
@@ -168,19 +140,14 @@ def test_alarms_of_the_descent_are_counted_apart_and_a_late_one_is_not_false(eve
     assert (row["ours_touch_alarms"], row["ours_false_alarms"]) == (at_touch, false)
 
 
-def test_quiet_is_what_is_neither_descent_nor_slip():
+def test_quiet_is_what_is_neither_descent_nor_slip_nor_the_time_in_which_a_detector_learns():
     # rest 1 to 2 s, after pressing from 4.2 s to the slip at 5.02 s, after it from 6.2 s until it lifts at 8 s
     row = row_of()
     assert row["listen_s"] == 1.0
     assert row["paper_quiet_s"] == row["ours_quiet_s"] == pytest.approx(1.0 + 0.82 + 1.8)
-
-
-def test_while_a_detector_learns_it_cannot_alarm_and_is_not_quiet():
     row = row_of(blocks=tone(), detectors={"o": ours()})
     assert row["paper_quiet_s"] == pytest.approx(1.0 + 0.82 + 1.8)
-    assert row["ours_quiet_s"] == pytest.approx(0.82 + 1.8), (
-        "the second at rest is the one in which it learns"
-    )
+    assert row["ours_quiet_s"] == pytest.approx(0.82 + 1.8), "it learns in the second at rest"
 
 
 def test_how_long_ours_takes_at_least_follows_from_threshold_rate_and_the_worth_of_a_knock():
@@ -213,19 +180,16 @@ def test_a_pause_before_the_contact_restarts_the_trial_and_takes_nothing_from_it
     assert (row["listen_s"], row["ours_missed"], row["ours_false_alarms"]) == (1.0, 1, 0)
 
 
-def test_a_true_slip_without_a_command_is_no_false_alarm_and_not_scored():
-    slips = ((3.55, True), (3.6, False), (5.02, True), (6.0, False))
-    row = row_of([started(3.56, "o"), ended(3.65, "o"), started(5.03, "o")], slips)
-    assert (row["slips"], row["ours_detected"], row["ours_touch_alarms"]) == (1, 1, 0)
-
-
-def test_two_slides_are_two_slips_and_one_where_the_tip_held_is_none():
+def test_two_slides_are_two_slips_one_where_the_tip_held_is_none_and_one_without_a_command_is_not_scored():
     both = ((5.02, True), (6.0, False), (7.1, True), (8.0, False))
     events = [started(5.03, "o"), ended(6.1, "o"), started(7.13, "o")]
     row = row_of(events, both, visits=BOTH)
     assert (row["slips"], row["ours_detected"]) == (2, 2)
     assert row["ours_delay_s"] == pytest.approx(0.02), "the median of 10 and 30 ms"
     assert row_of(events, both[:2], visits=BOTH)["slips"] == 1
+    slips = ((3.55, True), (3.6, False), (5.02, True), (6.0, False))
+    row = row_of([started(3.56, "o"), ended(3.65, "o"), started(5.03, "o")], slips)
+    assert (row["slips"], row["ours_detected"], row["ours_touch_alarms"]) == (1, 1, 0)
 
 
 def test_without_the_truth_the_command_is_what_counts():
@@ -234,15 +198,12 @@ def test_without_the_truth_the_command_is_what_counts():
     assert row["ours_delay_s"] == pytest.approx(0.03)
 
 
-def test_the_papers_product_and_the_frequency_that_dominates_are_those_of_the_slip():
+def test_the_papers_product_the_frequency_that_dominates_and_the_press_are_those_of_the_slip():
     row = row_of(blocks=tone())
     # a tone of amplitude A in the middle of a bin has A^2 N / 4 of the power
     assert row["peak_product"] == pytest.approx(0.2**2 * 64 / 4 * 187.5, rel=0.02)
     assert row["dominant_hz"] == pytest.approx(187.5)
     assert row["peak_product_before"] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_the_press_is_the_mean_force_of_the_table_while_pressed():
     times_s = np.arange(0.0, 9.0, 0.002)
     values = np.zeros((len(times_s), 6))
     values[(times_s > 3.8) & (times_s < 8.1), 2] = 5.0
@@ -257,12 +218,8 @@ def test_the_stop_is_timed_from_the_deciding_sample_to_the_command_on_its_way():
     pose = np.zeros((len(times_s), 6))
     pose[:, 0] = 0.01 * np.clip(times_s - 5.0, 0.0, 0.035)
     visits = [*VISITS[:7], ("HALTING", 5.026), ("STOPPED", 5.05), ("LIFTING", 5.55)]
-    row = row_of(
-        events,
-        extra=stop,
-        visits=visits,
-        blocks=[SampleBlock("arm.pose", 0, 4.0, pose, rate_hz=500.0, unit="m")],
-    )
+    blocks = [SampleBlock("arm.pose", 0, 4.0, pose, rate_hz=500.0, unit="m")]
+    row = row_of(events, extra=stop, visits=visits, blocks=blocks)
     assert row["slip_to_stop_s"] == pytest.approx(0.005)
     assert (row["ours_detected"], row["paper_missed"]) == (1, 0), "the paper's had no time to detect it"
     assert row["stop_travel_m"] == pytest.approx(0.01 * 0.009, abs=1e-6)
@@ -278,9 +235,9 @@ def test_a_trial_that_never_touched_has_a_row_without_slips():
 @pytest.mark.parametrize("gap", [0, 30])
 def test_the_papers_blocks_are_its_detectors_own_begun_with_listening_and_after_a_gap(gap):
     blocks = tone(gap=gap)
-    detector = SlipPaperDetector(
-        "p", SlipPaperSettings(input="board.fingertip", channel=1, threshold=0.02**2 * 64 / 4 * 187.5)
-    )
+    threshold = 0.02**2 * 64 / 4 * 187.5
+    settings = SlipPaperSettings(input="board.fingertip", channel=1, threshold=threshold)
+    detector = SlipPaperDetector("p", settings)
     # it is subscribed from the second block on: 5.5 s is in the middle of a block of those that begin at 2 s
     events = detector.push(blocks[1])
     found = paper_blocks(blocks, 1, listen_s=blocks[1].t0_s)
@@ -289,9 +246,7 @@ def test_the_papers_blocks_are_its_detectors_own_begun_with_listening_and_after_
         (at,) = np.flatnonzero(np.isclose(found.end_s, event.t_s))
         assert found.product[at] == pytest.approx(event.value)
     first = np.flatnonzero(found.begin_s > blocks[0].last_s - 1e-6)[0]
-    assert found.begin_s[first] == pytest.approx(blocks[1].t0_s - 0.001), (
-        "before the first sample by one period"
-    )
+    assert found.begin_s[first] == pytest.approx(blocks[1].t0_s - 0.001), "a period before the first sample"
 
 
 def test_a_detector_that_refused_its_baseline_and_never_learned_has_no_columns():

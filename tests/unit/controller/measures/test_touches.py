@@ -40,23 +40,17 @@ def recorded(angles, errors, force_n=3.0, jitter=0.0):
         # Recorded during the descent as well, before it touches: not part of the touch.
         recording.add(SampleBlock("signals.tip", int(t_s * 1000), t_s, np.full((50, 3), 9.0), rate_hz=1000.0))
         recording.add(SampleBlock("signals.tip", int(t_s * 1000) + 600, t_s + 0.6, forces, rate_hz=1000.0))
-        recording.add(
-            SampleBlock("arm.pose", int(t_s * 500), t_s + 0.6, posed(angle_rad, jitter=jitter), rate_hz=500.0)
-        )
+        poses = posed(angle_rad, jitter=jitter)
+        recording.add(SampleBlock("arm.pose", int(t_s * 500), t_s + 0.6, poses, rate_hz=500.0))
         t_s += 1.0
     return recording, visits
 
 
+TIP = {"forces_stream": "signals.tip", "pose_stream": "arm.pose"}
+
+
 def touches(angles, errors, *, broken_s=(), **how):
-    recording, visits = recorded(angles, errors, **how)
-    return touches_of(
-        recording,
-        visits,
-        forces_stream="signals.tip",
-        pose_stream="arm.pose",
-        angles=len(angles) // 2,
-        broken_s=broken_s,
-    )
+    return touches_of(*recorded(angles, errors, **how), **TIP, angles=len(angles) // 2, broken_s=broken_s)
 
 
 ANGLES = [-1.5, 0.0, 1.5, 1.5, 0.0, -1.5]
@@ -72,52 +66,37 @@ def test_true_and_measured_angles_are_those_of_arm_and_forces(jitter):
     assert [touch.going for touch in found] == ["up"] * 3 + ["down"] * 3
 
 
-def test_a_touch_that_a_pause_broke_off_does_not_count():
+def test_a_touch_that_a_pause_broke_off_does_not_count_and_without_a_start_pose_nothing_is_true():
     whole = touches(ANGLES, ERRORS)
     with_broken = touches([-1.5, *ANGLES], [0.5, *ERRORS], broken_s={2.9})
-    assert with_broken == [
-        touch._replace(going=other.going) for touch, other in zip(whole, with_broken, strict=True)
-    ]
+    assert [touch._replace(going="") for touch in with_broken] == [each._replace(going="") for each in whole]
+    recording, visits = recorded(ANGLES, ERRORS)
+    assert touches_of(recording, visits[2:], **TIP, angles=3) == []
+    assert math.isnan(errors_of([]).bias)
 
 
-def test_errors_are_taken_between_half_a_turn_either_way():
+def test_errors_are_taken_between_half_a_turn_either_way_and_a_turn_counts_about_base_y():
     touch = Touch(true_rad=-1.57, measured_rad=1.57 + math.pi, spread_rad=0.0, force_n=1.0, going="up")
     assert touch.error_rad == pytest.approx(3.14 + math.pi - 2.0 * math.pi)
+    start = DOWN.as_rotvec()
+    now = (Rotation.from_rotvec([0.0, 0.7, 0.0]) * DOWN).as_rotvec()
+    assert turned_rad(start, now) == pytest.approx(0.7)
+    assert turned_rad(now, start) == pytest.approx(-0.7)
 
 
-def test_the_errors_over_all_touches_are_their_mean_spread_and_largest():
+def test_the_errors_over_all_touches_are_their_mean_spread_and_largest_and_hysteresis_that_of_a_whole_sweep():
     errors = errors_of(touches(ANGLES, ERRORS))
     assert errors.bias == pytest.approx(np.mean(ERRORS), abs=1e-6)
     assert errors.sd == pytest.approx(np.std(ERRORS, ddof=1), abs=1e-6)
     assert errors.rms == pytest.approx(math.sqrt(np.mean(np.square(ERRORS))), abs=1e-6)
     assert errors.largest == pytest.approx(0.04, abs=1e-6)
-    assert errors.hysteresis == pytest.approx(0.04, abs=1e-6), (
-        "up 0.01 at -1.5 rad, up -0.03 and down 0.01 at 1.5 rad"
-    )
-
-
-def test_a_sweep_that_was_not_finished_has_errors_and_no_hysteresis():
+    assert errors.hysteresis == pytest.approx(0.04, abs=1e-6), "at 1.5 rad: up -0.03, down 0.01"
     recording, visits = recorded(ANGLES, ERRORS)
-    found = touches_of(recording, visits[:-6], forces_stream="signals.tip", pose_stream="arm.pose", angles=3)
+    found = touches_of(recording, visits[:-6], **TIP, angles=3)
     assert len(found) == 4
     errors = errors_of(found)
     assert errors.bias == pytest.approx(np.mean(ERRORS[:4]), abs=1e-6)
     assert math.isnan(errors.hysteresis)
-
-
-def test_without_a_start_pose_nothing_is_true():
-    recording, visits = recorded(ANGLES, ERRORS)
-    assert (
-        touches_of(recording, visits[2:], forces_stream="signals.tip", pose_stream="arm.pose", angles=3) == []
-    )
-    assert math.isnan(errors_of([]).bias)
-
-
-def test_a_turn_counts_about_base_y():
-    start = DOWN.as_rotvec()
-    now = (Rotation.from_rotvec([0.0, 0.7, 0.0]) * DOWN).as_rotvec()
-    assert turned_rad(start, now) == pytest.approx(0.7)
-    assert turned_rad(now, start) == pytest.approx(-0.7)
 
 
 def test_a_pose_whose_rotation_vector_jumps_between_both_signs_of_half_a_turn_has_a_mean_all_the_same():
@@ -130,7 +109,7 @@ def test_a_pose_whose_rotation_vector_jumps_between_both_signs_of_half_a_turn_ha
             if not (stream == "arm.pose" and block.t0_s == 1.0):
                 other.add(block)
     other.add(SampleBlock("arm.pose", 0, 1.0, jumping, rate_hz=500.0))
-    found = touches_of(other, visits, forces_stream="signals.tip", pose_stream="arm.pose", angles=3)
+    found = touches_of(other, visits, **TIP, angles=3)
     assert [touch.true_rad for touch in found] == pytest.approx(ANGLES, abs=1e-3)
 
 
@@ -147,22 +126,24 @@ class Silent:
     inputs = ()
 
 
-def evidence(t_s, truth=None):
-    """One contact event; baseline to 2 s, approach and hold to 3 s, no force: every stream hardly changes."""
-    values = np.linspace(0.030, 0.031, 4000)[:, None]
+def evidence(t_s, truth=None, force_n=None):
+    """One contact event; baseline to 2 s, approach and hold to 3 s; what is not given hardly changes."""
+    values = np.linspace(0.030, 0.031, 4000)
     recording = TrialRecording(1)
     for stream, unit in STREAMS:
-        recording.add(SampleBlock(stream, 0, 0.0, values, rate_hz=1000.0, unit=unit))
+        given = values if force_n is None or stream != "board.load_cell" else force_n
+        recording.add(SampleBlock(stream, 0, 0.0, given[:, None], rate_hz=1000.0, unit=unit))
     entered_s = {"BASELINE": 0.0, "FLEXING": 1.0, "APPROACH": 2.0, "STOPPING": 2.9, "RETRACTING": 3.0}
-    return TrialEvidence(
-        factors={},
-        recording=recording,
-        events=[Contact(t_s, "contact", 29.0, 28.5)],
-        entered_s=entered_s,
-        visits=list(entered_s.items()),
-        truth=truth,
-        detectors={"contact": Silent()},
-    )
+    visits, events = list(entered_s.items()), [Contact(t_s, "contact", 29.0, 28.5)]
+    listening = {"contact": Silent()}
+    return TrialEvidence({}, recording, events, entered_s, visits, truth=truth, detectors=listening)
+
+
+def real(noise_n, push_n):
+    """Measured of a load cell that has noise and is pushed from 2.5 s on, without the truth."""
+    force_n = np.random.default_rng(1).normal(0.0, noise_n, 4000)
+    force_n[2500:] += push_n
+    return measure(evidence(2.7, force_n=force_n), TransientSettings(), "contact")
 
 
 def test_an_event_from_just_before_the_approach_that_stops_it_is_a_false_contact():
@@ -189,32 +170,22 @@ def test_flexion_counts_a_contact_before_the_touch_as_false(t_s, false):
 
 @pytest.mark.parametrize(("noise_n", "told"), [(0.0002, True), (0.003, False)])
 def test_a_real_load_cell_whose_noise_reaches_the_onset_shows_none(noise_n, told):
-    found = evidence(2.7)
-    force_n = np.random.default_rng(1).normal(0.0, noise_n, 4000)
-    force_n[2500:] += 0.2
-    found.recording = TrialRecording(1)
-    for stream, unit in STREAMS:
-        values = force_n if stream == "board.load_cell" else np.linspace(0.030, 0.031, 4000)
-        found.recording.add(SampleBlock(stream, 0, 0.0, values[:, None], rate_hz=1000.0, unit=unit))
-    outcome, row = measure(found, TransientSettings(), "contact")
+    outcome, row = real(noise_n, 0.2)
     assert outcome == "contact"
     assert row["delay_s"] == (pytest.approx(0.2, abs=0.002) if told else None)
     assert row["false_contacts"] == (0 if told else None)
 
 
-@pytest.mark.parametrize(
-    ("push_n", "judged"), [(0.2, ("contact", 0)), (-0.2, ("wrong_sign", None)), (0.0, ("false_contact", 1))]
-)
+@pytest.mark.parametrize(("push_n", "judged"), [(-0.2, ("wrong_sign", None)), (0.0, ("false_contact", 1))])
 def test_a_real_load_cell_that_reads_a_push_as_negative_has_the_wrong_sign(push_n, judged):
-    found = evidence(2.7)
-    force_n = np.random.default_rng(1).normal(0.0, 2e-4, 4000)
-    force_n[2500:] += push_n
-    found.recording = TrialRecording(1)
-    for stream, unit in STREAMS:
-        values = force_n if stream == "board.load_cell" else np.linspace(0.030, 0.031, 4000)
-        found.recording.add(SampleBlock(stream, 0, 0.0, values[:, None], rate_hz=1000.0, unit=unit))
-    outcome, row = measure(found, TransientSettings(), "contact")
+    outcome, row = real(2e-4, push_n)
     assert (outcome, row["false_contacts"]) == judged
+
+
+def heard(values, entered_s):
+    recording = TrialRecording(1)
+    recording.add(SampleBlock("audio.fingers", 0, 0.0, values, rate_hz=96_000.0, unit="FS"))
+    return TrialEvidence({}, recording, entered_s=entered_s)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.06])
@@ -225,17 +196,10 @@ def test_the_best_frequency_is_where_most_comes_back_however_late_it_comes(late_
     swept_s = times_s - 0.1 - late_s
     f_hz = 20_000.0 + 26_000.0 * swept_s
     gain = 1.0 / np.sqrt(1.0 + ((f_hz - 39_500.0) / 1000.0) ** 2)
-    tone = np.where(
-        (swept_s >= 0) & (swept_s < 1.0),
-        gain * np.sin(2 * np.pi * (20_000.0 * swept_s + 13_000.0 * swept_s**2)),
-        0.0,
-    )
-    recording = TrialRecording(1)
+    tone = gain * np.sin(2 * np.pi * (20_000.0 * swept_s + 13_000.0 * swept_s**2))
+    tone *= (swept_s >= 0) & (swept_s < 1.0)
     noise = 1e-3 * np.random.default_rng(1).standard_normal((len(tone), 2))
-    recording.add(
-        SampleBlock("audio.fingers", 0, 0.0, tone[:, None] * [1.0, 0.5] + noise, rate_hz=96_000.0, unit="FS")
-    )
-    evidence = TrialEvidence({}, recording, entered_s={"SWEEPING": 0.1, "RINGING": 1.1 + late_s})
+    evidence = heard(tone[:, None] * [1.0, 0.5] + noise, {"SWEEPING": 0.1, "RINGING": 1.1 + late_s})
     _, row = chirp.measure(evidence, settings, "swept")
     assert row["best_hz"] == pytest.approx(39_500.0, abs=chirp.STEP_HZ)
     # half a band, and a millisecond of 26 kHz a second
@@ -251,47 +215,24 @@ def test_a_sweep_that_a_pause_broke_off_is_not_taken_for_silence():
     times_s = np.arange(0.0, 4.2, 1.0 / 96_000.0)
     noise = 1e-3 * np.random.default_rng(1).standard_normal(len(times_s))
     sound = np.where((times_s < 1.0) | ((times_s >= 3.0) & (times_s < 4.0)), np.sin(2e5 * times_s), 0.0)
-    recording = TrialRecording(1)
     values = np.column_stack([sound + noise] * 2)
-    recording.add(SampleBlock("audio.fingers", 0, 0.0, values, rate_hz=96_000.0, unit="FS"))
-    evidence = TrialEvidence({}, recording, entered_s={"SILENT": 2.0, "SWEEPING": 3.0, "RINGING": 4.0})
+    evidence = heard(values, {"SILENT": 2.0, "SWEEPING": 3.0, "RINGING": 4.0})
     _, row = chirp.measure(evidence, ChirpSettings(duration_s=1.0), "swept")
     # half a square over the noise's variance
     assert row["over_noise_db"] == pytest.approx(10 * math.log10(0.5 / 1e-6), abs=1.0)
 
 
-def test_a_sweep_that_did_not_come_to_its_end_gives_no_frequency():
-    recording = TrialRecording(1)
-    recording.add(SampleBlock("audio.fingers", 0, 0.0, np.ones((96_000, 2)), rate_hz=96_000.0, unit="FS"))
-    evidence = TrialEvidence({}, recording, entered_s={"SILENT": 0.0, "SWEEPING": 0.2, "FAILED": 0.9})
+def test_a_sweep_that_did_not_come_to_its_end_gives_no_frequency_and_a_downward_one_is_a_mistake():
+    evidence = heard(np.ones((96_000, 2)), {"SILENT": 0.0, "SWEEPING": 0.2, "FAILED": 0.9})
     assert chirp.measure(evidence, ChirpSettings(), "fault") == ("fault", dict.fromkeys(chirp.COLUMNS))
-
-
-def test_a_sweep_downwards_is_a_mistake_of_the_profile():
     with pytest.raises(ValueError, match="from_hz must be below to_hz"):
         ChirpSettings(from_hz=46_000.0, to_hz=20_000.0)
 
 
 @pytest.mark.parametrize(("sign", "outcome"), [(1.0, "contact"), (-1.0, "wrong_sign")])
 def test_pressing_reads_positive(sign, outcome):
-    force_n = np.zeros((4000, 1))
+    force_n = np.zeros(4000)
     force_n[2500:3000] = sign * 0.2
-    recording = TrialRecording(1)
-    for stream, unit, values in [
-        ("board.load_cell", "N", force_n),
-        ("stage.position", "m", np.zeros((4000, 1))),
-    ]:
-        recording.add(SampleBlock(stream, 0, 0.0, values, rate_hz=1000.0, unit=unit))
-    entered_s = {"BASELINE": 0.0, "APPROACH": 2.0, "STOPPING": 2.6}
-    evidence = TrialEvidence(
-        factors={},
-        recording=recording,
-        events=[Contact(2.51, "contact", 0.2, 0.02)],
-        entered_s=entered_s,
-        visits=list(entered_s.items()),
-        truth=None,
-        detectors={},
-    )
-    found, row = first_contact.measure(evidence, FirstContactSettings(), "contact")
+    found, row = first_contact.measure(evidence(2.51, force_n=force_n), FirstContactSettings(), "contact")
     assert found == outcome
     assert row["force_peak_n"] == pytest.approx(0.2)

@@ -90,7 +90,9 @@ def test_a_file_that_fails_is_abandoned_and_the_others_go_on():
     assert "No space left on device while writing recording.mcap" in str(thread.failure)
 
 
-def test_a_disk_that_cannot_keep_up_is_a_failure_and_nothing_is_dropped_silently(monkeypatch):
+def test_a_disk_that_cannot_keep_up_is_a_failure_with_nothing_dropped_and_waited_for_in_virtual_time(
+    monkeypatch,
+):
     monkeypatch.setattr(disk, "BACKLOG", 10)
     page = Page()
     thread = DiskThread([page])
@@ -104,9 +106,6 @@ def test_a_disk_that_cannot_keep_up_is_a_failure_and_nothing_is_dropped_silently
     assert "\n" not in str(thread.failure)
     page.free.set()
     thread.close()
-
-
-def test_in_virtual_time_a_full_backlog_waits_for_the_disk(monkeypatch):
     monkeypatch.setattr(disk, "BACKLOG", 10)
     page = Page()
     thread = DiskThread([page], patient=True)

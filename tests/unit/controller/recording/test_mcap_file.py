@@ -1,7 +1,6 @@
 """Recordings: what is in a file, whole, cut off and repaired; its streams as series."""
 
 import io
-import shutil
 import zlib
 
 import numpy as np
@@ -74,7 +73,7 @@ def test_channels_and_metadata_come_out_as_they_went_in_also_of_a_file_that_was_
         assert noted == [{"trial": str(trial)} for trial in range(3)]
 
 
-def test_a_flipped_byte_in_a_chunk_is_an_error_and_never_a_number(tmp_path):
+def test_a_flipped_byte_in_a_chunk_is_an_error_and_another_file_is_refused_by_name(tmp_path):
     path = tmp_path / "a.mcap"
     writer = McapWriter(path)
     # random: stored, not compressed
@@ -86,18 +85,13 @@ def test_a_flipped_byte_in_a_chunk_is_an_error_and_never_a_number(tmp_path):
     chunk = next(record for record in records(path) if isinstance(record, ChunkPlace))
     with pytest.raises(ValueError, match="its checksum is another"):
         list(messages(path, chunk))
-
-
-def test_another_file_is_refused_by_name(tmp_path):
     path = tmp_path / "a.mcap"
     path.write_text("trial,outcome\n")
     with pytest.raises(ValueError, match=r"a\.mcap: not an MCAP recording"):
         list(records(path))
 
 
-@pytest.mark.parametrize(
-    ("size", "claimed"), [(1000, 999), (LARGEST_CHUNK_BYTES + 1, LARGEST_CHUNK_BYTES + 1)]
-)
+@pytest.mark.parametrize(("size", "claimed"), [(1000, 999), (MOST := LARGEST_CHUNK_BYTES + 1, MOST)])
 def test_a_chunk_that_unpacks_to_more_than_it_claims_or_than_any_of_ours_is_not_unpacked(
     tmp_path, size, claimed
 ):
@@ -140,15 +134,11 @@ def test_a_file_cut_at_any_byte_is_closed_with_all_that_is_whole_in_it(tmp_path,
         assert by_the_library(path.read_bytes()) == before
 
 
-def test_a_whole_file_is_left_alone(tmp_path, whole):
+def test_a_file_is_closed_once_and_a_whole_one_is_left_alone(tmp_path, whole):
     path = tmp_path / "recording.mcap"
     path.write_bytes(whole[0])
     assert not close_cut(path)
     assert path.read_bytes() == whole[0]
-
-
-def test_a_file_is_closed_once(tmp_path, whole):
-    path = tmp_path / "recording.mcap"
     path.write_bytes(whole[0][:-60])
     assert [close_cut(path), close_cut(path)] == [True, False]
 
@@ -164,7 +154,18 @@ def test_a_file_that_is_being_written_is_left_alone(tmp_path):
     assert close_cut(path)
 
 
-def test_a_file_that_cannot_be_closed_stays_as_it_was(tmp_path, whole, monkeypatch):
+def test_a_file_that_cannot_be_closed_or_whose_last_chunk_is_damaged_stays_as_it_was(
+    tmp_path, whole, monkeypatch
+):
+    path = tmp_path / "recording.mcap"
+    data = bytearray(whole[0])
+    end = make_reader(io.BytesIO(whole[0])).get_summary().chunk_indexes[-1]
+    data[end.chunk_start_offset + end.chunk_length - 3] ^= 0xFF
+    path.write_bytes(data[: end.chunk_start_offset + end.chunk_length])
+    before = path.read_bytes()
+    with pytest.raises(Exception, match=r"checksum|decompress"):
+        close_cut(path)
+    assert path.read_bytes() == before
     path = tmp_path / "recording.mcap"
     path.write_bytes(whole[0][:-60])
 
@@ -176,18 +177,6 @@ def test_a_file_that_cannot_be_closed_stays_as_it_was(tmp_path, whole, monkeypat
         close_cut(path)
     assert [each.name for each in tmp_path.iterdir()] == ["recording.mcap"]
     assert path.read_bytes() == whole[0][:-60]
-
-
-def test_a_file_whose_last_chunk_is_damaged_stays_as_it_was(tmp_path, whole):
-    path = tmp_path / "recording.mcap"
-    data = bytearray(whole[0])
-    end = make_reader(io.BytesIO(whole[0])).get_summary().chunk_indexes[-1]
-    data[end.chunk_start_offset + end.chunk_length - 3] ^= 0xFF
-    path.write_bytes(data[: end.chunk_start_offset + end.chunk_length])
-    shutil.copy(path, tmp_path / "before")
-    with pytest.raises(Exception, match=r"checksum|decompress"):
-        close_cut(path)
-    assert path.read_bytes() == (tmp_path / "before").read_bytes()
 
 
 def block(seq, count, *, rate_hz=1000.0):
@@ -202,37 +191,24 @@ def recorded(*blocks):
     return recording
 
 
-def test_a_stream_is_its_blocks_in_its_unit():
-    series = recorded(block(0, 3), block(3, 2)).stream("board.load_cell")
+def test_a_stream_is_its_blocks_in_its_unit_and_empty_ones_change_nothing():
+    recording = recorded(block(0, 3), block(3, 0), block(3, 2))
+    series = recording.stream("board.load_cell")
     assert series.unit == "N"
     assert series.values[:, 0].tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
     assert np.allclose(series.times_s, np.arange(5) / 1000, atol=1e-15)
     assert series.gaps == ()
+    assert len(recording.blocks("board.load_cell")) == 3
+    assert recorded().stream("board.load_cell").values.shape == (0, 1), "not recorded"
 
 
-def test_a_lost_block_is_a_gap_with_the_number_of_samples_that_are_missing():
-    series = recorded(block(0, 10), block(15, 5)).stream("board.load_cell")
-    assert series.gaps == (Gap(0.009, 0.015, 5),)
-
-
-def test_a_skipped_span_is_no_loss():
-    recording = recorded(block(0, 10), block(1000, 5))
-    recording.skip("board.load_cell", 0.010, 1.0)
-    series = recording.stream("board.load_cell")
-    assert series.gaps == ()
-    assert series.skipped == (Span(0.010, 1.0),)
-
-
-def test_a_skipped_span_excuses_no_loss_elsewhere():
+def test_a_lost_block_is_a_gap_with_the_number_of_samples_that_are_missing_and_a_skipped_span_none():
+    assert recorded(block(0, 10), block(15, 5)).stream("board.load_cell").gaps == (Gap(0.009, 0.015, 5),)
     recording = recorded(block(0, 10), block(1000, 5), block(1010, 5))
     recording.skip("board.load_cell", 0.010, 1.0)
-    assert recording.stream("board.load_cell").gaps == (Gap(1.004, 1.01, 5),)
-
-
-def test_a_stream_that_was_not_recorded_is_empty():
-    series = recorded().stream("board.load_cell")
-    assert len(series) == 0
-    assert series.values.shape == (0, 1)
+    series = recording.stream("board.load_cell")
+    assert series.gaps == (Gap(1.004, 1.01, 5),), "it excuses no loss elsewhere"
+    assert series.skipped == (Span(0.010, 1.0),)
 
 
 def test_between_takes_the_first_instant_and_leaves_the_last():
@@ -241,9 +217,3 @@ def test_between_takes_the_first_instant_and_leaves_the_last():
     assert np.allclose(part.times_s, [0.002, 0.003, 0.004], atol=1e-15)
     assert part.gaps == ()
     assert len(series.between(0.0, 0.1).gaps) == 1
-
-
-def test_empty_blocks_change_nothing():
-    recording = recorded(block(0, 2), block(2, 0), block(2, 2))
-    assert len(recording.stream("board.load_cell")) == 4
-    assert len(recording.blocks("board.load_cell")) == 3

@@ -22,6 +22,7 @@ from controller.recording.series import BIN_S, PLOT_S
 from controller.recording.stream_writer import StreamWriter
 from controller.recording.trial_rows import EventLog, read_rows
 from drivers.core.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
+from tests.refusals import refused
 
 START = datetime(2026, 11, 20, 12, 0, 0, tzinfo=UTC)
 STREAMS = {
@@ -55,23 +56,22 @@ def recorder_in(folder):
 
 def load_cell(seq, count=10):
     values = (np.arange(seq, seq + count) ** 2 - 17).astype(np.int32).reshape(-1, 1)
-    return SampleBlock(
-        "board.load_cell",
-        seq,
-        seq / 1000,
-        values,
-        1000.0,
-        None,
-        "N",
-        1e-5,
-        5.0 + seq / 1000,
-        seq / 1000 + 0.02,
-    )
+    t_s = seq / 1000
+    return SampleBlock("board.load_cell", seq, t_s, values, 1000.0, None, "N", 1e-5, 5.0 + t_s, t_s + 0.02)
 
 
 def periods(seq, times_s):
     values = np.full((len(times_s), 1), 35714, np.int64)
     return SampleBlock("board.period", seq, times_s[0], values, None, np.array(times_s), "s", 1e-6)
+
+
+def begun(folder):
+    """A recorder with a trial under way, and the trial's recording."""
+    recorder = recorder_in(folder)
+    return recorder, recorder.begin_trial(1, {"location": "f"}, 0.0)
+
+
+CONTACT = Contact(1.03, "contact", 30.0, 29.0)
 
 
 def record_two_trials(recorder):
@@ -81,12 +81,7 @@ def record_two_trials(recorder):
         recorder.skip("board.load_cell", 0.0, 1.0)
         recorder.record([load_cell(1000 + trial), periods(3, [1.01, 1.046])])
         recorder.record([load_cell(1020 + trial)])
-        recorder.event(
-            Contact(1.03, "contact", 30.0, 29.0),
-            state="APPROACH",
-            next_state="STOPPING",
-            commands=[Stop("stage")],
-        )
+        recorder.event(CONTACT, state="APPROACH", next_state="STOPPING", commands=[Stop("stage")])
         recorder.end_trial("contact", {"delay_s": 0.2, "force_n": 0.05})
     return kept
 
@@ -127,17 +122,9 @@ def test_what_is_read_again_is_what_the_trial_had_in_memory(folder, kept):
             assert (before.unit, before.gaps, before.skipped) == (after.unit, after.gaps, after.skipped)
 
 
-def test_an_empty_skipped_span_is_none(folder):
-    recorder = recorder_in(folder)
-    kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
-    recorder.skip("board.load_cell", 1.0, 1.0)
-    recorder.close()
-    assert kept.stream("board.load_cell").skipped == ()
-
-
-def test_what_a_sensor_misses_that_is_stopped_and_started_in_one_turn_is_no_loss(folder):
-    recorder = recorder_in(folder)
-    kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
+def test_an_empty_skipped_span_is_none_but_excuses_what_a_sensor_misses_that_restarts_in_one_turn(folder):
+    recorder, kept = begun(folder)
+    recorder.skip("board.period", 1.0, 1.0)
     recorder.record([load_cell(7)])
     later = load_cell(7)
     begin_s = later.last_s + 0.004
@@ -147,11 +134,11 @@ def test_what_a_sensor_misses_that_is_stopped_and_started_in_one_turn_is_no_loss
     series = kept.stream("board.load_cell")
     assert len(series) == 2 * len(later)
     assert series.gaps == ()
+    assert kept.stream("board.period").skipped == ()
 
 
 def test_raw_counts_device_time_and_arrival_are_kept(folder):
-    recorder = recorder_in(folder)
-    recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder, _ = begun(folder)
     recorder.record([load_cell(7)])
     recorder.close()
     (block,) = open_run(folder.path).trial(1).blocks("board.load_cell")
@@ -192,8 +179,7 @@ def test_of_what_people_plot_the_least_and_the_largest_of_each_bin_are_there_how
 
 
 def test_events_are_foxglove_logs_with_their_level(folder):
-    recorder = recorder_in(folder)
-    recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder, _ = begun(folder)
     recorder.event(GuardStopped(2.5, "force 2.1 N above 2 N"), state="APPROACH", next_state="FAULT")
     recorder.close()
     logs = [content for _, _, content in messages_of(folder, "/events")]
@@ -206,12 +192,9 @@ def test_events_are_foxglove_logs_with_their_level(folder):
 def test_an_event_is_one_line_as_the_interface_page_shows(folder):
     recorder = recorder_in(folder)
     recorder.begin_trial(4, {"location": "f"}, 0.0)
-    recorder.event(
-        Contact(93.2, "contact", 30.5, float("inf")),
-        state="APPROACH",
-        next_state="STOPPING",
-        commands=[Stop("stage"), MoveAt("stage", 0.003785, 0.012)],
-    )
+    contact = Contact(93.2, "contact", 30.5, float("inf"))
+    commands = [Stop("stage"), MoveAt("stage", 0.003785, 0.012)]
+    recorder.event(contact, state="APPROACH", next_state="STOPPING", commands=commands)
     recorder.event(Refused(94.0, "stage", Stop("stage"), "no"), state="STOPPING")
     recorder.close()
     first, second = folder.events_path.read_text().splitlines()
@@ -249,40 +232,35 @@ def test_a_run_cut_off_in_every_file_is_read_and_reported_as_such(folder, kept):
     assert len(run.notes) == 4
 
 
-def test_a_run_that_ended_has_nothing_to_confess(folder, kept):
+def test_a_run_that_ended_has_nothing_to_confess_and_of_a_trial_that_is_not_in_it_nothing(folder, kept):
     folder.write_manifest({"bench": "mock", "exit": {"status": "done", "code": 0}})
     run = open_run(folder.path)
     assert run.notes == []
     assert not run.cut_off
     assert run.simulated
+    with pytest.raises(KeyError, match="trial 9"):
+        run.trial(9)
 
 
 def test_a_trial_that_runs_again_after_a_resume_replaces_its_first_attempt(folder):
     for seq in (0, 500):
-        recorder = recorder_in(folder)
-        recorder.begin_trial(1, {"location": "f"}, 0.0)
+        recorder, _ = begun(folder)
         recorder.record([load_cell(seq)])
         recorder.close()
     assert [block.seq for block in open_run(folder.path).trial(1).blocks("board.load_cell")] == [500]
 
 
-def test_nothing_recorded_of_a_trial_is_reported(folder, kept):
-    with pytest.raises(KeyError, match="trial 9"):
-        open_run(folder.path).trial(9)
-
-
 def test_a_recording_that_cannot_be_begun_is_one_clear_line(tmp_path):
     (tmp_path / "recording.mcap").symlink_to("/dev/full")
-    with pytest.raises(RecordingError, match="No space left on device while making") as caught:
+    with refused(RecordingError, "No space left on device while making"):
         StreamWriter(tmp_path / "recording.mcap", START, STREAMS)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_recorder_that_gets_no_thread_leaves_a_recording_that_can_be_read(folder, monkeypatch):
-    def refused(_):
+    def no_thread(_):
         raise RuntimeError("can't start new thread")
 
-    monkeypatch.setattr("threading.Thread.start", refused)
+    monkeypatch.setattr("threading.Thread.start", no_thread)
     with pytest.raises(RuntimeError, match="thread"):
         recorder_in(folder)
     with (folder.path / "recording.mcap").open("rb") as file:
@@ -292,17 +270,16 @@ def test_a_recorder_that_gets_no_thread_leaves_a_recording_that_can_be_read(fold
 
 
 def test_a_disk_that_fills_up_in_a_trial_is_reported_at_its_end_and_not_before(folder, monkeypatch):
-    recorder = recorder_in(folder)
-
-    def full(_):
+    def full(_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("controller.recording.mcap_file.McapWriter.flush", lambda self, **_: full(self))
+    recorder = recorder_in(folder)
+    monkeypatch.setattr(McapWriter, "flush", full)
     kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
     for seq in range(0, 1000, 10):
         recorder.record([load_cell(seq)])
         recorder.skip("board.period", 0.0, 1.0)
-        recorder.event(Contact(1.0, "contact", 30.0, 29.0), state="APPROACH")
+        recorder.event(CONTACT, state="APPROACH")
     with pytest.raises(RecordingError, match=r"No space left on device while writing .*; make room"):
         recorder.flush()
     recorder.record([load_cell(1000)])
@@ -314,22 +291,18 @@ def test_a_disk_that_fills_up_in_a_trial_is_reported_at_its_end_and_not_before(f
     assert [row["outcome"] for row in open_run(folder.path).trials] == ["contact"]
 
 
-def test_an_events_file_that_is_full_is_reported_at_the_trials_end(folder):
+def test_an_events_file_that_is_full_or_damaged_is_reported_in_one_line(folder):
     folder.events_path.symlink_to("/dev/full")
-    recorder = recorder_in(folder)
-    recorder.begin_trial(1, {"location": "f"}, 0.0)
-    recorder.event(Contact(1.0, "contact", 30.0, 29.0), state="APPROACH")
+    recorder, _ = begun(folder)
+    recorder.event(CONTACT, state="APPROACH")
     with pytest.raises(RecordingError, match=r"events\.jsonl; make room"):
         recorder.end_trial("contact", {})
     assert [row["outcome"] for row in read_rows(folder.trials_path)[0]] == ["contact"]
     with pytest.raises(RecordingError, match=r"events\.jsonl"):
         recorder.close()
-
-
-def test_a_damaged_events_file_is_refused_in_one_line(folder):
-    recorder_in(folder).close()
+    folder.events_path.unlink()
     folder.events_path.write_text("{\n")
-    with pytest.raises(RunFolderError, match=r"events\.jsonl: damaged"):
+    with refused(RunFolderError, "events.jsonl: damaged"):
         open_run(folder.path)
 
 
@@ -343,8 +316,7 @@ def test_what_comes_while_the_disk_is_busy_and_the_recorder_is_closed_is_kept(fo
         assert free.wait(100.0)
 
     monkeypatch.setattr(McapWriter, "flush", slow)
-    recorder = recorder_in(folder)
-    kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder, kept = begun(folder)
     recorder.record([load_cell(0)])
     assert busy.wait(100.0), "the disk has the first block"
     recorder.record([load_cell(10)])
@@ -367,11 +339,10 @@ def test_events_that_a_disk_cannot_keep_up_with_are_a_failure_and_not_held(folde
         assert free.wait(100.0)
 
     monkeypatch.setattr(EventLog, "commit", slow)
-    recorder = recorder_in(folder)
-    recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder, _ = begun(folder)
     assert busy.wait(100.0)
     for _ in range(100):
-        recorder.event(Contact(1.0, "contact", 30.0, 29.0), state="APPROACH")
+        recorder.event(CONTACT, state="APPROACH")
     held, failure = len(recorder._disk._queue), str(recorder.failure)
     free.set()
     with pytest.raises(RecordingError):
@@ -381,8 +352,7 @@ def test_events_that_a_disk_cannot_keep_up_with_are_a_failure_and_not_held(folde
 
 
 def test_what_a_detector_holds_against_its_threshold_is_a_topic_and_a_stream(folder):
-    recorder = recorder_in(folder)
-    kept = recorder.begin_trial(1, {"location": "f"}, 0.0)
+    recorder, kept = begun(folder)
     readings = [(1.0 + 0.03 * n, 0.1 * n, 7.0) for n in range(25)]
     for reading in readings:
         recorder.readings("near", np.array([reading]), [])
@@ -402,8 +372,7 @@ def test_of_readings_faster_than_the_rate_the_least_the_largest_and_the_deciding
     statistic = np.random.default_rng(3).normal(size=1000)
     readings = np.column_stack([times_s, statistic, np.full(1000, 1.5)])
     decided = int(np.argmax(statistic > 1.5))
-    recorder = recorder_in(folder)
-    kept = recorder.begin_trial(1, {}, 0.0)
+    recorder, kept = begun(folder)
     for begin in range(0, 1000, size):
         part = readings[begin : begin + size]
         recorder.readings("near", part, [t_s for t_s in part[:, 0] if t_s == times_s[decided]])
@@ -412,11 +381,8 @@ def test_of_readings_faster_than_the_rate_the_least_the_largest_and_the_deciding
     wanted = {decided}
     for low_s in np.arange(2.0, 3.0, BIN_S):
         inside = np.flatnonzero((times_s >= low_s - 1e-9) & (times_s < low_s + BIN_S - 1e-9))
-        wanted |= (
-            {int(inside[pick(statistic[inside])]) for pick in (np.argmin, np.argmax)}
-            if len(inside)
-            else set()
-        )
+        if len(inside):
+            wanted |= {int(inside[pick(statistic[inside])]) for pick in (np.argmin, np.argmax)}
     found = kept.stream("detector.near")
     np.testing.assert_array_equal(found.times_s, times_s[sorted(wanted)])
     np.testing.assert_array_equal(found.values, readings[sorted(wanted), 1:])
@@ -428,8 +394,7 @@ def test_a_recording_has_what_people_plot_look_for_and_open_it_with(folder):
     recorder.begin_trial(4, {"location": "f"}, 0.0, limits)
     recorder.record([load_cell(1000), load_cell(1010), load_cell(1110), periods(3, [1.01, 1.06])])
     recorder.readings("contact", np.array([[1.0, 28.0, 28.2]]), [])
-    contact = Contact(1.03, "contact", 30.0, 29.0)
-    recorder.event(contact, state="APPROACH", next_state="STOPPING", commands=[Stop("stage")])
+    recorder.event(CONTACT, state="APPROACH", next_state="STOPPING", commands=[Stop("stage")])
     recorder.end_trial("contact", {"delay_s": 0.2})
     recorder.attach("manifest.json", b'{"profile": "mock/transient"}')
     recorder.close()

@@ -19,13 +19,10 @@ def made(root, profile="mock/transient"):
     return folder
 
 
-def test_a_folder_is_named_after_time_and_profile(tmp_path):
+def test_a_folder_is_named_after_time_and_profile_and_two_runs_of_one_second_have_two(tmp_path, monkeypatch):
     folder = made(tmp_path / "runs")
     assert re.fullmatch(r"2026-11-20T12-00-00Z_mock-transient_[0-9a-f]{4}", folder.path.name)
     assert folder.path.is_dir()
-
-
-def test_two_runs_of_one_second_have_two_folders(tmp_path, monkeypatch):
     digits = iter(["ab12", "ab12", "ab13"])
     monkeypatch.setattr("secrets.token_hex", lambda _: next(digits))
     first, second = made(tmp_path), made(tmp_path)
@@ -41,16 +38,10 @@ def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
 
 def test_the_manifest_is_read_as_it_was_written(tmp_path):
     folder = made(tmp_path)
-    folder.write_manifest(
-        {"seed": 7, "loss": {"samples": 0}, "sigma": math.nan, "streams": frozenset({"b", "a"})}
-    )
-    assert folder.read_manifest() == {
-        "format": FORMAT,
-        "seed": 7,
-        "loss": {"samples": 0},
-        "sigma": None,
-        "streams": ["a", "b"],
-    }
+    loss = {"samples": 0}
+    folder.write_manifest({"seed": 7, "loss": loss, "sigma": math.nan, "streams": frozenset({"b", "a"})})
+    expected = {"format": FORMAT, "seed": 7, "loss": loss, "sigma": None, "streams": ["a", "b"]}
+    assert folder.read_manifest() == expected
 
 
 def test_a_manifest_that_cannot_be_replaced_leaves_the_old_one(tmp_path):
@@ -81,17 +72,16 @@ def test_each_error_of_the_disk_has_its_own_remedy(number, advice):
     assert ("make room" in str(error)) == (number == errno.ENOSPC)
 
 
-@pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.EIO])
-def test_where_no_option_chooses_another_place_the_run_is_to_be_copied(number):
-    error = RecordingError(Path("report.html"), "writing", OSError(number, os.strerror(number)), option="")
-    assert str(error).endswith("; copy the run folder to one that may be written, and give that one")
+ELSEWHERE = ["EROFS", "EACCES", "EPERM", "ENAMETOOLONG", "EIO"]
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EISDIR, errno.EMFILE])
-def test_where_no_option_chooses_another_place_none_is_named(number):
+@pytest.mark.parametrize("name", [*ELSEWHERE, "ENOSPC", "EISDIR", "EMFILE"])
+def test_where_no_option_chooses_another_place_none_is_named_and_where_it_helps_the_run_is_to_be_copied(name):
+    number = getattr(errno, name)
     error = RecordingError(Path("report.html"), "writing", OSError(number, os.strerror(number)), option="")
+    copied = str(error).endswith("; copy the run folder to one that may be written, and give that one")
+    assert copied == (name in ELSEWHERE) == ("copy" in str(error))
     assert "--" not in str(error)
-    assert "copy" not in str(error)
 
 
 def test_the_room_that_is_kept_for_the_last_manifest_is_released_before_it_is_written(tmp_path, monkeypatch):
@@ -101,9 +91,8 @@ def test_the_room_that_is_kept_for_the_last_manifest_is_released_before_it_is_wr
     assert os.fstat(room.fileno()).st_blocks * 512 >= ROOM_BYTES
     assert [path.name for path in folder.path.iterdir()] == ["manifest.json"], "it has no name"
     write, held = folder.write_manifest, []
-    monkeypatch.setattr(
-        folder, "write_manifest", lambda manifest: (held.append(not room.closed), write(manifest))
-    )
+    watched = lambda manifest: (held.append(not room.closed), write(manifest))  # noqa: E731
+    monkeypatch.setattr(folder, "write_manifest", watched)
     folder.end({"exit": {"status": "failed"}})
     assert held == [False]
     assert folder.read_manifest()["exit"] == {"status": "failed"}
@@ -125,18 +114,12 @@ def test_a_run_is_found_by_path_name_part_or_as_the_latest(tmp_path, text):
     assert RunFolder.find(Path(given), root=tmp_path).path == folder.path
 
 
-def test_a_part_that_fits_several_runs_is_refused_with_their_names(tmp_path):
+def test_what_names_no_run_or_several_is_refused(tmp_path):
     made(tmp_path), made(tmp_path)
     with pytest.raises(RunFolderError, match=r"transient: 2 runs match \(2026"):
         RunFolder.find("transient", root=tmp_path)
-
-
-def test_a_run_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(RunFolderError, match="nowhere: no such run folder"):
         RunFolder.find("nowhere", root=tmp_path)
-
-
-def test_a_folder_that_is_no_run_is_refused(tmp_path):
     with pytest.raises(RunFolderError, match=r"no run folder, for it has no manifest\.json"):
         RunFolder.find(tmp_path)
 

@@ -27,16 +27,13 @@ def test_rows_of_samples_are_what_protobuf_itself_reads(channels):
         assert [getattr(message, f"{name}_n") for name in names] == list(sample)
 
 
-def test_a_field_bears_the_unit_and_the_message_the_stream():
+def test_a_field_bears_the_unit_and_the_message_the_stream_and_the_log_is_foxgloves_own():
     schema = sample_schema(StreamInfo("board.accelerometer", ("z", "3d"), "m/s2"))
     assert schema.name == "touchbench.BoardAccelerometer"
     assert [field.name for field in schema.message.DESCRIPTOR.fields] == ["t_s", "z_m_s2", "_3d_m_s2"]
-
-
-def test_the_log_is_foxgloves_own_message():
-    schema = log_schema()
-    fields = {field.name: field.number for field in schema.message.DESCRIPTOR.fields}
-    assert schema.name == "foxglove.Log"
+    log = log_schema()
+    fields = {field.name: field.number for field in log.message.DESCRIPTOR.fields}
+    assert log.name == "foxglove.Log"
     assert fields == {"timestamp": 1, "level": 2, "message": 3, "name": 4, "file": 5, "line": 6}
 
 

@@ -22,26 +22,10 @@ STREAMS = {
     "stage.position": StreamInfo("stage.position", ("position",), "m", 1e-7, 100.0),
 }
 MEASURES = [
-    *(
-        "truth_contact_s",
-        "onset_s",
-        "detect_s",
-        "delay_s",
-        "extent_m",
-        "force_n",
-        "force_peak_n",
-        "false_contacts",
-    ),
-    *("baseline_hz", "threshold_hz", "command_s", "standstill_s", "stop_travel_m"),
+    *("truth_contact_s", "onset_s", "detect_s", "delay_s", "extent_m", "force_n", "force_peak_n"),
+    *("false_contacts", "baseline_hz", "threshold_hz", "command_s", "standstill_s", "stop_travel_m"),
 ]
-STATIC_MEASURES = [
-    "frequency_hz",
-    "frequency_sd_hz",
-    "amplitude_m_s2",
-    "amplitude_m",
-    "force_n",
-    "force_peak_n",
-]
+STATIC = ["frequency_hz", "frequency_sd_hz", "amplitude_m_s2", "amplitude_m", "force_n", "force_peak_n"]
 ONSET_S, APPROACH_S, BASELINE_S = 94.0, 93.0, 91.0
 
 
@@ -69,11 +53,7 @@ def begun(
     folder = RunFolder.create(root, f"{bench}/{experiment}", START)
     folder.write_manifest(
         {
-            "profile": {
-                "name": f"{bench}/{experiment}",
-                "hash": "0123456789abcdef0123",
-                "resolved": resolved,
-            },
+            "profile": {"name": f"{bench}/{experiment}", "hash": "0123456789abcdef", "resolved": resolved},
             "experiment": experiment,
             "bench": bench,
             "started_utc": START.isoformat(),
@@ -104,14 +84,12 @@ def backus(
     root: Path, experiment: str, bench: str, status: str = "done", settle_s: float = 90.0
 ) -> RunFolder:
     """A run with the paper's detector."""
-    detectors = {
-        "contact": {"kind": "resonance.paper", "average_samples": 10, "sample_hz": 15.0, "baseline_s": 1.0}
-    }
-    resolved = {"title": "A <title>", "behavior": {"settle_s": settle_s}, "detectors": detectors}
+    papers = {"kind": "resonance.paper", "average_samples": 10, "sample_hz": 15.0, "baseline_s": 1.0}
+    behavior, detectors = {"settle_s": settle_s}, {"contact": papers}
+    resolved = {"title": "A <title>", "behavior": behavior, "detectors": detectors}
     exit_ = {"status": status, "code": 0, "reason": ""}
-    return begun(
-        root, experiment, bench, resolved, exit=exit_, clock="wall" if bench == "hardware" else "virtual"
-    )
+    clock = "wall" if bench == "hardware" else "virtual"
+    return begun(root, experiment, bench, resolved, exit=exit_, clock=clock)
 
 
 def block(stream: str, times_s: np.ndarray, values: np.ndarray) -> SampleBlock:
@@ -161,19 +139,12 @@ def write_approach(recorder: Recorder, trial: int, given: Given, offset_s: float
         recorder.event(GuardStopped(93.5, "force 2.1 N above 2 N"), state="APPROACH", next_state="FAILED")
     if detect_s is not None and "detect_s" in row:
         row |= {"command_s": detect_s + 0.005, "standstill_s": detect_s + 0.03, "stop_travel_m": 0.0001}
-        recorder.event(
-            Contact(detect_s, "contact", 28.7, 28.6),
-            state="APPROACH",
-            next_state="STOPPING",
-            commands=[Stop("stage")],
-        )
+        found = Contact(detect_s, "contact", 28.7, 28.6)
+        recorder.event(found, state="APPROACH", next_state="STOPPING", commands=[Stop("stage")])
     times_s = np.arange(BASELINE_S, (detect_s or ONSET_S) + 0.4, 1e-3)
     push_m = np.clip((times_s - ONSET_S) * given.speed_m_s, 0.0, None)
-    force_n = (
-        0.01
-        + 40.0 * push_m * (1.0 + 0.4 * np.sin(2 * np.pi * 28.0 * times_s))
-        + 2e-4 * rng.normal(size=len(push_m))
-    )
+    force_n = 0.01 + 40.0 * push_m * (1.0 + 0.4 * np.sin(2 * np.pi * 28.0 * times_s))
+    force_n += 2e-4 * rng.normal(size=len(push_m))
     recorder.record([block("board.load_cell", times_s, force_n)])
     recorder.record([block("board.period", *periods(times_s[-1], 28.0, 0.15, rng))])
     recorder.end_trial(given.outcome, row)
@@ -203,15 +174,14 @@ def write_static(
     root: Path, frequencies_hz: dict[str, float], *, bench: str = "mock", repeats: int = 1
 ) -> Run:
     folder = backus(root, "static", bench)
-    recorder = Recorder(folder, START, streams=STREAMS, factors=["condition"], measures=STATIC_MEASURES)
+    recorder = Recorder(folder, START, streams=STREAMS, factors=["condition"], measures=STATIC)
     times_s = np.arange(100.0, 102.0, 1e-3)
     amplitudes = {"none": 12.0, "light": 9.0, "full": 6.0}
     for trial, (condition, frequency_hz) in enumerate([*frequencies_hz.items()] * repeats, start=1):
         recorder.begin_trial(trial, {"condition": condition}, 110.0 * trial)
         wave = amplitudes[condition] * np.sin(2 * np.pi * frequency_hz * times_s)
-        wave += {"none": 0.1, "light": 1.5, "full": 0.2}[condition] * np.random.default_rng(trial).normal(
-            size=2000
-        )
+        noise = {"none": 0.1, "light": 1.5, "full": 0.2}[condition]
+        wave += noise * np.random.default_rng(trial).normal(size=2000)
         recorder.record([block("board.accelerometer", times_s, wave)])
         row = {
             "frequency_hz": frequency_hz,
@@ -228,7 +198,6 @@ def write_static(
 
 def text_of(path):
     """The page's text, without figures and markup."""
-    page = re.sub(
-        r"<(svg|style|script)\b.*?</\1>", " ", path.read_text("utf-8").replace("<wbr>", ""), flags=re.DOTALL
-    )
+    whole = path.read_text("utf-8").replace("<wbr>", "")
+    page = re.sub(r"<(svg|style|script)\b.*?</\1>", " ", whole, flags=re.DOTALL)
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page)).replace("\u2019", "'")

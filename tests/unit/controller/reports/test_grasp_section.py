@@ -6,22 +6,10 @@ from controller.reports.grasp import GRIP, _goals, _headline, _measures, _told
 
 
 def row(outcome="held", **about):
-    usual = {
-        "grip_over_least": 1.1,
-        "arrested_m": 0.0,
-        "push_n": 0.05,
-        "told_true": 1,
-        "told_false": 0,
-        "untold": 0,
-    }
-    known = {
-        "felt_n": 6.7,
-        "friction": 0.3,
-        "friction_low": 0.27,
-        "friction_high": 0.33,
-        "friction_true": 0.31,
-    }
-    return {"outcome": outcome, "cycle_s": 30.0, **usual, **known, **about}
+    usual = {"cycle_s": 30.0, "grip_over_least": 1.1, "arrested_m": 0.0, "push_n": 0.05, "felt_n": 6.7}
+    told = {"told_true": 1, "told_false": 0, "untold": 0}
+    known = {"friction": 0.3, "friction_low": 0.27, "friction_high": 0.33, "friction_true": 0.31}
+    return {"outcome": outcome, **usual, **told, **known, **about}
 
 
 def found(rows):
@@ -36,43 +24,36 @@ def test_a_goal_has_its_figure_its_interval_and_whether_it_is_met():
     assert goals["grip over least force, median"] == ("1.1", None), "four do not decide it"
 
 
-def test_a_goal_is_met_where_so_many_trials_decide_it():
+def test_a_goal_is_met_where_so_many_trials_decide_it_and_slips_in_the_air_where_there_were_any():
     assert {met for _, met in found([row()] * 6).values()} == {None, True}
     assert found([row()] * 6)["grip over least force, median"] == ("1.1", True), "six of six: 61 % at least"
     many = found([row()] * 381)  # none of 381: at most 1.0 %
     assert {met for _, met in many.values()} == {True}
     assert found([row(push_n=0.2), *[row()] * 380])["side push at first touch, largest"][1] is False
-
-
-def test_slips_in_the_air_are_judged_where_there_were_any():
     assert "slip in the air until held, median" not in found([row()])
     goals = found([row(), *[row(arrested_m=0.0015)] * 73, *[row(arrested_m=0.0005)] * 10])
     assert goals["slip in the air until held, median"][1] is False
     assert goals["slip in the air until held, 95 of 100"][1] is True
 
 
-def test_what_was_told_stands_against_what_was():
+def test_what_was_told_stands_against_what_was_and_the_measures_are_those_of_nist():
     acted, not_acted = _told([row(told_true=2, told_false=1, untold=3)])
     assert (acted["a slip"], acted["none"], not_acted["a slip"]) == (2, 1, 3)
     assert _told([row(told_true=None)]) == [], "a real bench does not know"
+    line = _measures([row(), row(friction_true=0.5)])
+    assert line["touch sensitivity, N"] == "6.7"
+    assert line["friction within its 90 % interval"] == "1 of 2"
 
 
 def test_what_the_least_grip_holds_anyway_does_not_count_in_the_grip_over_the_least_force():
-    rows = [
-        row(grip_over_least=over, grip_n=grip_n) for over, grip_n in ((1.1, 9.0), (1.3, 20.0), (6.9, 7.0))
-    ]
+    grips = ((1.1, 9.0), (1.3, 20.0), (6.9, 7.0))
+    rows = [row(grip_over_least=over, grip_n=grip_n) for over, grip_n in grips]
     resolved = {"behavior": {"grip_force_n": 7.0}}
     head = _headline([SimpleNamespace(trials=rows, resolved=resolved)])
     assert head.ours == "1.2"
     assert head.of.startswith("median of 2 lifts ")
     assert "more than the first grip (1 not)" in head.of
     assert _headline([SimpleNamespace(trials=rows[2:], resolved=resolved)]) is None
-
-
-def test_the_measures_are_those_of_nist():
-    line = _measures([row(), row(friction_true=0.5)])
-    assert line["touch sensitivity, N"] == "6.7"
-    assert line["friction within its 90 % interval"] == "1 of 2"
 
 
 def test_the_force_of_a_grip_is_read_from_its_record():

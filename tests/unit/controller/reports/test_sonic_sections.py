@@ -28,19 +28,20 @@ def write(root, experiment, rows, *, bench="mock", behavior=None, planned=None):
     measures = {"aura": aura_measures, "centering": centering_measures}[experiment].COLUMNS
     more = {"trials": len(rows) if planned is None else planned, "loss": {"audio.fingers": 7}}
     factors = list(dict.fromkeys(name for row in rows for name in row if name not in (*measures, "outcome")))
-    trials = [
-        (
-            {name: row.get(name) for name in factors},
-            row.get("outcome", "approached"),
-            {name: row[name] for name in row if name in measures},
-        )
-        for row in rows
-    ]
+    trials = []
+    for row in rows:
+        measured = {name: row[name] for name in row if name in measures}
+        trials.append(({name: row.get(name) for name in factors}, row.get("outcome", "approached"), measured))
     return write_rows(begun(root, experiment, bench, {"behavior": behavior or {}}, **more), trials, measures)
 
 
 def section_of(module, *runs):
     return module.section(runs, Figures(runs[0].folder.path / "figures"))
+
+
+def touching(root, rows, **how):
+    """The section on contact of approaches that are to touch."""
+    return section_of(aura, write(root, "aura", rows, **{"behavior": {"touch": True}, **how}))
 
 
 def table(section, name):
@@ -64,10 +65,8 @@ def approached(**cells):
     return row | {"delay_s_ours": 0.1} | cells
 
 
-TRUTH = (
-    "touches",
-    *(f"{name}_{m}" for name in ("felt", "delay_s", "false", "held", "ended") for m in ("paper", "ours")),
-)
+FELT = ("felt", "delay_s", "false", "held", "ended")
+TRUTH = ("touches", *(f"{name}_{method}" for name in FELT for method in ("paper", "ours")))
 
 
 def unknown(**cells):
@@ -83,7 +82,7 @@ def test_contact_on_a_bench_without_truth_is_counted_as_it_was_reported(tmp_path
         unknown(reported_ours=0, reported_held_ours=0, reported_ended_ours=0, reports_ours=0),
         unknown(side="top"),
     ]
-    section = section_of(aura, write(tmp_path, "aura", rows, bench=bench, behavior={"touch": True}))
+    section = touching(tmp_path, rows, bench=bench)
     assert section.title == "Contact (C4)"
     assert table(section, "reported") == {
         ("normal", "the paper's"): ["3", "0", "0", "0", "0", "1"],
@@ -93,21 +92,15 @@ def test_contact_on_a_bench_without_truth_is_counted_as_it_was_reported(tmp_path
     }
     assert table(section, "touches") is None, "no touch is known, so none was felt or missed"
     contact = [result for result in section.summary if result.text.startswith("Contact")]
-    assert contact == [
-        Result(
-            None,
-            f"Contact, {name}: reported in {found} of 4 approaches; what touched is not known on this bench.",
-        )
-        for name, found in (("the paper's", 0), ("ours", 3))
-    ]
+    unknown_ = " of 4 approaches; what touched is not known on this bench."
+    counts = (("the paper's", 0), ("ours", 3))
+    assert contact == [Result(None, f"Contact, {name}: reported in {n}{unknown_}") for name, n in counts]
     assert not section.content["known"]
 
 
 def test_without_truth_objects_have_no_rates_of_contact(tmp_path):
     rows = [unknown(object="mug"), unknown(object="notebook"), unknown(object="none", seen_ours=None)]
-    section = section_of(
-        aura, write(tmp_path, "aura", rows, bench="hardware", behavior={"touch": True}, planned=3)
-    )
+    section = touching(tmp_path, rows, bench="hardware", planned=3)
     assert section.title == "Objects (C5)"
     assert table(section, "contact") is None
     assert set(table(section, "reported")) == {
@@ -117,20 +110,13 @@ def test_without_truth_objects_have_no_rates_of_contact(tmp_path):
 
 def test_the_report_on_contact_follows_the_profile_and_not_what_happened(tmp_path):
     missed = approached(touches=0, felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None, false_ours=1)
-    touching = write(tmp_path, "aura", [missed], behavior={"touch": True})
+    meant = write(tmp_path, "aura", [missed], behavior={"touch": True})
     passing = write(tmp_path, "aura", [missed], behavior={"touch": False})
-    assert section_of(aura, touching).title == "Contact (C4)"
-    assert table(section_of(aura, touching), "touches")["normal", "ours"] == [
-        "0",
-        "–",
-        "–",
-        "0",
-        "0",
-        "1 of 1",
-    ]
+    assert section_of(aura, meant).title == "Contact (C4)"
+    assert table(section_of(aura, meant), "touches")["normal", "ours"] == [*"0––00", "1 of 1"]
     assert section_of(aura, passing).title == "Pre-touch (C2)"
     assert table(section_of(aura, passing), "touches") is None
-    assert "Pre-touch (C2) and Contact (C4)" in text_of(build_report([passing, touching]))
+    assert "Pre-touch (C2) and Contact (C4)" in text_of(build_report([passing, meant]))
 
 
 def test_touches_are_counted_by_side_and_detector(tmp_path):
@@ -140,7 +126,7 @@ def test_touches_are_counted_by_side_and_detector(tmp_path):
         approached(felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None, false_ours=1, false_paper=1),
         approached(side="top", felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None),
     ]
-    section = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True}))
+    section = touching(tmp_path, rows)
     counted = table(section, "touches")
     # Wilson by hand: centre (p + z²/2n) / (1 + z²/n), half width z √(p(1-p)/n + z²/4n²) / (1 + z²/n), z² = 3.8415
     assert counted["normal", "ours"] == ["3", "66.7 % (20.8 to 93.9)", "0.100", "2", "1", "1 of 3"]
@@ -155,40 +141,30 @@ def test_touches_are_counted_by_side_and_detector(tmp_path):
 def test_contact_of_the_papers_method_that_does_not_come_out_is_told_and_no_goal_missed(tmp_path):
     rows = [approached(object="mug", felt_paper=felt, false_paper=1 - felt) for felt in (0, 1)]
     for felt, mark in ((rows, "worse"), (rows[1:], "neither")):
-        section = section_of(aura, write(tmp_path, "aura", felt, behavior={"touch": True}))
+        section = touching(tmp_path, felt)
         marks = [r.mark for r in section.summary if "contact, the paper's" in r.text.lower()]
         assert marks == [mark, mark], "rate of touches, and of approaches without a false contact"
 
 
 def test_the_page_opens_with_our_detector_beside_the_papers_on_the_same_touches(tmp_path):
-    rows = [
-        approached(felt_paper=1),
-        *[approached()] * 2,
-        approached(felt_ours=0),
-        approached(axis="y", felt_paper=1),
-        approached(side="top", felt_ours=0),
-    ]
-    head = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True})).headline
+    cells = ({"felt_paper": 1}, {}, {}, {"felt_ours": 0}, {"axis": "y", "felt_paper": 1})
+    rows = [approached(**each) for each in (*cells, {"side": "top", "felt_ours": 0})]
+    head = touching(tmp_path, rows).headline
     assert (head.of, head.ours, head.paper) == ("3 of 4", "75.0 %", "25.0 %"), "four touches along x"
     assert head.source.endswith("IV.A.3 prints all)"), "of the pipe, with the sides that hear"
-    objects = write(tmp_path, "aura", [approached(object="mug", felt_paper=1)] * 4, behavior={"touch": True})
-    assert "93.7 %" in section_of(aura, objects).headline.source
+    objects = touching(tmp_path, [approached(object="mug", felt_paper=1)] * 4)
+    assert "93.7 %" in objects.headline.source
     passed = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": False})).headline
     assert (passed.of, passed.what) == ("5 of 5", "objects seen in time by our detector")
     alone = [{name: cell for name, cell in row.items() if not name.endswith("_ours")} for row in rows]
-    assert section_of(aura, write(tmp_path, "aura", alone, behavior={"touch": True})).headline is None
+    assert touching(tmp_path, alone).headline is None
 
 
 def test_a_finger_need_not_feel_with_its_top(tmp_path):
     deaf = approached(side="top", felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None)
-    section = section_of(
-        aura, write(tmp_path, "aura", [*[approached()] * 29, deaf], behavior={"touch": True})
-    )
-    text = (
-        "Contact, ours: 29 of 29 touches detected with the other sides than the top, 0 of 1 with the top; "
-        "the paper detected all of the former."
-    )
-    assert Result(Kind.ASSUMED, text, True, goal=True) in section.summary
+    found = touching(tmp_path, [*[approached()] * 29, deaf]).summary
+    (felt,) = [result for result in found if "29 of 29 touches" in result.text and "0 of 1" in result.text]
+    assert (felt.kind, felt.met, felt.goal) == (Kind.ASSUMED, True, True)
 
 
 def test_soft_objects_and_the_pipe_are_not_compared_with_the_papers_rates(tmp_path):
@@ -199,28 +175,25 @@ def test_soft_objects_and_the_pipe_are_not_compared_with_the_papers_rates(tmp_pa
         *(approached(object=name, **blind) for name in ("sponge", "cloth", "pipe")),
         *(approached(object="none", touches=0, alarms_ours=alarm, **blind) for alarm in (0, 0, 0, 1)),
     ]
-    section = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True}))
+    section = touching(tmp_path, rows)
     all_of_two = "100.0 % (34.2 to 100.0)"  # n / (n + z²)
     undecided = f"{all_of_two}: not decided with n = 2."
-    for text in (
-        f"Pre-touch, ours: 7.6 points above the paper's 92.4 % of its own objects: 2 of 2 approaches, {undecided}",
-        f"Contact, ours: 6.3 points above the paper's 93.7 % of its own objects: 2 of 2 touches, {undecided}",
-        "No false contact, ours: 1.3 points above the paper's 98.7 % of its own objects: "
-        f"2 of 2 approaches, {undecided}",
+    for what, points, paper, of in (
+        ("Pre-touch", "7.6", "92.4", "approaches"),
+        ("Contact", "6.3", "93.7", "touches"),
+        ("No false contact", "1.3", "98.7", "approaches"),
     ):
-        assert Result(Kind.ASSUMED, text, None, goal=True) in section.summary
+        text = f"{what}, ours: {points} points above the paper's {paper} % of its own objects: 2 of 2 {of}, "
+        assert Result(Kind.ASSUMED, text + undecided, None, goal=True) in section.summary
     seen, felt = table(section, "pre_touch"), table(section, "contact")
-    assert list(seen)[-4:-1] == [
-        ("cloth (soft)",),
-        ("sponge (soft)",),
-        ("all but the soft ones and the pipe",),
-    ]
-    assert seen["all but the soft ones and the pipe",][::2] == ["2", all_of_two]
+    rest = "all but the soft ones and the pipe"
+    assert list(seen)[-4:-1] == [("cloth (soft)",), ("sponge (soft)",), (rest,)]
+    assert seen[rest,][::2] == ["2", all_of_two]
     assert seen["sponge (soft)",][2].startswith("0.0 %")
     assert seen["nothing: not reported",][::2] == ["4", "75.0 % (30.1 to 95.4)"]
     alarms = [result.text for result in section.summary if "approaches to nothing" in result.text]
     assert any("ours: 1 alarms in 4 approaches to nothing, 25.0 % (4.6 to 69.9);" in text for text in alarms)
-    assert felt["all but the soft ones and the pipe", "ours"] == ["2", all_of_two, "2", all_of_two]
+    assert felt[rest, "ours"] == ["2", all_of_two, "2", all_of_two]
     assert felt["sponge (soft)", "ours"][:2] == ["1", "0.0 % (0.0 to 79.3)"]
     assert table(section, "sides")["normal", "x"][1] == "3", "the soft ones are not in it"
 
@@ -231,21 +204,22 @@ def test_contact_reported_of_nothing_counts_against_the_true_negatives(tmp_path)
         approached(object="notebook", approaches=3, false_ours=2),
         approached(object="none", approaches=2, touches=0, felt_ours=0, false_ours=1),
     ]
-    felt = table(section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": True})), "contact")
+    felt = table(touching(tmp_path, rows), "contact")
     assert felt["notebook", "ours"][2:] == ["3", "33.3 % (6.1 to 79.2)"]
     assert felt["nothing", "ours"][0:3] == ["0", "–", "2"]
     assert felt["nothing", "ours"][3].startswith("50.0 %")
 
 
-def test_distances_are_medians_by_side_and_speed(tmp_path):
+def test_distances_are_medians_by_side_and_speed_and_an_approach_along_another_axis_has_a_result(tmp_path):
     rows = [approached(distance_m_ours=d, undulations_per_cm=u) for d, u in ((0.01, 2.3), (0.05, 2.4))]
     rows += [approached(seen_ours=0, distance_m_ours=None), approached(speed_m_s=0.03, distance_m_ours=0.04)]
-    slow, fast = (
-        list(map(str, row.values()))
-        for row in section_of(aura, write(tmp_path, "aura", rows)).content["sides"]
-    )
+    sides = section_of(aura, write(tmp_path, "aura", rows)).content["sides"]
+    slow, fast = (list(map(str, row.values())) for row in sides)
     assert slow == ["normal", "x", "10", "3", "2.35", "3 of 3", "20", "2 of 3", "30"]
     assert fast[2:4] == ["30", "1"]
+    rows = [approached(axis="y", touches=0, seen_ours=seen, distance_m_ours=0.02) for seen in (1, 0)]
+    found = section_of(aura, write(tmp_path, "aura", rows)).summary
+    assert "seen in 1 of 2 approaches; 20 mm of the way left" in found[1].text
 
 
 # --- C3 ----------------------------------------------------------------------------------------------
@@ -282,11 +256,6 @@ def test_errors_searches_and_stops_are_counted(tmp_path):
     assert section.summary == [Result(Kind.PREDICTED, text, False, goal=True)]
 
 
-def test_unknown_touches_and_grasps_are_not_called_none(tmp_path):
-    section = section_of(centering, write(tmp_path, "centering", [centred(0.001)], bench="hardware"))
-    assert table(section, "grasps") == {("pipe", "ours"): ["10", "–", "unknown", "not requested"]}
-
-
 # --- runs that ended early ---------------------------------------------------------------------------
 
 
@@ -294,9 +263,16 @@ def marks(path):
     return re.findall(r'<li class="(met|missed|neither)">', path.read_text("utf-8"))
 
 
-def test_a_run_that_measured_all_that_was_planned_is_judged(tmp_path):
+def test_a_run_that_measured_all_that_was_planned_is_judged_and_one_failed_trial_judges_nothing(tmp_path):
     page = build_report([write(tmp_path, "centering", [centred(0.001), centred(0.002)] * 15)])
     assert marks(page) == ["met"]
+    sides = [approached(side=side) for side in ("normal", "back")]
+    whole = write(tmp_path, "aura", sides, bench="hardware")
+    failed = write(tmp_path, "aura", [approached(), {"outcome": "aborted", "side": "top"}], bench="hardware")
+    assert "met" in marks(build_report([whole], tmp_path))
+    page = build_report([whole, failed], tmp_path)
+    assert "3 of 4 planned trials were measured" in text_of(page)
+    assert set(marks(page)) == {"neither"}
 
 
 @pytest.mark.parametrize("outcome", ["guard", "fault", "aborted"])
@@ -307,16 +283,6 @@ def test_a_run_that_ended_early_is_not_judged(tmp_path, outcome):
     assert "2 of 340 planned trials were measured: no verdict in these lines." in text
     assert "worst error 2.00 mm in 2 trials, 2.5 mm aimed at" in text
     assert marks(page) == ["neither", "neither"]
-
-
-def test_one_trial_that_failed_among_all_is_enough_to_judge_nothing(tmp_path):
-    sides = [approached(side=side) for side in ("normal", "back")]
-    whole = write(tmp_path, "aura", sides, bench="hardware")
-    failed = write(tmp_path, "aura", [approached(), {"outcome": "aborted", "side": "top"}], bench="hardware")
-    assert "met" in marks(build_report([whole], tmp_path))
-    page = build_report([whole, failed], tmp_path)
-    assert "3 of 4 planned trials were measured" in text_of(page)
-    assert set(marks(page)) == {"neither"}
 
 
 def test_a_trial_that_was_run_again_counts_once(tmp_path):
@@ -331,9 +297,7 @@ def test_a_trial_that_was_run_again_counts_once(tmp_path):
 def test_the_papers_method_beside_its_own_worst_is_no_good_news_and_ours_is_compared_with_it(tmp_path):
     rows = [centred(0.0035, method="paper"), *[centred(0.0002)] * 29]
     theirs, beside, ours = section_of(centering, write(tmp_path, "centering", rows)).summary[::-1]
-    assert theirs.text.startswith(
-        "Pipe, the paper's, 10 mm/s: worst error 3.50 mm in 1 trial, the paper's 8.0 mm"
-    )
+    assert theirs.text.startswith("Pipe, the paper's, 10 mm/s: worst error 3.50 mm in 1 trial, the paper's 8")
     assert theirs.mark == "neither"
     assert "worst error 0.20 mm in 29 trials, 2.5 mm aimed at" in ours.text
     assert "17.5 times smaller than the paper's method's on this bench" in beside.text
@@ -344,18 +308,12 @@ def test_the_papers_method_beside_its_own_worst_is_no_good_news_and_ours_is_comp
     assert one[0].mark == "missed", "one beyond a bound on the worst decides it"
 
 
-def test_several_objects_are_judged_together_and_each_has_its_row(tmp_path):
+def test_several_objects_are_judged_together_and_unknown_touches_and_grasps_are_not_called_none(tmp_path):
     rows = [centred(0.001, object=thing) for thing in ("pipe", "mug") for _ in range(15)]
     found = section_of(centering, write(tmp_path, "centering", rows))
     (result,) = found.summary
-    assert result.text.startswith(
-        "2 objects, ours, 10 mm/s: worst error 1.00 mm in 30 trials, 2.5 mm aimed at"
-    )
+    assert result.text.startswith("2 objects, ours, 10 mm/s: worst error 1.00 mm in 30 trials, 2.5 mm aimed")
     assert result.mark == "met", "of 15 each object alone decides nothing"
     assert [row["object"] for row in found.content["errors"]] == ["mug", "pipe"]
-
-
-def test_an_approach_along_another_axis_has_a_result(tmp_path):
-    rows = [approached(axis="y", touches=0, seen_ours=seen, distance_m_ours=0.02) for seen in (1, 0)]
-    found = section_of(aura, write(tmp_path, "aura", rows)).summary
-    assert "seen in 1 of 2 approaches; 20 mm of the way left" in found[1].text
+    section = section_of(centering, write(tmp_path, "centering", [centred(0.001)], bench="hardware"))
+    assert table(section, "grasps") == {("pipe", "ours"): ["10", "–", "unknown", "not requested"]}

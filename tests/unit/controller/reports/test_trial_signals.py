@@ -25,35 +25,24 @@ def unpacked(curve):
     return low + codes / 65534 * (high - low)
 
 
-def test_a_reduced_curve_keeps_every_peak():
-    values = np.random.default_rng(0).normal(size=100_000)
-    values[[123, 77_777]] = 40.0, -50.0
-    keep = extremes(values, 1500)
-    assert len(keep) <= 1502
-    assert {123, 77_777, 0, 99_999} <= set(keep.tolist())
-    assert np.all(np.diff(keep) > 0)
-
-
 def test_of_each_stretch_the_first_least_and_the_first_largest_value_are_kept():
     rng = np.random.default_rng(1)
     values = np.round(rng.normal(size=1003), 1)
     values[rng.random(1003) < 0.5] = np.nan
     values[200:300] = np.nan
+    values[[123, 777]] = 40.0, -50.0
     edges = np.linspace(0, 1003, 41).astype(int)
     parts = [(start, values[start:end]) for start, end in pairwise(edges)]
-    expected = {0, 1002} | {start for start, part in parts if np.isnan(part).all()}
+    expected = {0, 1002, 123, 777} | {start for start, part in parts if np.isnan(part).all()}
     for pick in (np.nanargmin, np.nanargmax):
         expected |= {start + int(pick(part)) for start, part in parts if not np.isnan(part).all()}
     assert extremes(values, 80).tolist() == sorted(expected)
 
 
-def test_a_packed_curve_comes_back_within_a_dot():
+def test_a_packed_curve_comes_back_within_a_dot_and_breaks_without_a_subscriber():
     values = np.array([1.0, np.nan, 3.0, 2.0])
     back = unpacked(_packed(np.arange(4.0), values, 1500))
     np.testing.assert_allclose(back, values, atol=2.0 / 65534)
-
-
-def test_a_curve_breaks_without_a_subscriber_and_begins_with_one():
     times_s = np.concatenate([[0.0], 90.0 + 0.01 * np.arange(100), 95.0 + 0.01 * np.arange(100)])
     shown_s, shown = _measured(times_s, times_s.copy())
     assert shown_s[0] == 90.0
@@ -89,41 +78,33 @@ def decaying(hz, a_second, size):
     return size * np.exp(-a_second * TIMES_S) * np.cos(2.0 * np.pi * hz * TIMES_S + 0.3)
 
 
-def test_of_two_that_decay_the_one_in_the_band_is_read_to_a_thousandth():
+def test_of_two_that_decay_the_one_in_the_band_is_read_to_a_thousandth_and_none_where_none_rings():
     noise = 1e-4 * np.random.default_rng(1).standard_normal(len(TIMES_S))
     record = 0.37 + decaying(76.2, 15.0, 0.1) + decaying(14.1, 4.0, 0.2) + noise
     assert ringing(record, 1000.0) == pytest.approx(76.2, rel=1e-3)
-
-
-def test_what_does_not_ring_has_no_frequency():
     assert ringing(np.exp(-5.0 * TIMES_S), 1000.0) is None
 
 
-def test_a_phasor_is_the_amplitude_and_phase_of_a_cosine():
+def test_a_phasor_is_the_amplitude_and_phase_of_a_cosine_and_the_model_has_the_papers_frequencies():
     times_s = np.arange(0.0, 1.0, 1e-3)
     found = phasor(times_s, 2.0 + 0.5 * np.cos(2.0 * np.pi * 41.3 * times_s + 0.7), 41.3)
     assert found == pytest.approx(0.5 * complex(math.cos(0.7), math.sin(0.7)), abs=1e-3)
-
-
-def test_the_model_has_the_papers_frequencies():
     for row in table("backus_model"):
         assert model_hz(row["stiffness_n_m"]) == pytest.approx(row["frequency_hz"], abs=0.5)
 
 
 def row_at(location, contact_n_m=4220.0, **more):
-    return {
-        "location": location,
-        "ring_hz": model_hz(contact_n_m, arm_of(location)),
-        "frequency_sd_hz": 0.3,
-        **more,
-    }
+    ring_hz = model_hz(contact_n_m, arm_of(location))
+    return {"location": location, "ring_hz": ring_hz, "frequency_sd_hz": 0.3, **more}
 
 
-def test_a_location_held_out_of_the_models_line_is_found_on_it():
+def test_a_location_held_out_of_the_models_line_is_found_on_it_and_without_lock_nothing_is_located():
     found = list(located([row_at(location) for location in "defgh"], "ring_hz"))
-    assert [each.found_m for each in found] == pytest.approx(
-        [0.0, 6.35e-3, 12.7e-3, 19.05e-3, 25.4e-3], abs=1e-9
-    )
+    expected_m = [0.0, 6.35e-3, 12.7e-3, 19.05e-3, 25.4e-3]
+    assert [each.found_m for each in found] == pytest.approx(expected_m, abs=1e-9)
+    rows = [row_at(location, frequency_hz=40.0 + i) for i, location in enumerate("defgh")]
+    rows[0]["frequency_sd_hz"] = 2.5
+    assert [each.location for each in located(rows, "frequency_hz")] == ["e", "f", "g", "h"]
 
 
 def test_a_stiffer_contact_is_sought_farther_from_the_joint():
@@ -131,12 +112,6 @@ def test_a_stiffer_contact_is_sought_farther_from_the_joint():
     *_, found = located([*(row_at(location) for location in "defgh"), odd], "ring_hz")
     farther_m = arm_of("g") * (math.sqrt(1.25) - 1.0)
     assert found.true_m - found.found_m == pytest.approx(farther_m, rel=1e-6)
-
-
-def test_a_loop_without_lock_locates_nothing():
-    rows = [row_at(location, frequency_hz=40.0 + i) for i, location in enumerate("defgh")]
-    rows[0]["frequency_sd_hz"] = 2.5
-    assert [each.location for each in located(rows, "frequency_hz")] == ["e", "f", "g", "h"]
 
 
 PRINTED = """
@@ -169,13 +144,10 @@ def test_table_1_is_what_the_paper_prints():
             assert (row[column], row[f"{column}.sd"]) == pytest.approx(printed)
 
 
-def test_the_papers_own_rows_keep_the_papers_own_bounds():
+def test_the_papers_own_rows_keep_the_papers_own_bounds_and_extent_is_about_speed_times_time():
     bound = {each["column"]: each["bound"] for each in BOUNDS}
     assert max(row["force_n"] for row in TABLE_1) <= bound["force_n"]
     assert max(row["extent_m"] for row in TABLE_1) <= bound["extent_m"]
     assert sum(row["delay_s"] for row in TABLE_1) / 14 == pytest.approx(bound["delay_s"], abs=0.02)
-
-
-def test_extent_is_about_speed_times_time_in_every_row():
     for row in TABLE_1:
         assert row["extent_m"] == pytest.approx(row["speed_m_s"] * row["delay_s"], rel=0.35)

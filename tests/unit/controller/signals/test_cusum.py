@@ -11,22 +11,10 @@ from controller.signals.whitening import predictor
 def cusum():
     state = np.zeros(16)
     state[CREDIT] = math.log(200.0)
-    return Cusum(
-        knock=0.2,
-        jump=0.001,
-        ratio=30.0,
-        cap=math.log(200.0),
-        refill=0.6,
-        patience=100,
-        follow=0.02,
-        most_followed=math.log(2.25),
-        tail_share=0.02,
-        tail_normal=1.6887,
-        strike=100,
-        sample_s=1e-3,
-        state=state,
-        totals=np.zeros(33),
-    )
+    weights = {"knock": 0.2, "jump": 0.001, "ratio": 30.0, "cap": math.log(200.0), "refill": 0.6}
+    follows = {"patience": 100, "follow": 0.02, "most_followed": math.log(2.25), "sample_s": 1e-3}
+    tail = {"tail_share": 0.02, "tail_normal": 1.6887, "strike": 100}
+    return Cusum(**weights, **follows, **tail, state=state, totals=np.zeros(33))
 
 
 ODDS = cusum()
@@ -61,11 +49,6 @@ def test_log_odds_are_those_of_the_two_mixtures(z):
     assert log_odds(ODDS, z * z) == pytest.approx(math.log(slipping / holding), rel=1e-9)
 
 
-def test_no_innovation_is_worth_more_than_the_cap():
-    assert log_odds(ODDS, 1e300) == pytest.approx(ODDS.cap, rel=1e-6)
-    assert log_odds(ODDS, math.inf) <= ODDS.cap
-
-
 def test_one_blow_counts_once_and_four_count_four_times():
     x = np.random.default_rng(1).standard_normal(3000)
     blow = np.array([40.0, 80.0, 40.0])
@@ -77,13 +60,15 @@ def test_one_blow_counts_once_and_four_count_four_times():
     assert trace(four)[2000:2060].max() > 3.0 * ODDS.cap
 
 
-def test_the_sum_never_leaves_zero_downwards_nor_the_ceiling_upwards():
+def test_the_sum_leaves_neither_zero_nor_the_ceiling_and_no_innovation_is_worth_more_than_the_cap():
     rng = np.random.default_rng(2)
     x = rng.standard_normal(4000)
     x[2000:3000] += 30.0 * rng.standard_normal(1000)
     found = trace(x, ceiling=12.0)
     assert found.min() == 0.0
     assert found.max() == 12.0
+    assert log_odds(ODDS, 1e300) == pytest.approx(ODDS.cap, rel=1e-6)
+    assert log_odds(ODDS, math.inf) <= ODDS.cap
 
 
 def test_missing_samples_are_counted_until_the_next_good_one():
@@ -121,27 +106,21 @@ def test_louder_is_the_likelihood_ratio_of_the_best_window():
     assert louder(totals, 4) == pytest.approx(best)
 
 
-def test_quiet_that_was_learned_beside_servos_is_forgotten_soon_where_there_is_less():
-    # followed by half a nat a second alone, the levels would be four nats too high still
-    bands, rng = octaves(1000.0), np.random.default_rng(3)
-    for number, x in enumerate(rng.normal(0.0, 10.0, 1000)):
+def relearned(learned_size, then_size, n, seed):
+    """By how much the quiet levels, learned at one size of noise, have fallen after n samples at another, nat."""
+    bands, rng = octaves(1000.0), np.random.default_rng(seed)
+    for number, x in enumerate(rng.normal(0.0, learned_size, 1000)):
         filter_octaves(bands, x, math.inf)
         learn_octaves(bands, 1e-9, number + 1)
     learned = bands.states[:, LEVEL].copy()
-    for x in rng.normal(0.0, 1.0, 1500):
+    for x in rng.normal(0.0, then_size, n):
         filter_octaves(bands, x, math.inf)
         judge_octaves(bands, 1e-9, 0.0)
+    return learned - bands.states[:, LEVEL]
+
+
+def test_quiet_that_was_learned_beside_servos_is_forgotten_soon_where_there_is_less_and_else_kept():
+    # followed by half a nat a second alone, the levels would be four nats too high still;
     # a tenth of the amplitude is 4.6 nats less
-    assert learned - bands.states[:, LEVEL] == pytest.approx(4.6, abs=1.2)
-
-
-def test_noise_that_stays_as_it_is_keeps_its_quiet_level():
-    bands, rng = octaves(1000.0), np.random.default_rng(4)
-    for number, x in enumerate(rng.normal(0.0, 1.0, 1000)):
-        filter_octaves(bands, x, math.inf)
-        learn_octaves(bands, 1e-9, number + 1)
-    learned = bands.states[:, LEVEL].copy()
-    for x in rng.normal(0.0, 1.0, 10_000):
-        filter_octaves(bands, x, math.inf)
-        judge_octaves(bands, 1e-9, 0.0)
-    assert bands.states[:, LEVEL] == pytest.approx(learned, abs=0.8)
+    assert relearned(10.0, 1.0, 1500, seed=3) == pytest.approx(4.6, abs=1.2)
+    assert relearned(1.0, 1.0, 10_000, seed=4) == pytest.approx(0.0, abs=0.8)

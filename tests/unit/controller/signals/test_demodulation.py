@@ -39,17 +39,13 @@ def decibels(x):
 def test_the_phase_is_that_of_exact_fractions_however_late(drive_hz, frame):
     oscillator = Oscillator(drive_hz, RATE_HZ)
     steps = oscillator.steps(np.arange(frame, frame + 5, dtype=np.int64))
-    assert [Fraction(int(step), oscillator.whole) for step in steps] == [
-        whole_cycles(drive_hz, frame + k) for k in range(5)
-    ]
+    expected = [whole_cycles(drive_hz, frame + k) for k in range(5)]
+    assert [Fraction(int(step), oscillator.whole) for step in steps] == expected
 
 
-def test_a_tone_beyond_half_the_rate_is_refused():
+def test_a_tone_beyond_half_the_rate_and_sums_over_more_frames_than_whole_numbers_hold_are_refused():
     with pytest.raises(ValueError, match="48000 Hz are not between 0 and half"):
         Oscillator(48_000.0, RATE_HZ)
-
-
-def test_sums_over_more_frames_than_their_whole_numbers_hold_are_refused():
     with pytest.raises(ValueError, match=r"257 frames an output leave no room; 256 at the most"):
         Cic(0, Oscillator(40_000.0, RATE_HZ), 257)
     # at the most an oscillator of 2^16 is left
@@ -100,12 +96,8 @@ def test_the_fused_filter_is_its_low_pass_in_long_arithmetic_to_150_db(drive_hz)
     counts, frame = noise(2000), 10**9 + 5
     out = made("fused", drive_hz).push(counts, frame)
     taps = cosine_taps(DECIMATION).astype(np.longdouble)
-    frames = range(frame, frame + len(counts))
-    angle = (
-        2
-        * np.array([whole_cycles(drive_hz, n).__float__() for n in frames], np.longdouble)
-        * np.longdouble(math.pi)
-    )
+    turns = [float(whole_cycles(drive_hz, n)) for n in range(frame, frame + len(counts))]
+    angle = 2 * np.array(turns, np.longdouble) * np.longdouble(math.pi)
     mixed = counts[:, 0] * np.exp(-1j * angle)
     for m, (i, q) in enumerate(out.values):
         last = (out.first + m + 1) * DECIMATION - 1 - frame
@@ -140,8 +132,7 @@ def _whole_wave(chain, drive_hz, frames):
             [round(-amplitude * math.sin(2 * math.pi * c)) for c in cycles],
         )
     coarse, fine = ([[int(v) for v in row] for row in table] for table in (chain._coarse, chain._fine))
-    length = len(fine[0])
-    whole = round(RATE_HZ) * 1000
+    length, whole = len(fine[0]), round(RATE_HZ) * 1000
     pairs = [divmod(round(drive_hz * 1000) * n % whole, length) for n in frames]
     half = 1 << 29
     return (
@@ -178,16 +169,13 @@ def response(taps, hz):
     return np.cos(2 * np.pi * np.outer(np.asarray(hz) / RATE_HZ, k)) @ taps
 
 
-def test_the_fused_filter_is_flat_where_undulations_are_and_stops_what_folds_on_them():
+def test_the_filters_are_flat_where_undulations_are_stop_what_folds_on_them_and_droop_as_documented():
     taps = cosine_taps(DECIMATION)
     assert decibels(response(taps, np.linspace(0, 100, 501)) - 1.0) < -83.0  # 0.0006 dB
     near = [1000.0 * m + np.linspace(-100, 100, 201) for m in range(1, 48)]
     assert decibels(response(taps, near[0])) < -80.0
     assert decibels(response(taps, np.concatenate(near[2:]))) < -93.0
     assert decibels(response(taps, np.linspace(10_000, 48_000, 38_001))) < -129.5
-
-
-def test_the_cic_droops_as_documented():
     taps = cic_taps(DECIMATION) / DECIMATION**3
     droop = 20 * np.log10(response(taps, [23.0, 100.0]))
     assert droop == pytest.approx([-0.02, -0.43], abs=0.006)

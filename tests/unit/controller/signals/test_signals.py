@@ -23,11 +23,8 @@ class Doubled:
 
     def push(self, block):
         made = SampleBlock(self.info.name, block.seq, block.t0_s, 2.0 * block.physical, rate_hz=block.rate_hz)
-        beyond = made.values[np.abs(made.values) > 10.0]
-        statuses = (
-            [Saturated(block.last_s, "signals", self.info.name, float(beyond[0]))] if beyond.size else []
-        )
-        return [made, *statuses]
+        beyond = made.values[np.abs(made.values) > 10.0][:1]
+        return [made, *(Saturated(block.last_s, "signals", self.info.name, float(x)) for x in beyond)]
 
     def reset(self):
         self.resets += 1
@@ -37,10 +34,13 @@ def block(*values, stream="board.bridge"):
     return SampleBlock(stream, 0, 0.0, np.array(values, dtype=float)[:, None], rate_hz=1000.0)
 
 
-def test_a_signal_without_a_subscriber_computes_nothing():
+def test_a_signal_without_a_subscriber_computes_nothing_and_beyond_its_range_is_reported():
     signals = Signals([Doubled("a", "board.bridge")])
     assert signals.subscribe(frozenset({"board.bridge"})) == {"board.bridge"}
     assert signals.push([block(1.0)]) == ([], [])
+    signals.subscribe(frozenset({"signals.a"}))
+    _, saturated = signals.push([block(1.0, 6.0)])
+    assert [(status.stream, status.value) for status in saturated] == [("signals.a", 12.0)]
 
 
 def test_a_subscribed_signal_needs_its_sources():
@@ -48,10 +48,8 @@ def test_a_subscribed_signal_needs_its_sources():
     assert signals.streams == {"signals.a", "signals.b"}
     assert signals.subscribe(frozenset({"signals.b", "stage.position"})) == {"board.bridge", "stage.position"}
     made, _ = signals.push([block(1.0, 2.0)])
-    assert [(one.stream, one.values[:, 0].tolist()) for one in made] == [
-        ("signals.a", [2.0, 4.0]),
-        ("signals.b", [4.0, 8.0]),
-    ]
+    found = [(one.stream, one.values[:, 0].tolist()) for one in made]
+    assert found == [("signals.a", [2.0, 4.0]), ("signals.b", [4.0, 8.0])]
 
 
 def test_a_signal_is_reset_when_activated_and_not_while_active():
@@ -64,13 +62,6 @@ def test_a_signal_is_reset_when_activated_and_not_while_active():
     signals.subscribe(frozenset())
     signals.subscribe(streams)
     assert signal.resets == 2
-
-
-def test_a_signal_beyond_its_range_is_reported():
-    signals = Signals([Doubled("a", "board.bridge")])
-    signals.subscribe(frozenset({"signals.a"}))
-    _, saturated = signals.push([block(1.0, 6.0)])
-    assert [(status.stream, status.value) for status in saturated] == [("signals.a", 12.0)]
 
 
 def scores(y, size, missing=None, pieces=1):
@@ -97,30 +88,24 @@ def test_it_is_the_plain_formula_however_the_samples_come(pieces):
     assert scores(y, 40, pieces=pieces) == pytest.approx(plain(y, 40), rel=1e-6, nan_ok=True)
 
 
-def test_a_large_offset_and_a_glitch_leave_no_error_behind():
-    y = 50.0 + 1e-5 * np.random.default_rng(2).standard_normal(5000)
-    y[1000] = -99.0
-    assert scores(y, 100)[2000:] == pytest.approx(plain(y, 100)[2000:], rel=1e-4)
-
-
 @pytest.mark.parametrize("size", [3, 10, 100])
-def test_no_sample_can_be_farther_than_its_window_allows(size):
+def test_no_sample_can_be_farther_than_its_window_allows_and_a_constant_one_gives_no_score(size):
     y = np.zeros(size)
     y[-1] = 1.0
     assert abs(scores(y, size)[-1]) == pytest.approx((size - 1) / math.sqrt(size), rel=1e-6)
+    assert np.isnan(scores(np.full(300, 0.1), size)).all()
 
 
-def test_a_constant_window_gives_no_score():
-    assert np.isnan(scores(np.full(300, 0.1), 50)).all()
-
-
-def test_a_gap_begins_the_window_anew_and_a_value_that_is_not_finite_is_left_out():
+def test_a_gap_begins_the_window_anew_and_what_is_not_finite_or_far_off_leaves_no_error_behind():
     y = np.random.default_rng(3).standard_normal(100)
     y[20] = np.nan
     missing = np.zeros(100, np.int64)
     missing[60] = 5
     found = scores(y, 10, missing)
     assert np.flatnonzero(np.isnan(found)).tolist() == [*range(9), 20, *range(60, 69)]
+    y = 50.0 + 1e-5 * np.random.default_rng(2).standard_normal(5000)
+    y[1000] = -99.0
+    assert scores(y, 100)[2000:] == pytest.approx(plain(y, 100)[2000:], rel=1e-4)
 
 
 def defined_peak(block, rate_hz):
@@ -156,11 +141,13 @@ def test_blocks_do_not_depend_on_how_samples_arrive(sizes):
     assert np.array_equal(np.concatenate(blocks), values[:192].reshape(3, 64, 2))
 
 
-def test_after_a_reset_the_next_sample_begins_a_block():
+def test_after_a_reset_the_next_sample_begins_a_block_of_two_samples_at_least():
     cutter = BlockCutter(4)
     cutter.push(np.ones((3, 1)))
     cutter.reset()
     assert cutter.push(np.ones((4, 1)))[0].tolist() == [3]
+    with pytest.raises(ValueError, match="longer"):
+        BlockCutter(1)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -171,20 +158,14 @@ def test_a_value_that_is_not_finite_spoils_its_own_block_only(bad):
     assert np.isnan(power).tolist() == np.isnan(frequency_hz).tolist() == [False, True, False]
 
 
-def test_a_block_of_one_sample_is_refused():
-    with pytest.raises(ValueError, match="longer"):
-        BlockCutter(1)
-
-
 GAINS = np.array([0.0694, 0.0326, 1.0291])
 COUNT_V = 20.0 / 2**16
 
 
 def bridges(forces_n, seq=0, rate_hz=1000.0):
     counts = np.rint(np.asarray(forces_n) * GAINS / COUNT_V).astype(np.int32)
-    return SampleBlock(
-        "board.fingertip", seq, seq / rate_hz, counts, rate_hz=rate_hz, unit="V", scale=COUNT_V, arrival_s=9.0
-    )
+    about = {"rate_hz": rate_hz, "unit": "V", "scale": COUNT_V, "arrival_s": 9.0}
+    return SampleBlock("board.fingertip", seq, seq / rate_hz, counts, **about)
 
 
 def strain(**settings):
@@ -201,9 +182,12 @@ def test_forces_normal_force_and_angle_come_out_of_the_bridges():
     assert (made.seq, made.t0_s, made.rate_hz, made.arrival_s) == (0, 0.0, 1000.0, 9.0)
 
 
-def test_offsets_are_subtracted():
+def test_offsets_are_subtracted_and_a_stream_with_other_channels_is_refused_in_one_line():
     (made,) = strain(offset_v=(0.0694, 0.0, 0.0)).push(bridges([[2.0, 1.0, 0.0]]))
     assert made.values[0, 0] == pytest.approx(1.0, abs=0.006)
+    wrong = SampleBlock("board.flexible", 0, 0.0, np.zeros((4, 1)), rate_hz=1000.0)
+    with pytest.raises(ValueError, match=r"board\.flexible: 1 channels .* three bridges"):
+        strain().push(wrong)
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 50])
@@ -213,34 +197,19 @@ def test_an_overload_of_any_bridge_is_reported_once_however_the_samples_are_cut(
     forces_n[10:30, bridge] = -1.05 * limit_n
     forces_n[40:, bridge] = 1.05 * limit_n
     signal = strain()
-    overloads = [
-        thing
-        for start in range(0, 50, size)
-        for thing in signal.push(bridges(forces_n[start : start + size], seq=start))
-        if isinstance(thing, Saturated)
-    ]
-    assert [(one.t_s, one.stream) for one in overloads] == [
-        (pytest.approx(0.012), "signals.tip"),
-        (pytest.approx(0.042), "signals.tip"),
-    ]
+    blocks = [bridges(forces_n[start : start + size], seq=start) for start in range(0, 50, size)]
+    made = [thing for block in blocks for thing in signal.push(block)]
+    overloads = [thing for thing in made if isinstance(thing, Saturated)]
+    assert {one.stream for one in overloads} == {"signals.tip"}
+    assert [one.t_s for one in overloads] == pytest.approx([0.012, 0.042])
     assert [one.value for one in overloads] == pytest.approx([-1.05 * limit_n, 1.05 * limit_n], rel=0.01)
 
 
-def test_a_spike_and_the_range_that_was_tested_are_no_overload():
+def test_a_spike_the_range_that_was_tested_and_a_count_that_a_gap_restarts_are_no_overload():
     forces_n = np.zeros((20, 3))
     forces_n[5:7] = 50.0
     forces_n[10:] = [7.0, 7.0, 1.0]
     assert len(strain().push(bridges(forces_n))) == 1
-
-
-def test_a_gap_restarts_the_count():
     signal = strain()
-    over = bridges([[11.0, 0.0, 0.0]] * 2)
-    after = bridges([[11.0, 0.0, 0.0]] * 2, seq=100)
-    assert len(signal.push(over)) == len(signal.push(after)) == 1
-
-
-def test_a_stream_with_other_channels_is_refused_in_one_line():
-    wrong = SampleBlock("board.flexible", 0, 0.0, np.zeros((4, 1)), rate_hz=1000.0)
-    with pytest.raises(ValueError, match=r"board\.flexible: 1 channels .* three bridges"):
-        strain().push(wrong)
+    for seq in (0, 100):
+        assert len(signal.push(bridges([[11.0, 0.0, 0.0]] * 2, seq=seq))) == 1

@@ -29,27 +29,21 @@ def test_constants_of_the_cut_distributions_are_those_of_their_definitions():
     assert truncnorm(-edge, edge).var() == pytest.approx(whitening.KEPT_MEAN_SQUARE, rel=1e-6)
 
 
-def test_the_first_level_is_the_variance_of_the_noise_and_bumps_hardly_move_it():
+def test_the_first_level_is_the_variance_of_the_noise_or_of_a_coarse_step_and_bumps_hardly_move_it():
     rng = np.random.default_rng(2)
     x = 0.003 * rng.standard_normal(20_000)
     assert first_level(np.abs(np.diff(x, 2))) == pytest.approx(9e-6, rel=0.05)
     x[::200] += 5.0
     assert first_level(np.abs(np.diff(x, 2))) == pytest.approx(9e-6, rel=0.15)
-
-
-def test_of_a_coarse_converter_the_first_level_is_that_of_its_step():
     magnitudes = np.zeros(100)
     magnitudes[7] = 0.05
     assert first_level(magnitudes) == pytest.approx(0.05**2 / 12)
 
 
-def test_without_any_motion_there_is_no_level_and_learning_begins_anew():
+def test_without_any_motion_there_is_no_level_and_in_noise_it_is_the_noises_with_a_ratio_of_one():
     found, state = ratios(np.full(3000, 2.5))
     assert np.isnan(found).all()
     assert state.counts[whitening.COUNT] < LEARN
-
-
-def test_in_noise_the_ratio_has_mean_one_and_the_level_is_the_noises():
     x = 0.02 * np.random.default_rng(4).standard_normal(30_000)
     found, state = ratios(x)
     settled = found[10_000:]

@@ -109,14 +109,8 @@ def test_a_late_client_gets_the_last_minute(run):
         sleep(0.01)
     with watcher(run) as peer, peer.makefile() as lines:
         first = json.loads(lines.readline())
-    assert first["rows"] == [
-        [
-            2,
-            "contact",
-            {"location": "f", "speed, mm/s": "3.785", "delay, s": "0.212", "force, N": "0.04"},
-            True,
-        ]
-    ]
+    cells = {"location": "f", "speed, mm/s": "3.785", "delay, s": "0.212", "force, N": "0.04"}
+    assert first["rows"] == [[2, "contact", cells, True]]
     signal = first["signals"]["board.load_cell"]
     assert signal["t"][0] <= 1.02
     assert signal["t"][-1] >= 1.9
@@ -185,15 +179,6 @@ def test_a_detector_that_cannot_be_shown_ends_neither_the_run_nor_the_watching(r
     assert run.received() == []
 
 
-def test_no_more_watch_than_there_is_room_for(run):
-    inside = [watcher(run) for _ in range(CLIENTS)]
-    assert all(peer.recv(1) for peer in inside)
-    with watcher(run) as outside:
-        assert outside.recv(1) == b""
-    for peer in inside:
-        peer.close()
-
-
 def test_a_client_that_only_looks_whether_a_run_is_there_gets_nothing(run, monkeypatch):
     published = []
     monkeypatch.setattr(Watched, "news", lambda self, client: published.append(client) or b"{}\n")
@@ -222,6 +207,15 @@ def test_the_end_leaves_no_socket_open_whoever_is_there(run, monkeypatch):
     assert [str(one.message) for one in left_open if SOCKET in str(one.message)] == []
 
 
+def test_no_more_watch_than_there_is_room_for(run):
+    inside = [watcher(run) for _ in range(CLIENTS)]
+    assert all(peer.recv(1) for peer in inside)
+    with watcher(run) as outside:
+        assert outside.recv(1) == b""
+    for peer in inside:
+        peer.close()
+
+
 def test_a_run_that_has_ended_is_not_alive(run):
     assert alive(run.folder)
     run.end()
@@ -240,9 +234,8 @@ def stream():
 
 
 def test_a_viewer_receives_what_is_recorded_and_can_call_nothing(stream, tmp_path):
-    writer = StreamWriter(
-        tmp_path / "recording.mcap", datetime(2026, 1, 1, tzinfo=UTC), {INFO.name: INFO}, stream
-    )
+    began, path = datetime(2026, 1, 1, tzinfo=UTC), tmp_path / "recording.mcap"
+    writer = StreamWriter(path, began, {INFO.name: INFO}, stream)
     writer.begin_trial(1, {}, 0.0)
 
     def record(seq):
@@ -286,30 +279,24 @@ def test_a_viewer_receives_what_is_recorded_and_can_call_nothing(stream, tmp_pat
     assert message.force_n in (0.25, 0.5)
 
 
-def test_a_layout_is_made_of_what_the_sdk_knows_of_its_panels():
+def test_a_layout_is_made_of_what_the_sdk_knows_of_its_panels_in_the_reports_colours():
     topics = {"/detector/contact": ["statistic", "threshold"], "/board/frequency": ["frequency_hz"]}
     panels = layouts.foxglove(topics)["configById"]
-    known = {
-        "Plot": known_of(sdk.PlotConfig(paths=[sdk.PlotSeries(value="")])),
-        "StateTransitions": known_of(
-            sdk.StateTransitionsConfig(paths=[sdk.StateTransitionsSeries(value="")])
-        ),
-        "RosOut": known_of(sdk.LogConfig()),  # as Foxglove calls its log panel
-    }
+    states = sdk.StateTransitionsConfig(paths=[sdk.StateTransitionsSeries(value="")])
+    plot, log = sdk.PlotConfig(paths=[sdk.PlotSeries(value="")]), sdk.LogConfig()
+    # the last is as Foxglove calls its log panel
+    known = {"Plot": known_of(plot), "StateTransitions": known_of(states), "RosOut": known_of(log)}
     for name, config in panels.items():
         keys, of_paths = known[name.partition("!")[0]]
         assert config.keys() - {"foxglovePanelTitle"} <= keys, name
         assert all(path.keys() <= of_paths for path in config.get("paths", ())), name
+    assert layouts.COLOURS == (figures.OURS, figures.FALSE, figures.PAPER, figures.RIVAL)
+    light = (Path(figures.__file__).with_name("templates") / "style.css").read_text("utf-8")
+    for name in ("OURS", "PAPER", "TRUTH", "RIVAL", "FAINT"):
+        assert getattr(figures, name) in light
 
 
 def known_of(config):
     """Keys of a panel's configuration and of its paths."""
     shown = config._to_dict()
     return shown.keys(), {key for path in shown.get("paths", ()) for key in path._to_dict()}
-
-
-def test_curves_have_the_reports_colours():
-    assert layouts.COLOURS == (figures.OURS, figures.FALSE, figures.PAPER, figures.RIVAL)
-    light = (Path(figures.__file__).with_name("templates") / "style.css").read_text("utf-8")
-    for name in ("OURS", "PAPER", "TRUTH", "RIVAL", "FAINT"):
-        assert getattr(figures, name) in light
