@@ -199,13 +199,17 @@ def test_it_is_the_same_on_simulated_benches(name, overrides, devices):
     assert opened(name, overrides) == devices
 
 
-def test_where_nothing_moves_the_guard_watches_nothing_that_is_not_opened():
+def test_where_nothing_moves_no_limit_is_watched_and_one_that_was_not_given_is_not_shown():
     profile = load_profile("mock/chirp")
     (trial, *_) = assemble.plan_campaign(profile, profile.trials(0), 0).trials
     assert trial.guard.inputs == frozenset()
     profile = load_profile("mock/pretouch")
     (trial, *_) = assemble.plan_campaign(profile, profile.trials(0), 0).trials
     assert trial.guard.inputs == {"arm.force", "arm.position"}
+    given = {"limits.force_n": "1.5", "limits.travel_m": "0.009"}
+    assert list(shown_limits(assemble.limits_of(load_profile("hardware/transient")))) == []
+    shown = shown_limits(assemble.limits_of(load_profile("hardware/transient", given)))
+    assert [(what, limit) for what, _, _, limit, _ in shown] == [("force", 1.5), ("travel", 0.009)]
 
 
 def test_what_is_taken_off_is_missed_only_by_trials_that_use_it():
@@ -265,13 +269,6 @@ def test_an_experiment_that_names_no_device_may_command_any(tmp_path):
     (tmp_path / "idle.py").write_text(OWN)
     (tmp_path / "idle.toml").write_text('extends = "mock/bench_resonance"\nexperiment = "idle:Idle"\n')
     assert opened(tmp_path / "idle.toml") == {"stage", "board"}
-
-
-def test_a_limit_that_the_lab_has_not_given_is_not_shown_beside_what_is_read():
-    given = {"limits.force_n": "1.5", "limits.travel_m": "0.009"}
-    assert list(shown_limits(assemble.limits_of(load_profile("hardware/transient")))) == []
-    shown = shown_limits(assemble.limits_of(load_profile("hardware/transient", given)))
-    assert [(what, limit) for what, _, _, limit, _ in shown] == [("force", 1.5), ("travel", 0.009)]
 
 
 @pytest.mark.parametrize("name", ["mock/transient", "mock/slip", "mock/pretouch", "mock/weights"])

@@ -1,10 +1,14 @@
 """The profiles that come with the program."""
 
+import re
+
 import pytest
 
+from config.profile import load_resolved
 from config.sections import referred
-from config.source import ProfileError, profile_names, read_source
-from tests.refusals import check_refusal
+from config.source import PROFILES, ProfileError, profile_names, read_source
+from controller.reports.papers import table
+from tests.refusals import check_refusal, refused
 from tests.unit.config.conftest import loaded, on_the_mock_bench
 
 EXPERIMENTS = [name for name in profile_names() if "bench" not in name and not name.startswith("papers/")]
@@ -159,3 +163,148 @@ def test_two_devices_at_one_serial_port_are_named_before_either_is_opened():
 def test_columns_by_name_are_one_mistake():
     (line,) = with_a_cell("/dev/nowhere/3", '{ columns = ["Kraft"], unit = "N" }')
     check_refusal(line, "[devices.cell.streams.force] columns #1", '"Kraft"', "integer")
+
+
+# --- the fingertip and the sonic fingers
+
+
+@pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
+def test_the_weights_go_to_the_papers_largest_load_through_the_middle(bench):
+    behavior = loaded(f"{bench}/weights").behavior
+    for paper in table("fernandez_bridges"):
+        weights_n = behavior.weights_n(paper["bridge"])
+        assert weights_n[-1] == paper["top_n"]
+        assert paper["top_n"] / 2.0 in weights_n
+
+
+@pytest.mark.parametrize("bench", ["mock", "emulated", "hardware"])
+def test_the_pointer_covers_the_range_of_figure_11_in_both_directions_and_its_fingertip_is_watched(bench):
+    profile = loaded(f"{bench}/pointer")
+    turns = list(profile.behavior.turns_rad)
+    assert (profile.behavior.angles_rad[0], profile.behavior.angles_rad[-1]) == (-1.5, 1.5)
+    assert turns == turns[::-1]
+    assert set(profile.devices) == {"arm", "board"}
+    assert profile.limits.range_streams == ("signals.tip",)
+    assert profile.limits.reach_rad >= 1.5 - -1.5
+
+
+def test_the_pointer_touches_with_several_forces_below_the_sensors_limit():
+    forces = [trial.factors["detectors.touch.threshold"] for trial in loaded("mock/pointer").trials(0)]
+    assert len(set(forces)) >= 3
+    assert max(forces) < 10.0
+
+
+@pytest.mark.parametrize("listener", ["signals.left", "detectors.right_ours"])
+def test_a_listener_for_another_frequency_than_the_drives_is_refused(listener):
+    with pytest.raises(ProfileError) as refusal:
+        loaded("mock/centering", {f"{listener}.drive_hz": "41000.0"})
+    assert f"[{listener}] drive_hz = 41000.0: [behavior] has drive_hz = 40000.0" in str(refusal.value)
+
+
+def test_a_drive_that_the_chain_cannot_do_is_refused_with_the_profile():
+    with refused(ProfileError, '[signals.left] output_hz = 100: variant = "cic" needs 375'):
+        loaded("mock/centering", {"signals.left.variant": "cic", "signals.left.output_hz": "100.0"})
+
+
+def test_who_tracks_the_clocks_needs_a_rest_in_which_detectors_can_learn():
+    tracked = {"signals.left.clocks": "tracked"}
+    with pytest.raises(ProfileError) as refusal:
+        loaded("mock/centering", tracked)
+    (line,) = str(refusal.value).splitlines()
+    assert line.endswith(
+        "[behavior] baseline_s = 1.0: [signals.left] tracks for 1.01 s before it gives anything, and"
+        " [detectors.left_contact] learns for 0.3 s; make it 1.31 or longer"
+    )
+    assert loaded("mock/centering", tracked | {"behavior.baseline_s": "1.31"}).behavior.baseline_s == 1.31
+
+
+def test_a_bench_that_is_driven_at_another_frequency_throughout_is_taken():
+    wanted = {"behavior.drive_hz": "41000.0"}
+    listeners = [f"detectors.{side}_{what}" for side in ("left", "right") for what in ("ours", "contact")]
+    listeners += ["signals.left", "signals.right"]
+    profile = loaded("mock/centering", wanted | {f"{listener}.drive_hz": "41000.0" for listener in listeners})
+    assert profile.behavior.drive_hz == 41_000.0
+
+
+@pytest.mark.parametrize("experiment", ["pretouch", "touch"])
+def test_a_real_bench_is_run_a_side_at_a_time_as_the_gripper_is_not_turned_between_trials(experiment):
+    sides = {trial.factors["side"] for trial in loaded(f"hardware/{experiment}").trials(0)}
+    assert sides == {"normal"}
+    assert len({trial.factors["side"] for trial in loaded(f"mock/{experiment}").trials(0)}) == 5
+
+
+# --- slip: what it asks for is what the paper prints, and the three benches ask for the same
+
+PRINTED_SLIP_S = {
+    "fingertip": [3.6],  # 6.20 to 9.8 s
+    "flexible_finger": [1.41, 1.05],  # 3.24 to 4.65 s, and back from 5.01 to 6.06 s
+    "barrett_finger": [0.75],  # 5.50 to 6.25 s
+    "wrist": [2.02],  # 1.53 to 3.55 s
+    "dsa": [3.0],  # 4 to 7 s
+}
+"""Fernandez et al., 4.3 and 5.1 to 5.4."""
+
+
+@pytest.mark.parametrize("sensor", PRINTED_SLIP_S)
+def test_each_sensor_slips_for_as_long_as_the_papers_did(sensor):
+    steps = loaded("mock/slip").behavior.sensors[sensor].steps
+    assert [step.duration_s for step in steps if step.do == "slip"] == PRINTED_SLIP_S[sensor]
+
+
+def test_each_sensor_rolls_and_slips_in_the_papers_order_with_the_papers_blocks_and_thresholds():
+    sensors = loaded("mock/slip").behavior.sensors
+    assert [step.do for step in sensors["wrist"].steps] == ["hold", "slip", "hold", "roll", "hold"]
+    assert [step.do for step in sensors["fingertip"].steps] == ["hold", "roll", "load", "slip", "hold"]
+    detectors = loaded("mock/slip").detectors
+    assert detectors["fingertip_paper"].settings.threshold == 10.0
+    assert detectors["flexible_paper"].settings.threshold == 0.25
+    assert detectors["dsa_paper"].settings.block_s == 0.16
+    assert {entry.kind for name, entry in detectors.items() if name.endswith("_paper")} == {"slip.paper"}
+
+
+def test_the_line_that_the_real_benchs_profile_gives_runs_another_sensor():
+    text = (PROFILES / "hardware" / "slip.toml").read_text()
+    ((key, value),) = re.findall(r'--set "(trials\.list)=(.*)"', text)
+    assert {trial.factors["sensor"] for trial in loaded("hardware/slip", {key: value}).trials(0)} == {"wrist"}
+
+
+def test_with_bumps_nothing_else_changes():
+    calm, bumpy = read_source("mock/slip").data, read_source("mock/slip_bumps").data
+    assert {**bumpy, "plant": calm["plant"], "title": calm["title"]} == calm
+    assert bumpy["plant"]["bumps_hz"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("behavior.sensors.fingertip.ours", "fingertip_our", "no detector 'fingertip_our'; did you mean"),
+        ("behavior.sensors.dsa.stream", "matric.taxels", "no device 'matric'; did you mean 'matrix'"),
+        ("behavior.sensors.fingertip.forces_stream", "signals.tap", "no signal 'tap'; did you mean 'tip'"),
+    ],
+)
+def test_a_name_that_is_not_there_is_reported_with_its_place(key, value, message):
+    with refused(ProfileError, message, key.rpartition(".")[0]):
+        loaded("mock/slip", {key: value})
+
+
+LIFT = {"limits.movers.arm.travel_m": "0.1", "limits.movers.arm.speed_m_s": "0.03"}
+
+
+def test_limits_of_another_mover_are_in_the_resolved_profile_and_load_again():
+    profile = loaded("mock/slip", LIFT)
+    assert profile.limits.movers["arm"].speed_m_s == 0.03
+    assert "position_stream" not in profile.resolved["limits"]["movers"]["arm"]
+    again = load_resolved("again", profile.resolved)
+    assert again.limits == profile.limits
+    assert again.hash == profile.hash
+
+
+def test_a_home_is_held_to_the_limits_of_its_own_mover_in_each_trial_and_that_must_be_there():
+    with pytest.raises(ProfileError, match=r"home_speed_m_s = 0.031: faster than"):
+        loaded("mock/slip", {**LIFT, "devices.arm.home_speed_m_s": "0.031"})
+    loaded("mock/slip", {**LIFT, "devices.arm.home_speed_m_s": "0.029"})
+    rows = '[{ sensor = "wrist" }, { sensor = "wrist", limits.speed_m_s = 0.01 }]'
+    with pytest.raises(ProfileError, match=r"home_speed_m_s = 0.02: faster than .* = 0.01"):
+        loaded("mock/slip", {"trials.list": rows})
+    with pytest.raises(ProfileError, match=r"\[limits\] movers = .lift.: no device 'lift'; known: "):
+        loaded("mock/slip", {"limits.movers.lift.travel_m": "0.1"})

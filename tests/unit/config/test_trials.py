@@ -108,13 +108,17 @@ def lines_of(name, **sets):
     return list(planned(profile, plan.left, plan_campaign(profile, distinct(plan.left), 0), 1))
 
 
-def test_what_was_never_measured_is_reported_as_such():
+def test_what_was_never_measured_is_reported_as_such_and_wall_time_is_planned_in_wall_time():
     one, two = (cost("mock/transient", "transient", trials) for trials in (1, 2))
     assert two.bench_s == 2 * one.bench_s
     assert cost("mine.toml", "transient", 1) == one
     assert duration("mine.toml", "mine:Own", "mock", 3) == "not measured"
     assert duration("mine.toml", "transient", "mock", 3).endswith(", as shipped with its devices")
     assert "shipped" not in duration("hardware/transient", "transient", "hardware", 3)
+    estimate = duration("hardware/transient", "transient", "hardware", 42)
+    assert estimate.startswith("about 1.1 h")
+    assert "computed" not in estimate
+    assert any("of travel, at 0.01 m/s" in line for line in lines_of("mock/slip"))
 
 
 def test_a_plan_shows_time_disk_motion_force_and_what_each_state_computes():
@@ -129,13 +133,6 @@ def test_a_plan_shows_time_disk_motion_force_and_what_each_state_computes():
     assert "SETTLING, RETRACTING\n          skipped: no subscriber" in plan
     assert "BASELINE, APPROACH\n          contact (board.period), ours (board.accelerometer)" in plan
     assert lines_of("emulated/pointer")[0].startswith("emulated/pointer: 1 trial of pointer")
-
-
-def test_a_bench_in_wall_time_is_planned_in_wall_time_and_a_speed_deep_in_the_settings_is_found():
-    estimate = duration("hardware/transient", "transient", "hardware", 42)
-    assert estimate.startswith("about 1.1 h")
-    assert "computed" not in estimate
-    assert any("of travel, at 0.01 m/s" in line for line in lines_of("mock/slip"))
 
 
 def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):

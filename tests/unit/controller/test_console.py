@@ -54,9 +54,6 @@ class Keyboard:
         os.write(self.hand, keys)
         assert select.select([self.file], [], [], PATIENCE_S)[0]
 
-    def hang_up(self):
-        os.close(self.hand)
-
 
 @pytest.fixture
 def keyboard():

@@ -530,12 +530,6 @@ def test_a_stream_that_is_missing_stops_every_mover_in_that_turn():
     assert dict(loop.visits)["LEAVING"] == pytest.approx(since_s), "the behavior itself stopped nothing"
 
 
-def test_a_command_for_a_device_that_is_not_there_is_refused(bench):
-    bench.behavior.enter_APPROACH = lambda: bench.behavior.command(Stop("nowhere"))
-    with pytest.raises(GuardRefusal, match="no such device; the bench has stage, other, board"):
-        bench.run()
-
-
 def test_the_guards_stop_is_kept_before_all_else_of_its_turn_with_its_reason(bench):
     bench.guard.stop_s = 0.15
     bench.board.report(Lost, "board.force", 1, at_s=0.149)
@@ -553,11 +547,13 @@ def test_after_the_guards_stop_a_contact_of_its_turn_and_the_answer_to_the_motio
     assert bench.behavior.state == "APPROACH", "it got neither"
 
 
-def test_the_guard_is_shown_motion_lateness_and_what_left_its_range(bench):
+def test_the_guards_streams_are_listened_to_at_standstill_wherever_anything_is_and_it_is_shown_all(bench):
     bench.behavior = Approach(resting=frozenset({"board.force"}))
     bench.board.report(Saturated, "board.force", 4.0, at_s=0.15)
     bench.run()
-    assert {moving for t_s, _, moving, _, _ in bench.guard.seen if t_s < 0.1} == {False}
+    assert bench.sent(Listen)[0] == (0.0, Listen("board", frozenset({"board.force", "board.load"})))
+    resting = [(streams, moving) for t_s, streams, moving, *_ in bench.guard.seen if t_s < 0.1]
+    assert resting and all(each == ({"board.force", "board.load"}, False) for each in resting)
     assert {moving for t_s, _, moving, _, _ in bench.guard.seen if 0.1 < t_s < 0.2} == {True}
     (beyond,) = [beyond for t_s, *_, beyond in bench.guard.seen if t_s == pytest.approx(0.15)]
     assert [status.stream for status in beyond] == ["board.force"]
@@ -592,7 +588,7 @@ def test_a_motion_that_ends_by_a_signal_stops_where_what_it_is_made_of_falls_sil
     assert bench.behavior.reason.startswith("board failed: signals.double (of board.force) is silent for 0.1")
 
 
-def test_a_command_beyond_a_limit_is_refused_recorded_with_its_state_and_not_sent(bench):
+def test_a_command_beyond_a_limit_or_for_no_device_is_refused_recorded_with_its_state_and_not_sent(bench):
     far = MoveTo("stage", 0.02, 0.01)
     bench.behavior.enter_APPROACH = lambda: bench.behavior.command(far)
     with pytest.raises(GuardRefusal):
@@ -600,6 +596,10 @@ def test_a_command_beyond_a_limit_is_refused_recorded_with_its_state_and_not_sen
     assert ("Tick", "REST", "APPROACH", [far]) in bench.kept
     assert bench.sent(MoveTo) == []
     assert len(bench.stops) == 2
+    bench = Bench()
+    bench.behavior.enter_APPROACH = lambda: bench.behavior.command(Stop("nowhere"))
+    with pytest.raises(GuardRefusal, match="no such device; the bench has stage, other, board"):
+        bench.run()
 
 
 def test_a_stream_that_the_guard_is_to_watch_and_nothing_sends_is_refused_before_anything_moves(bench):
@@ -622,15 +622,6 @@ def test_devices_are_asked_for_what_changes_and_what_is_listened_to_is_recorded(
     assert ("board.force", 0.0, 0.1) in bench.skipped
     assert {block.stream for block in bench.recorded} == {"board.force", "board.load"}
     assert sum(len(block) for block in bench.recorded if block.stream == "board.force") == 100
-
-
-def test_the_guards_streams_are_listened_to_at_standstill_wherever_anything_is(bench):
-    bench.behavior = Approach(resting=frozenset({"board.force"}))
-    bench.run()
-    assert bench.sent(Listen)[0] == (0.0, Listen("board", frozenset({"board.force", "board.load"})))
-    seen = [streams for t_s, streams, *_ in bench.guard.seen if t_s < 0.1]
-    assert seen
-    assert all(streams == {"board.force", "board.load"} for streams in seen)
 
 
 def test_a_force_that_no_state_measures_stops_the_trial_at_standstill():
@@ -713,10 +704,14 @@ def test_streams_that_a_trial_has_watched_for_their_range_are_listened_to_in_mot
 # --- time -----------------------------------------------------------------------------------------
 
 
-def test_a_rest_without_a_subscriber_is_one_turn(bench):
+def test_a_rest_without_a_subscriber_is_one_turn_and_on_the_wall_clock_turns_at_the_idle_rate(bench):
     bench.behavior = Approach(rest_s=90.0)
     bench.run()
     assert bench.turns()[0] == pytest.approx(90.0)
+    bench = Bench(Approach(rest_s=1.0))
+    bench.on_the_wall_clock()
+    bench.run()
+    assert np.diff(bench.turns(until_s=0.99)) == pytest.approx(1.0 / 50.0)
 
 
 PROMPTS = [(True, 50.0, 200.0), (False, 50.0, 50.0), (False, 200.0, 200.0)]
@@ -787,13 +782,6 @@ def test_every_turn_that_is_late_by_more_than_a_period_is_counted_and_none_by_le
     punctual.clock = Late(0.15, 0.9 * TURN_S)
     account = punctual.run().account
     assert (account.overruns, account.worst_late_s) == (0, 0.0)
-
-
-def test_on_the_wall_clock_a_rest_turns_at_the_idle_rate(bench):
-    bench.on_the_wall_clock()
-    bench.behavior = Approach(rest_s=1.0)
-    bench.run()
-    assert np.diff(bench.turns(until_s=0.99)) == pytest.approx(1.0 / 50.0)
 
 
 # --- events ---------------------------------------------------------------------------------------
@@ -992,15 +980,21 @@ def passing(bench, monkeypatch):
     monkeypatch.setattr(loop_module, "rest", wait)
 
 
-def test_a_pause_stops_every_mover_at_once_and_the_guard_goes_on_watching(bench, passing):
+def test_a_pause_stops_every_mover_the_guard_watches_on_and_the_behavior_gets_only_what_ends_it(
+    bench, passing
+):
     bench.requests = [("pause", 0.15), ("resume", 0.6)]
-    bench.other.brake_s = 0.2
+    bench.other.brake_s, bench.detector.above = 0.2, 0.152
     bench.run()
     assert bench.stops[:2] == [(0.15, Stop("stage")), (0.15, Stop("other"))]
     assert bench.shown[2] == ("PAUSED", 0.15)
     watched = [streams for t_s, streams, *_ in bench.guard.seen if 0.155 < t_s < 0.35]
     assert len(watched) >= 30
     assert all("board.load" in streams for streams in watched)
+    kept = [(name, state, after) for name, state, after, _ in bench.kept]
+    assert ("Contact", "APPROACH", "APPROACH") in kept
+    assert ("Resumed", "APPROACH", "REST") in kept
+    assert bench.behavior.outcome == "contact"
 
 
 def test_the_guards_streams_are_listened_to_in_a_pause_of_a_deaf_rest(bench, passing):
@@ -1010,16 +1004,6 @@ def test_the_guards_streams_are_listened_to_in_a_pause_of_a_deaf_rest(bench, pas
     bench.run()
     assert bench.sent(Listen)[0] == (0.1, Listen("board", frozenset({"board.load"})))
     assert all("board.load" in streams for t_s, streams, *_ in bench.guard.seen if 0.2 < t_s < 0.3)
-
-
-def test_in_a_pause_the_behavior_gets_nothing_but_what_ends_the_trial(bench, passing):
-    bench.requests = [("pause", 0.15), ("resume", 0.6)]
-    bench.detector.above = 0.152
-    bench.run()
-    kept = [(name, state, after) for name, state, after, _ in bench.kept]
-    assert ("Contact", "APPROACH", "APPROACH") in kept
-    assert ("Resumed", "APPROACH", "REST") in kept
-    assert bench.behavior.outcome == "contact"
 
 
 @pytest.mark.parametrize(("kind", "outcome"), ENDS)
@@ -1053,16 +1037,12 @@ def test_a_mover_that_does_not_answer_the_stop_of_a_pause_ends_the_trial(bench):
     assert bench.behavior.outcome == "fault"
 
 
-def test_two_pauses_are_added_up(bench):
-    bench.requests = [("pause", 0.15), ("resume", 0.15), ("pause", 0.3), ("resume", 0.3)]
+def test_two_pauses_are_added_up_and_one_within_a_pause_changes_nothing(bench):
+    bench.requests = [("pause", 0.15), ("pause", 0.155), ("resume", 0.16), ("pause", 0.3), ("resume", 0.3)]
     bench.run()
     assert bench.loop.account.paused_s == pytest.approx(2 * 0.02)
-
-
-def test_a_second_pause_in_a_pause_changes_nothing(bench):
-    bench.requests = [("pause", 0.15), ("pause", 0.155), ("resume", 0.16)]
-    bench.run()
-    assert [event.t_s for event in bench.loop.events if isinstance(event, Paused)] == [pytest.approx(0.15)]
+    times_s = [event.t_s for event in bench.loop.events if isinstance(event, Paused)]
+    assert times_s == pytest.approx([0.15, 0.3])
     assert bench.behavior.outcome == "contact"
 
 

@@ -12,7 +12,6 @@ from controller.recording.series import TrialRecording
 from drivers.core.messages import Gripped, MoveAt, Reached, SampleBlock, Sent, Standstill, Stop
 
 PATHS = {"x": {"start_m": (0.0, 0.0, 0.0), "end_m": (0.05, 0.0, 0.0)}}
-SPEED_M_S = 0.01
 
 
 def approach(events, truth, thing="pipe", per_cm=2.33, until_s=14.0):

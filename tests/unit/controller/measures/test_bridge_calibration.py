@@ -55,14 +55,6 @@ def test_hysteresis_is_the_largest_difference_over_the_output_at_the_top():
     assert math.isnan(hysteresis.low)
 
 
-def test_the_weights_own_uncertainty_widens_every_interval():
-    sure, unsure = calibrate([trial()], 0.0), calibrate([trial()], 0.02)
-    fit, wider = (each.gain_v_n.high - each.gain_v_n.value for each in (sure, unsure))
-    assert wider == pytest.approx(math.hypot(fit, 1.959964 * 0.02 * GAIN_V_N))
-    assert unsure.resolution_n.high > sure.resolution_n.high
-    assert unsure.hysteresis.low < sure.hysteresis.low
-
-
 def test_an_empty_bridge_that_is_not_at_zero_is_taken_off_and_preloads_count_for_nothing():
     found = calibrate([trial(zero_v=0.7), trial(zero_v=-0.2)], 0.0)
     assert found.gain_v_n.value == pytest.approx(GAIN_V_N)
@@ -86,11 +78,16 @@ def test_what_is_left_after_a_cycle_is_the_remanence_and_cycles_that_differ_show
     assert found.hysteresis.high - found.hysteresis.low > 0.0
 
 
-def test_the_resolution_is_a_multiple_of_the_noise_of_one_sample():
+def test_the_resolution_is_a_multiple_of_one_samples_noise_and_the_weights_own_widens_every_interval():
     found = calibrate([trial(sd_v=0.002)], 0.0)
     assert found.resolution_n.value == pytest.approx(DETECTED_SIGMA * 0.002 / GAIN_V_N)
     # 21 x 99 degrees of freedom: no narrower than a standard deviation's own interval, 1.96 / sqrt(2 x 2079)
     assert found.resolution_n.high / found.resolution_n.value - 1.0 > 1.96 / math.sqrt(2.0 * 2079.0) * 0.99
+    sure, unsure = calibrate([trial()], 0.0), calibrate([trial()], 0.02)
+    fit, wider = (each.gain_v_n.high - each.gain_v_n.value for each in (sure, unsure))
+    assert wider == pytest.approx(math.hypot(fit, 1.959964 * 0.02 * GAIN_V_N))
+    assert unsure.resolution_n.high > sure.resolution_n.high
+    assert unsure.hysteresis.low < sure.hysteresis.low
 
 
 def test_the_intervals_hold_the_truth_as_often_as_stated():

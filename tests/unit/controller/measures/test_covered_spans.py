@@ -73,13 +73,6 @@ def test_what_was_lost_before_the_first_sample_is_a_hole_however_short(noticed_s
     assert len(evidence(FORCE, (0.55, 2.0), events=[before]).stream("board.force", 0.5, 1.5))
 
 
-def test_an_unsubscribed_span_is_no_hole_unless_it_is_all():
-    halves = evidence(FORCE, (0.0, 1.0), (1.4, 2.0), skipped=[(1.0, 1.4)])
-    assert len(halves.stream("board.force", 0.5, 1.5)) == 600
-    with pytest.raises(MissingDataError, match=r"1.050 to 1.350"):
-        halves.series("board.force", 1.05, 1.35)
-
-
 @pytest.mark.parametrize(("gap_s", "borne"), [(0.016, True), (0.03, False)])
 def test_a_stream_bears_holes_as_long_as_it_states(gap_s, borne):
     found = evidence(PLACE, (0.0, 1.0), (1.0 + gap_s, 2.0))
@@ -90,36 +83,11 @@ def test_a_stream_bears_holes_as_long_as_it_states(gap_s, borne):
             found.stream("arm.position", 0.5, 1.5)
 
 
-def test_periods_have_a_bound_of_their_own_and_an_operators_entry_has_none():
+def test_periods_are_above_zero_with_a_bound_of_their_own_and_an_operators_entry_has_none():
     assert len(evidence(PERIOD, (0.0, 2.0)).stream("board.period", 0.5, 1.5))
     with pytest.raises(MissingDataError, match=r"0.950 to 1.300"):
         evidence(PERIOD, (0.0, 1.0), (1.3, 2.0)).stream("board.period", 0.5, 1.5)
     assert len(evidence(LOAD, (0.0, 0.1)).covered("person.load", 0.0, 90.0)) == 2
-
-
-def test_an_open_span_ends_with_the_trial():
-    found = evidence(FORCE, (0.0, 2.0), visits=[("A", 0.0), ("DONE", 2.0)])
-    assert len(found.covered("board.force", 0.5)) == 2000
-    found.visits[-1] = ("DONE", 3.0)
-    with pytest.raises(MissingDataError, match=r"1.999 to 3.000"):
-        found.covered("board.force", 0.5)
-
-
-def test_a_detectors_silence_counts_only_where_all_its_inputs_came():
-    found = evidence(FORCE, (0.0, 2.0), detectors={"touch": Listener()})
-    with pytest.raises(MissingDataError, match=r"arm.position: no samples from 0.500 to 1.500 s"):
-        found.require_samples("touch", 0.5, 1.5)
-    found.recording.add(part(PLACE, 0.0, 2.0))
-    found.require_samples("touch", 0.5, 1.5)
-
-
-def test_a_signal_of_which_nothing_came_is_as_strict_as_its_source():
-    found = evidence(FORCE, (0.0, 2.0), sources={"signals.tip": ("board.force",)})
-    with pytest.raises(MissingDataError, match=r"signals.tip: no samples .* of board, then"):
-        found.covered("signals.tip", 0.5, 1.5)
-
-
-def test_a_period_that_is_not_above_zero_is_no_period():
     found = evidence(PERIOD, (0.0, 2.0))
     assert len(found.periods("board.period", 0.5, 1.5)[1]) == 21
     broken = part(PERIOD, 2.0, 3.0)
@@ -127,3 +95,26 @@ def test_a_period_that_is_not_above_zero_is_no_period():
     found.recording.add(broken)
     with pytest.raises(MissingDataError, match=r"board.period: 0 s at 2.150 s is no period"):
         found.periods("board.period", 0.5, 2.9)
+
+
+def test_an_open_span_ends_with_the_trial_and_an_unsubscribed_one_is_no_hole_unless_it_is_all():
+    found = evidence(FORCE, (0.0, 2.0), visits=[("A", 0.0), ("DONE", 2.0)])
+    assert len(found.covered("board.force", 0.5)) == 2000
+    found.visits[-1] = ("DONE", 3.0)
+    with pytest.raises(MissingDataError, match=r"1.999 to 3.000"):
+        found.covered("board.force", 0.5)
+    halves = evidence(FORCE, (0.0, 1.0), (1.4, 2.0), skipped=[(1.0, 1.4)])
+    assert len(halves.stream("board.force", 0.5, 1.5)) == 600
+    with pytest.raises(MissingDataError, match=r"1.050 to 1.350"):
+        halves.series("board.force", 1.05, 1.35)
+
+
+def test_a_detectors_silence_counts_where_all_its_inputs_came_and_a_signal_is_as_strict_as_its_source():
+    found = evidence(FORCE, (0.0, 2.0), detectors={"touch": Listener()})
+    with pytest.raises(MissingDataError, match=r"arm.position: no samples from 0.500 to 1.500 s"):
+        found.require_samples("touch", 0.5, 1.5)
+    found.recording.add(part(PLACE, 0.0, 2.0))
+    found.require_samples("touch", 0.5, 1.5)
+    found = evidence(FORCE, (0.0, 2.0), sources={"signals.tip": ("board.force",)})
+    with pytest.raises(MissingDataError, match=r"signals.tip: no samples .* of board, then"):
+        found.covered("signals.tip", 0.5, 1.5)

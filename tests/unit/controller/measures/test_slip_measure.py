@@ -225,11 +225,17 @@ def test_the_stop_is_timed_from_the_deciding_sample_to_the_command_on_its_way():
     assert row["stop_travel_m"] == pytest.approx(0.01 * 0.009, abs=1e-6)
 
 
-def test_a_trial_that_never_touched_has_a_row_without_slips():
+def test_a_trial_that_never_touched_has_no_slips_and_a_detector_that_never_learned_no_columns():
     bare = replace(evidence(slips=None, visits=[("RESTING", 1.0)]), events=[])
     outcome, row = measure(bare, SETTINGS, "no_contact")
     assert outcome == "no_contact"
     assert (row["slips"], row["ours_missed"], row["peak_product"], row["touch_s"]) == (0, 0, None, None)
+    refused = BaselineRefused(2.0, "o", 0.1, 0.02, "it vibrates")
+    row = row_of([refused, started(5.108, "p")])
+    assert {value for name, value in row.items() if name.startswith("ours_")} == {None}
+    assert row["paper_detected"] == 1
+    learned = BaselineReady(2.5, "o", 0.02, 20.0)
+    assert row_of([refused, learned])["ours_missed"] == 1
 
 
 @pytest.mark.parametrize("gap", [0, 30])
@@ -247,12 +253,3 @@ def test_the_papers_blocks_are_its_detectors_own_begun_with_listening_and_after_
         assert found.product[at] == pytest.approx(event.value)
     first = np.flatnonzero(found.begin_s > blocks[0].last_s - 1e-6)[0]
     assert found.begin_s[first] == pytest.approx(blocks[1].t0_s - 0.001), "a period before the first sample"
-
-
-def test_a_detector_that_refused_its_baseline_and_never_learned_has_no_columns():
-    refused = BaselineRefused(2.0, "o", 0.1, 0.02, "it vibrates")
-    row = row_of([refused, started(5.108, "p")])
-    assert {value for name, value in row.items() if name.startswith("ours_")} == {None}
-    assert row["paper_detected"] == 1
-    learned = BaselineReady(2.5, "o", 0.02, 20.0)
-    assert row_of([refused, learned])["ours_missed"] == 1

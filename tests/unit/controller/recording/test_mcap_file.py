@@ -202,16 +202,13 @@ def test_a_stream_is_its_blocks_in_its_unit_and_empty_ones_change_nothing():
     assert recorded().stream("board.load_cell").values.shape == (0, 1), "not recorded"
 
 
-def test_a_lost_block_is_a_gap_with_the_number_of_samples_that_are_missing_and_a_skipped_span_none():
+def test_a_lost_block_is_a_gap_a_skipped_span_none_and_between_takes_the_first_instant_alone():
     assert recorded(block(0, 10), block(15, 5)).stream("board.load_cell").gaps == (Gap(0.009, 0.015, 5),)
     recording = recorded(block(0, 10), block(1000, 5), block(1010, 5))
     recording.skip("board.load_cell", 0.010, 1.0)
     series = recording.stream("board.load_cell")
     assert series.gaps == (Gap(1.004, 1.01, 5),), "it excuses no loss elsewhere"
     assert series.skipped == (Span(0.010, 1.0),)
-
-
-def test_between_takes_the_first_instant_and_leaves_the_last():
     series = recorded(block(0, 10), block(20, 10)).stream("board.load_cell")
     part = series.between(0.002, 0.005)
     assert np.allclose(part.times_s, [0.002, 0.003, 0.004], atol=1e-15)

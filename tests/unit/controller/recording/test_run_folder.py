@@ -36,15 +36,12 @@ def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_the_manifest_is_read_as_it_was_written(tmp_path):
+def test_the_manifest_is_read_as_it_was_written_and_one_that_cannot_be_replaced_leaves_the_old(tmp_path):
     folder = made(tmp_path)
     loss = {"samples": 0}
     folder.write_manifest({"seed": 7, "loss": loss, "sigma": math.nan, "streams": frozenset({"b", "a"})})
     expected = {"format": FORMAT, "seed": 7, "loss": loss, "sigma": None, "streams": ["a", "b"]}
     assert folder.read_manifest() == expected
-
-
-def test_a_manifest_that_cannot_be_replaced_leaves_the_old_one(tmp_path):
     folder = made(tmp_path)
     folder.manifest_path.with_suffix(".json.tmp").symlink_to("/dev/full")
     with pytest.raises(RecordingError, match="No space left"):

@@ -124,13 +124,10 @@ def test_our_trend_follows_our_forces_and_not_the_papers(approaches_of):
     assert (over_rows[0], over_trials[0]) == pytest.approx((-1.0, -1.0))
 
 
-def test_trials_with_other_noise_stay_out_of_table_and_bounds(approaches_of):
+def test_trials_with_other_noise_stay_out_of_table_and_bounds_and_the_study_groups_them(approaches_of):
     approaches = approaches_of(Given(), Given(noise_scale=2.0, sample_hz=28.0, force_n=9.0))
     assert [len(row.approaches) for row in table_rows(approaches)] == [1]
     assert compare_columns(approaches, table_rows(approaches))[2].beside.ours == 0.05
-
-
-def test_the_study_groups_by_noise_and_rate(approaches_of):
     loud = {"noise_scale": 2.0, "sample_hz": 10.0}
     quiet = Given(noise_scale=0.5, sample_hz=28.0, delay_s=0.1)
     false = Given(**loud, outcome="false_contact")

@@ -49,7 +49,13 @@ def test_a_packed_curve_comes_back_within_a_dot_and_breaks_without_a_subscriber(
     assert np.flatnonzero(np.isnan(shown)).tolist() == [100]
 
 
-def test_what_does_not_fit_is_left_to_the_recording(tmp_path):
+def test_outliers_and_failures_come_first_and_what_does_not_fit_is_left_to_the_recording(tmp_path):
+    delays_s = [0.30, 0.31, 0.32, 0.90, 0.33, 0.34, 0.35, 0.29]
+    given = [Given(delay_s=delay_s) for delay_s in delays_s]
+    run = write_transient(tmp_path, [*given, Given(outcome="false_contact")])
+    first = [trial for _, trial in outliers_first([run])]
+    assert {4, 5, 8, 9} < set(first[:6]), "the longest delay, the middle one, the shortest, what failed"
+    assert sorted(first) == list(range(1, 10))
     run = write_transient(tmp_path, [Given()] * 6)
     whole = json.loads(payload([run], 1_000_000))
     assert set(whole) == {f"r0t{trial}" for trial in range(1, 7)}
@@ -60,15 +66,6 @@ def test_what_does_not_fit_is_left_to_the_recording(tmp_path):
     small = payload([run], room)
     assert 1 < len(json.loads(small)) < 6
     assert len(small) < 1.5 * room
-
-
-def test_the_signals_of_outliers_and_failures_come_before_others(tmp_path):
-    delays_s = [0.30, 0.31, 0.32, 0.90, 0.33, 0.34, 0.35, 0.29]
-    given = [Given(delay_s=delay_s) for delay_s in delays_s]
-    run = write_transient(tmp_path, [*given, Given(outcome="false_contact")])
-    first = [trial for _, trial in outliers_first([run])]
-    assert {4, 5, 8, 9} < set(first[:6]), "the longest delay, the middle one, the shortest, what failed"
-    assert sorted(first) == list(range(1, 10))
 
 
 TIMES_S = np.arange(0.0, 0.3, 1e-3)
