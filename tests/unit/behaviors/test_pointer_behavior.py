@@ -3,17 +3,14 @@ from pydantic import ValidationError
 
 from behaviors.events import BaselineReady, Contact, Resumed, Tick
 from behaviors.pointer import Pointer, PointerSettings
-from drivers.core.messages import Home, MoveAt, Reached, Standstill, Stop, Twist
+from drivers.core.messages import Home, MoveAt, Standstill, Stop, Twist
 from drivers.core.settings import Settings
+from tests.unit.behaviors.driving import arm
 
 
 def pointer(**settings):
     given = {"angles_rad": (-0.5, 0.5), **settings}
     return Pointer(PointerSettings(**given), Settings(), frozenset({"touch"}))
-
-
-def reached(t_s):
-    return Reached(t_s, "arm", 0.0)
 
 
 def ready(t_s, detector="touch"):
@@ -30,11 +27,11 @@ TOUCH = [
     ("STOPPING", lambda t_s: Standstill(t_s, "arm", 0.003)),
     ("RESTING", Tick),
     ("RECORDING", Tick),
-    ("LIFTING", reached),
+    ("LIFTING", arm),
 ]
 """The event that leads out of each state of a touch."""
 
-BEFORE = [("HOMING", reached), ("ZEROING", Tick), ("TURNING", reached)]
+BEFORE = [("HOMING", arm), ("ZEROING", Tick), ("TURNING", arm)]
 
 
 def to(state):
@@ -54,7 +51,7 @@ def to(state):
 def run(behavior):
     """Goes through a whole trial; returns every command, in order."""
     leave = dict([*BEFORE, *TOUCH])
-    leave["UNTURNING"] = leave["RETURNING"] = reached
+    leave["UNTURNING"] = leave["RETURNING"] = arm
     commands = list(behavior.begin(0.0))
     t_s = 0.0
     while not behavior.done:
@@ -93,11 +90,11 @@ def test_a_touch_stops_the_arm_rests_records_and_lifts_turned_as_it_is():
 
 def test_an_angle_without_a_table_ends_the_trial_without_contact():
     behavior, t_s = to("DESCENDING")
-    assert behavior.handle(reached(t_s)) == [MoveAt("arm", -0.01, 0.0)]
-    (turn,) = behavior.handle(reached(t_s + 1.0))
+    assert behavior.handle(arm(t_s)) == [MoveAt("arm", -0.01, 0.0)]
+    (turn,) = behavior.handle(arm(t_s + 1.0))
     assert turn.twist[4] * turn.duration_s == pytest.approx(0.5), "turned back"
-    assert behavior.handle(reached(t_s + 2.0)) == [Home("arm")]
-    behavior.handle(reached(t_s + 3.0))
+    assert behavior.handle(arm(t_s + 2.0)) == [Home("arm")]
+    behavior.handle(arm(t_s + 3.0))
     assert behavior.done
     assert (behavior.outcome, behavior.reason) == ("no_contact", "no contact up to 0.006 m at -0.5 rad")
 
@@ -106,7 +103,7 @@ def paused_in(state):
     behavior, t_s = to(state if state not in ("UNTURNING", "RETURNING") else "DESCENDING")
     while behavior.state is not state:
         t_s += 1.0
-        behavior.handle(reached(t_s))
+        behavior.handle(arm(t_s))
     return behavior, t_s
 
 
@@ -122,8 +119,8 @@ def test_a_pause_is_followed_by_a_lift_wherever_the_tip_may_touch_and_by_the_way
 def test_after_a_pause_it_lifts_goes_home_and_turns_to_the_same_angle(state):
     behavior, t_s = to(state)
     assert behavior.handle(Resumed(t_s)) == [MoveAt("arm", -0.01, 0.0)]
-    assert behavior.handle(reached(t_s + 1.0)) == [Home("arm")]
-    behavior.handle(reached(t_s + 2.0))
+    assert behavior.handle(arm(t_s + 1.0)) == [Home("arm")]
+    behavior.handle(arm(t_s + 2.0))
     (turn,) = behavior.handle(Tick(t_s + 3.0))
     assert turn.twist[4] * turn.duration_s == pytest.approx(-0.5)
 

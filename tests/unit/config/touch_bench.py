@@ -14,33 +14,21 @@ class Anything:
     open = close = apply = read = poll = account = push = reset = begin = handle = table = states = None
 
 
-class MockStage(Anything):
-    pass
+for _name in ("MockStage", "Stage", "Network", "Resonance", "Level", "Touch", "Finger"):
+    globals()[_name] = type(_name, (Anything,), {"__module__": __name__})
 
 
 class MockStageSettings(Settings):
     travel_m: float = Field(default=0.02, gt=0.0, le=1.0)
 
 
-class Stage(Anything):
-    pass
-
-
 class StageSettings(Settings):
     baud: int = Field(default=115200, ge=1200)
-
-
-class Network(Anything):
-    pass
 
 
 class NetworkSettings(Settings):
     address: Address = Field(min_length=1)
     patience_s: float = 1.0
-
-
-class Resonance(Anything):
-    pass
 
 
 class ResonanceSettings(Settings):
@@ -50,17 +38,9 @@ class ResonanceSettings(Settings):
     sample_hz: float = Field(default=15.0, gt=0.0, le=1000.0)
 
 
-class Level(Anything):
-    pass
-
-
 class LevelSettings(Settings):
     input: StreamName = "stage.position"
     gamma: float = 3.0
-
-
-class Touch(Anything):
-    pass
 
 
 class TouchSettings(Settings):
@@ -77,10 +57,6 @@ class LimitsSettings(Settings):
 
 class LoopSettings(Settings):
     rate_hz: float | None = 200.0
-
-
-class Finger:
-    pass
 
 
 class FingerSettings(Settings):

@@ -71,10 +71,6 @@ WRIST = {"force_stream": "arm.force", "position_stream": None}
 ALL_THREE = {**WRIST, "force_channels": (0, 1, 2)}
 
 
-def boxed():
-    return guard(**BOX)
-
-
 def sent(stream, values, **more):
     """A block of 1 kHz."""
     return SampleBlock(stream, 0, 0.0, np.asarray(values), rate_hz=1000.0, **more)
@@ -346,7 +342,7 @@ def test_streams_that_do_not_fit_are_refused_before_anything_moves(streams, reas
     units = {"board.load_cell": "N"}
     there = {name: StreamInfo(name, tuple("xyz"[:n]), units.get(name, "m")) for name, n in streams.items()}
     with pytest.raises(GuardRefusal, match=reason):
-        boxed().check_streams(there)
+        guard(**BOX).check_streams(there)
 
 
 @pytest.mark.parametrize(
@@ -360,7 +356,9 @@ def test_streams_that_do_not_fit_are_refused_before_anything_moves(streams, reas
 def test_a_limit_is_held_against_no_stream_in_another_unit(name, unit, reason):
     units = {"board.load_cell": "N", "stage.position": "m", "arm.pose": "m", name: unit}
     with pytest.raises(GuardRefusal, match=reason):
-        boxed().check_streams({each: StreamInfo(each, tuple("xyz"), unit) for each, unit in units.items()})
+        guard(**BOX).check_streams(
+            {each: StreamInfo(each, tuple("xyz"), unit) for each, unit in units.items()}
+        )
     units |= {name: "N" if name == "board.load_cell" else "m", "lift.position": "mm"}
     with pytest.raises(GuardRefusal, match=r"limits.movers.lift.position_stream = .*: it is in mm"):
         guard(**LIFT).check_streams({each: StreamInfo(each, ("x",), unit) for each, unit in units.items()})

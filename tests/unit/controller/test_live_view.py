@@ -66,7 +66,8 @@ def test_what_an_approach_will_do_is_shown_until_it_has_done_it():
 
 def test_what_decides_is_shown_whatever_the_profiles_order():
     recording = TrialRecording(1)
-    detectors = {"contact": SimpleNamespace(inputs=("board.period",)), "ours": Waveform()}
+    waveform = SimpleNamespace(inputs=("board.accelerometer",), quantity=Quantity("departure", "σ"))
+    detectors = {"contact": SimpleNamespace(inputs=("board.period",)), "ours": waveform}
     plan = SimpleNamespace(detectors=frozenset({"contact", "ours"}))
     behavior = SimpleNamespace(deciding=["ours"], acts_on=frozenset({"ours", "touch"}), plan=plan)
     view = view_of(recording, detectors, behavior=behavior)
@@ -83,10 +84,6 @@ def test_what_decides_is_shown_whatever_the_profiles_order():
     assert (label("detector.ours", "σ"), view.title("detector.ours")) == ("ours, σ", "ours: departure")
     assert view.title("detector.contact") == "contact: statistic"
     assert view.title("board.period") == ""
-
-
-class Waveform:
-    inputs, quantity = ("board.accelerometer",), Quantity("departure", "σ")
 
 
 class Raising:

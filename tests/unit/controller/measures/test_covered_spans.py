@@ -1,5 +1,7 @@
 """A measure gets no number from a span that is not covered."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -12,12 +14,8 @@ FORCE = StreamInfo("board.force", ("force",), "N", rate_hz=1000.0)
 PLACE = StreamInfo("arm.position", ("position",), "m", rate_hz=500.0, longest_s=0.02)
 PERIOD = StreamInfo("board.period", ("period",), "s", longest_s=0.2)
 LOAD = StreamInfo("person.load", ("x",), "N")
+LISTENER = SimpleNamespace(name="touch", inputs=("board.force", "arm.position"))
 INFOS = {info.name: info for info in (FORCE, PLACE, PERIOD, LOAD)}
-
-
-class Listener:
-    name = "touch"
-    inputs = ("board.force", "arm.position")
 
 
 def part(info, first_s, last_s):
@@ -110,7 +108,7 @@ def test_an_open_span_ends_with_the_trial_and_an_unsubscribed_one_is_no_hole_unl
 
 
 def test_a_detectors_silence_counts_where_all_its_inputs_came_and_a_signal_is_as_strict_as_its_source():
-    found = evidence(FORCE, (0.0, 2.0), detectors={"touch": Listener()})
+    found = evidence(FORCE, (0.0, 2.0), detectors={"touch": LISTENER})
     with pytest.raises(MissingDataError, match=r"arm.position: no samples from 0.500 to 1.500 s"):
         found.require_samples("touch", 0.5, 1.5)
     found.recording.add(part(PLACE, 0.0, 2.0))

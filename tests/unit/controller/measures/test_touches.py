@@ -1,6 +1,7 @@
 """Measures: touches of a pointer, contacts, sweeps, the sign of the first contact."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -122,10 +123,6 @@ def test_every_visit_to_a_state_has_its_span():
 STREAMS = (("board.load_cell", "N"), ("board.period", "s"), ("stage.position", "m"), ("board.tendon", "m"))
 
 
-class Silent:
-    inputs = ()
-
-
 def evidence(t_s, truth=None, force_n=None):
     """One contact event; baseline to 2 s, approach and hold to 3 s; what is not given hardly changes."""
     values = np.linspace(0.030, 0.031, 4000)
@@ -135,7 +132,7 @@ def evidence(t_s, truth=None, force_n=None):
         recording.add(SampleBlock(stream, 0, 0.0, given[:, None], rate_hz=1000.0, unit=unit))
     entered_s = {"BASELINE": 0.0, "FLEXING": 1.0, "APPROACH": 2.0, "STOPPING": 2.9, "RETRACTING": 3.0}
     visits, events = list(entered_s.items()), [Contact(t_s, "contact", 29.0, 28.5)]
-    listening = {"contact": Silent()}
+    listening = {"contact": SimpleNamespace(inputs=())}
     return TrialEvidence({}, recording, events, entered_s, visits, truth=truth, detectors=listening)
 
 

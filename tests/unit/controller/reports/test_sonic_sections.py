@@ -18,9 +18,7 @@ LEFT = {"pre_touch": 1}
 """How many cells of a row are names, where it is not two."""
 
 
-@pytest.fixture(autouse=True)
-def nothing_is_drawn(undrawn):
-    """These tests read text and numbers alone."""
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def write(root, experiment, rows, *, bench="mock", behavior=None, planned=None):
