@@ -655,14 +655,22 @@ def _at_once(story: Any) -> Iterator[Violation]:
         ):
             continue
         # a device that failed says when, between two turns
-        turns_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - 1e-6]
-        turns_s = [event["t_s"], *turns_s[: 1 if event["event"] == "GuardStopped" else 2]]
+        later_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - 1e-6]
+        turns_s = [event["t_s"], *later_s[: 1 if event["event"] == "GuardStopped" else 2]]
         kept_s = _kept_back_s(story, trial, event["t_s"])
-        # what a turn asked for and a late line keeps back is in hand in the first turn after, up to a turn later
-        most_s = kept_s + (1.5 if kept_s else 0.5) * turn_s
+        # what a turn asked for and a late line keeps back is in hand in the first turn after
+        due_s = turns_s[-1] + kept_s
+        end_s = min((t_s for t_s in later_s if t_s > due_s - 1e-6), default=due_s) + 0.5 * turn_s
         commands = told.get(trial.number, ())
-        stopped = any(stop and abs(sent_s - t_s) < most_s for sent_s, stop in commands for t_s in turns_s)
-        before = [stop for sent_s, stop in commands if sent_s < max(turns_s) + most_s]
+        stopped = any(
+            stop
+            and (
+                any(abs(sent_s - t_s) < 0.5 * turn_s for t_s in turns_s)
+                or (kept_s > 0.0 and event["t_s"] - kept_s < sent_s < end_s)
+            )
+            for sent_s, stop in commands
+        )
+        before = [stop for sent_s, stop in commands if sent_s < end_s]
         if not stopped and not (before and before[-1]):
             what = f"{event['event']} at {event['t_s']:.4f} s, and {mover} was not told to stop then"
             yield Violation("SAFETY", "at once", trial.number, event["t_s"], event["state"], what)
