@@ -734,8 +734,8 @@ class Certifier:
             seam.restart(wrong, shown)
         streams = {shown, wrong.stream} - {""}
         result = self.session.run(scripted(script), mover, streams, deadline_s=deadline_s)
-        before = [each for each in result.events if isinstance(each, Failed) and not each.t_s >= wrong.past_s]
-        self._gone = f"{before[0].device} failed ({before[0].reason})" if before else ""
+        failed = [each for each in result.events if isinstance(each, Failed) and not wrong.begun]
+        self._gone = f"{failed[0].device} failed ({failed[0].reason})" if failed else ""
         if result.outcome == "interrupted" and not wrong.pauses:
             raise KeyboardInterrupt
         return result
