@@ -88,11 +88,12 @@ def physics(figures: Figures) -> str:
 def skipped(figures: Figures) -> str:
     """Processor time a bench second of each experiment, cycle by cycle and with what is skipped."""
     loop = json.loads((FOLDER / "loop.json").read_text(encoding="utf-8"))
-    names = sorted(loop["campaigns"], key=lambda name: loop["campaigns"][name]["virtual_s_per_s"])
+    before = loop["earlier"]["cycle_by_cycle_virtual_s_per_s"]
+    names = sorted(before, key=lambda name: float(loop["campaigns"][name]["virtual_s_per_s"]))
     with figures.figure(3.4) as drawing:
         (axes,) = drawing.axes
         for place, name in enumerate(names):
-            whole = 1e3 / float(np.mean(loop["earlier"]["cycle_by_cycle_virtual_s_per_s"][name]))
+            whole = 1e3 / float(np.mean(before[name]))
             now = 1e3 / loop["campaigns"][name]["virtual_s_per_s"]
             axes.plot([now, whole], [place, place], color=FAINT, lw=1.0, zorder=1)
             axes.plot(whole, place, "s", color=RIVAL, ms=5, label="" if place else "cycle by cycle")
