@@ -9,16 +9,16 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from types import FrameType, SimpleNamespace
 from typing import TYPE_CHECKING, NamedTuple
 
 from config.costs import cost
@@ -27,7 +27,6 @@ from drivers.core.errors import PROGRAM, lacking
 if TYPE_CHECKING:
     from config.profile import Profile
     from config.trials import Trial
-    from controller.batches import Batch
     from controller.campaign import Campaign, CampaignPlan
     from controller.console import Console
     from controller.recording.joining import ResumedRun
@@ -36,7 +35,7 @@ BATCH_S = 1.0
 """What a batch is to take, s of wall time: beginning one costs 0.02 s, and at the end no worker waits long."""
 
 BATCH_MOST = 256
-"""Most trials of a batch: what it holds passes through memory."""
+"""Most trials of a batch: from another machine it comes through memory."""
 
 WORTH_S = 10.0
 """Computing from which on workers are started unasked, s: starting them takes 2 s of each."""
@@ -49,9 +48,6 @@ WAIT_S = 0.1
 
 CONNECT_S = 30.0
 """How long a scheduler is waited for, s; assumption: on a machine with much to do one answers in a few seconds."""
-
-END_S = 5.0
-"""How long a worker is given to end, s; assumption: the system ends a process in far less."""
 
 DEATHS = 3
 """How often workers may die in a row before any trial of theirs is done: by then the trial is the cause."""
@@ -68,7 +64,7 @@ class Order(NamedTuple):
         resolved: All its settings, as JSON.
         folders: Where modules of the user's own that it names are looked for.
         factors: Names of what all trials vary, in the order of the columns.
-        own: SHA-256 of the modules of the user's own, by name.
+        own: SHA-256 of the modules of the user's own, by name: of others the profile is loaded anew.
     """
 
     name: str
@@ -78,6 +74,24 @@ class Order(NamedTuple):
     seed: int
     devices: tuple[str, ...]
     own: tuple[tuple[str, str], ...] = ()
+
+
+class Batch(NamedTuple):
+    """Some trials that were run one after the other.
+
+    It goes through a pipe in one piece, which nothing cuts off: a worker may be killed at any time.
+
+    Attributes:
+        folder: Their run folder.
+        error: What the program failed by, "" where it did not.
+        took_s: Wall time that they took, s.
+        files: Of the folder, by name, where it is on another machine.
+    """
+
+    folder: Path
+    error: str
+    took_s: float
+    files: Mapping[str, bytes] = {}
 
 
 def order_of(profile: Profile, plan: CampaignPlan) -> Order:
@@ -94,46 +108,47 @@ def order_of(profile: Profile, plan: CampaignPlan) -> Order:
     return Order(profile.name, resolved, folders, tuple(plan.factors), plan.seed, devices, own)
 
 
-def run_batch(order: Order, trials: Sequence[Trial]) -> Batch:
+def run_batch(order: Order, trials: Sequence[Trial], scratch: Path) -> Batch:
     """Run some trials of a campaign here; the same rows, events and samples wherever that is.
 
+    Args:
+        scratch: Folder for their run folder.
+
     Raises:
-        JobsError: the modules of the user's own that are here are not those of the campaign.
+        RecordingError: it cannot be written.
     """
     from config.assemble import build_rig, plan_campaign
-    from controller.batches import Batch
     from controller.campaign import Campaign
     from controller.console import Console
     from drivers.core.clock import monotonic_s
 
     begun_s = monotonic_s()
-    with _at_work():
-        profile = _profile(order)
-        plan = plan_campaign(profile, trials, order.seed, devices=order.devices)
-        plan = replace(plan, factors=order.factors)
-        with (
-            tempfile.TemporaryDirectory(prefix="touchbench-batch-") as folder,
-            closing(build_rig(profile, devices=order.devices)) as rig,
-        ):
-            outcome = Campaign(plan, rig, Console(), Path(folder)).run()
-            files = {path.name: path.read_bytes() for path in outcome.folder.iterdir() if path.is_file()}
-            failure = f"{type(outcome.error).__name__}: {outcome.error}" if outcome.error else ""
-            return Batch(files, failure, monotonic_s() - begun_s)
+    profile = _profile(order)
+    plan = plan_campaign(profile, trials, order.seed, devices=order.devices)
+    plan = replace(plan, factors=order.factors)
+    with closing(build_rig(profile, devices=order.devices)) as rig:
+        outcome = Campaign(plan, rig, Console(), scratch).run()
+    if outcome.unwritten is not None:
+        raise outcome.unwritten
+    failure = f"{type(outcome.error).__name__}: {outcome.error}" if outcome.error else ""
+    return Batch(outcome.folder, failure, monotonic_s() - begun_s)
+
+
+def run_batch_afar(order: Order, trials: Sequence[Trial]) -> Batch:
+    """The same on another machine: its files come with it."""
+    with tempfile.TemporaryDirectory(prefix="touchbench-batch-") as scratch:
+        batch = run_batch(order, trials, Path(scratch))
+        return batch._replace(files={path.name: path.read_bytes() for path in batch.folder.iterdir()})
 
 
 @lru_cache(maxsize=1)
 def _profile(order: Order) -> Profile:
     """The campaign's profile; a worker that lives longer than a campaign loads the user's own code anew."""
-    from config.assemble import own_modules
     from config.profile import load_resolved
     from controller.own_modules import forget_own
 
     forget_own()
-    profile = load_resolved(order.name, json.loads(order.resolved), folders=order.folders)
-    here = {top: entry["sha256"] for top, entry in own_modules(profile).items()}
-    if other := [top for top, digest in order.own if here.get(top) != digest]:
-        raise JobsError(f"{', '.join(other)} is another one at a worker than here; give all the same files")
-    return profile
+    return load_resolved(order.name, json.loads(order.resolved), folders=order.folders)
 
 
 # --- the workers ---------------------------------------------------------------------------------
@@ -155,16 +170,21 @@ class Crew:
     given_up: tuple[type[Exception], ...] = ()
     """What a batch fails by where its workers died and others were tried already."""
 
+    afar: bool = False
+    """Whether they are on other machines."""
+
     _executor: Executor | None = None
 
-    def submit(self, order: Order, trials: Sequence[Trial]) -> Future[Batch]:
+    def submit(self, order: Order, trials: Sequence[Trial], scratch: Path) -> Future[Batch]:
         """Have some trials run; where a worker has died, the batch is lost as if it had been with that one."""
         if self._executor is None:
             self._executor = self.begin()
         # a worker that is begun here inherits the mask: Ctrl+C at the terminal goes to it, too, also while it loads
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            return self._executor.submit(run_batch, order, trials)
+            if self.afar:
+                return self._executor.submit(run_batch_afar, order, trials)
+            return self._executor.submit(run_batch, order, trials, scratch)
         except BrokenExecutor as error:
             lost: Future[Batch] = Future()
             lost.set_exception(error)
@@ -190,14 +210,9 @@ def cores(asked: int | None = None) -> Crew:
 
     def end(executor: Executor) -> None:
         executor.shutdown(wait=False, cancel_futures=True)
-        children = set(multiprocessing.active_children()) - others
-        for child in children:
-            child.terminate()
-        for child in children:
-            child.join(END_S)
-            if child.is_alive():  # it is busy, and takes no signal
-                child.kill()
-                child.join()
+        for child in set(multiprocessing.active_children()) - others:
+            child.kill()
+            child.join()
 
     return Crew(count, begin, end)
 
@@ -209,33 +224,6 @@ def _in_a_worker() -> None:
     ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
     for library in ("OPENBLAS", "OMP", "MKL"):  # a worker is a core
         os.environ[f"{library}_NUM_THREADS"] = "1"
-    signal.signal(signal.SIGTERM, _leave)
-
-
-_WORKER = SimpleNamespace(working=False, leaving=False)
-"""What this process is at, where it is a worker."""
-
-
-@contextmanager
-def _at_work() -> Iterator[None]:
-    if _WORKER.leaving:
-        os._exit(0)
-    _WORKER.working = True
-    try:
-        yield
-    finally:
-        _WORKER.working = False
-
-
-def _leave(number: int, frame: FrameType | None) -> None:
-    """End a worker at its work at once; one that hands over a result does that to its end, and begins nothing more.
-
-    The pool reads a result whole: cut off in the middle of one, it would wait for the rest for ever, and with it the
-    program's exit.
-    """
-    _WORKER.leaving = True
-    if _WORKER.working:
-        os._exit(0)
 
 
 def cluster(address: str) -> Crew:
@@ -263,21 +251,27 @@ def cluster(address: str) -> Crew:
         executor.shutdown(wait=False)
         client.close()
 
-    return Crew(count, client.get_executor, end, (KilledWorker,))
+    return Crew(count, client.get_executor, end, (KilledWorker,), afar=True)
+
+
+def crew_of(jobs: int | None, scheduler: str | None) -> Crew:
+    """The workers that are asked for."""
+    return cluster(scheduler) if scheduler else cores(jobs)
 
 
 # --- the batches ---------------------------------------------------------------------------------
 
 
 def batches(
-    crew: Crew, order: Order, trials: Sequence[Trial], waiting: Callable[[], None]
-) -> Iterator[Batch]:
+    crew: Crew, order: Order, trials: Sequence[Trial], scratch: Path, waiting: Callable[[], None]
+) -> Generator[Batch]:
     """Have trials run, and give their batches in the order of the trials; every trial once, even where workers die.
 
     The crew stays when all is done, for a next campaign; where this ends before, it is shut down at once.
 
     Args:
         trials: In the order of running.
+        scratch: Folder for the batches' own.
         waiting: Called again and again meanwhile.
 
     Raises:
@@ -292,7 +286,7 @@ def batches(
             while left and len(given) < crew.count * AHEAD:
                 even = -(-len(left) // crew.count)  # at the end everyone gets a share
                 some = [left.popleft() for _ in range(min(size, even))]
-                given.append((crew.submit(order, some), some))
+                given.append((crew.submit(order, some, scratch), some))
             future, some = given[0]
             waiting()
             wait([future], WAIT_S)
@@ -314,7 +308,8 @@ def batches(
                     ) from None
                 crew.close()
                 given = deque(
-                    (done if _well(done) else crew.submit(order, these), these) for done, these in given
+                    (done if _well(done) else crew.submit(order, these, scratch), these)
+                    for done, these in given
                 )
                 continue
             given.popleft()
@@ -340,14 +335,35 @@ def in_batches(
     resumed: ResumedRun | None = None,
 ) -> Campaign:
     """A campaign that a crew runs; its arguments are those of `Campaign`, besides."""
-    from controller.batches import CampaignInBatches
+    from config.joined import JoinedCampaign, Part
+    from controller.recording.joining import EndedRun
+    from controller.recording.run_folder import RunFolder
     from controller.rig import Rig
     from drivers.core.clock import VirtualClock
 
-    order, rig = order_of(profile, plan), Rig("mock", {}, VirtualClock())
-    return CampaignInBatches(
-        plan, rig, console, out, resumed, batches=lambda poll: batches(crew, order, plan.left, poll)
-    )
+    order = order_of(profile, plan)
+
+    def parts(waiting: Callable[[], None]) -> Generator[Part]:
+        with (
+            tempfile.TemporaryDirectory(prefix="touchbench-batches-") as scratch,
+            closing(batches(crew, order, plan.left, Path(scratch), waiting)) as ended,
+        ):
+            for batch in ended:
+                folder = Path(tempfile.mkdtemp(dir=scratch)) if batch.files else batch.folder
+                for name, data in batch.files.items():
+                    (folder / name).write_bytes(data)
+                run = EndedRun(RunFolder(folder))
+                end = run.manifest["exit"]
+                yield Part(run.trials.values(), [run.manifest], end)
+                if batch.error:
+                    raise RuntimeError(batch.error)
+                # nothing more is run after an error; a trial that was given up is none
+                if end["status"] not in ("done", "failed") or len(run.trials) < run.manifest["trials"]:
+                    return
+                shutil.rmtree(folder)
+
+    rig = Rig("mock", {}, VirtualClock())
+    return JoinedCampaign(plan, rig, console, out, resumed, parts=parts)
 
 
 def jobs_for(profile: Profile, plan: CampaignPlan, asked: int | None) -> int:

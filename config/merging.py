@@ -1,26 +1,25 @@
 """Shards joined into the run folder that one run would have written; and whether a run can go on."""
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from config.assemble import own_modules
+from config.assemble import own_modules, plan_campaign
+from config.joined import SHOWN, JoinedCampaign, Part, differing, identity
 from config.profile import Profile, load_profile, load_resolved
-from config.source import ProfileError, flatten
+from config.source import ProfileError
 from config.trials import Trial, chosen, read_csv
-from controller.batches import add_manifest
 from controller.campaign import program
-from controller.outcomes import UNMEASURED, exit_of
+from controller.console import Console
+from controller.outcomes import UNMEASURED
 from controller.own_modules import own_folders
 from controller.recording.joining import EndedRun
-from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RunFolder, RunFolderError
-
-SHOWN = 5
-"""How many trials, or differences, are named at once."""
+from controller.rig import Rig
+from drivers.core.clock import VirtualClock
 
 
 @contextmanager
@@ -42,67 +41,41 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
         RecordingError: the run cannot be written.
     """
     shards = [EndedRun(RunFolder.find(name, out)) for name in names]
-    manifest = _common(shards)
-    kept = manifest["profile"]
-    profile = load_resolved(kept["name"], kept["resolved"], folders=own_folders(manifest))
-    only = kept["asked"].get("only", ())
-    order = [trial.id for trial in chosen(profile.trials(manifest["seed"]), only, None)]
+    first = shards[0].manifest
     holders: dict[int, EndedRun] = {}
     for shard in shards:
+        if other := differing(identity(first), identity(shard.manifest)):
+            raise RunFolderError(
+                f"{shard.folder.path}: not of the same run as {shards[0].folder.path} ({other})"
+            )
         if twice := [trial for trial in shard.trials if trial in holders]:
             also = holders[twice[0]].folder.path
             raise RunFolderError(
                 f"{shard.folder.path}: {_named(twice)} in {also} as well; give each shard once"
             )
         holders |= dict.fromkeys(shard.trials, shard)
-    numbers, manifest["exit"] = _as_one_run(shards, holders, order)
-    done = [holders[number].trials[number] for number in numbers]
-    manifest["outcomes"] = dict(Counter(trial.outcome for trial in done))
-    if manifest["exit"]["status"] == "done" or not manifest["exit"]["code"]:
-        code, reason = exit_of(manifest)
-        manifest["exit"] = {"status": "done", "code": code, "reason": reason}
-    manifest["loop"]["bench_s"] = sum(trial.recorded.length_s or 0.0 for trial in done)
-    started = min(datetime.fromisoformat(shard.manifest["started_utc"]) for shard in shards)
-    manifest |= {"trials": len(order), "started_utc": started.isoformat()}
-    folder = RunFolder.create(out, kept["name"], started)
-    folder.write_manifest({**manifest, "exit": {"status": "running", "code": None, "reason": ""}})
-    recorder = Recorder(folder, started, streams={}, factors=(), measures=shards[0].columns[2:])
-    try:
-        for trial in done:
-            recorder.take_over(trial)
-    finally:
-        recorder.close()
-    folder.write_manifest(manifest)
-    return folder
-
-
-def _common(shards: Sequence[EndedRun]) -> dict[str, Any]:
-    """The manifest of the whole run."""
-    first = shards[0].manifest
-    total = {**first, "devices": {}, "plant": {}, "loss": {}, "outcomes": {}, "signals": {}}
-    total["loop"] = {**first["loop"], **dict.fromkeys(("turns", "overruns", "bench_s"), 0)}
-    asked = first["profile"].get("asked") or {}
-    total["profile"] = {**first["profile"], "asked": {key: asked[key] for key in asked if key != "shard"}}
-    total.pop("resumed_utc", None)
-    for shard in shards:
-        if other := differing(_identity(first), _identity(shard.manifest)):
-            raise RunFolderError(
-                f"{shard.folder.path}: not of the same run as {shards[0].folder.path} ({other})"
-            )
-        add_manifest(total, shard.manifest)
-    return total
-
-
-def _identity(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """What all shards of a run have in common."""
-    profile = manifest["profile"]
-    return {
-        "profile": profile["name"],
-        "sha256": profile["hash"],
-        "seed": manifest["seed"],
-        "only": (profile.get("asked") or {}).get("only", []),
-        "own": {name: entry["sha256"] for name, entry in (profile.get("own") or {}).items()},
-    }
+    kept, seed = first["profile"], int(first["seed"])
+    asked = {key: value for key, value in (kept.get("asked") or {}).items() if key != "shard"}
+    profile = load_resolved(kept["name"], kept["resolved"], folders=own_folders(first))
+    trials = chosen(profile.trials(seed), asked.get("only", ()))
+    done, end = _as_one_run(shards, holders, [trial.id for trial in trials])
+    whole = Part(
+        [holders[number].trials[number] for number in done], [shard.manifest for shard in shards], end
+    )
+    plan = replace(
+        plan_campaign(profile, trials, seed, asked=asked),
+        resolved=kept["resolved"],
+        profile_hash=kept["hash"],
+        own=kept.get("own") or {},
+        factors=(),
+        columns=shards[0].columns[2:],
+    )
+    rig = Rig(first["bench"], {}, VirtualClock(), time=first["clock"])
+    campaign = JoinedCampaign(plan, rig, Console(), out, parts=lambda _: (each for each in [whole]))
+    joined = campaign.run(min(datetime.fromisoformat(shard.manifest["started_utc"]) for shard in shards))
+    if joined.unwritten is not None:
+        raise joined.unwritten
+    return RunFolder(joined.folder)
 
 
 def _as_one_run(
@@ -186,11 +159,3 @@ def _check_program(name: str, began: Mapping[str, Any], present: Mapping[str, An
     other = differing(began, present)
     if other:
         raise RunFolderError(f"{name}: was run by another program ({other}); go back to that, or run it anew")
-
-
-def differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
-    """Settings that are not the same, "key: before → after" each; "" where all are."""
-    old, new = dict(flatten(before)), dict(flatten(after))
-    keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
-    changes = [f"{key}: {old.get(key, 'absent')} → {new.get(key, 'absent')}" for key in keys[:SHOWN]]
-    return ", ".join([*changes, *(["…"] if len(keys) > SHOWN else [])])

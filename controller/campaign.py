@@ -132,6 +132,7 @@ class Outcome:
         exit_code: As in the reference of the command line.
         line: One line for the person at the bench.
         error: A fault of the program itself, which ended the run; to be raised after the report.
+        unwritten: Why the folder is not whole; None where it is.
         not_at_rest: Movers that were not seen standing still at its end.
     """
 
@@ -140,6 +141,7 @@ class Outcome:
     line: str
     error: Exception | None = None
     not_at_rest: Sequence[str] = ()
+    unwritten: RecordingError | None = None
 
 
 class Campaign:
@@ -169,8 +171,11 @@ class Campaign:
         self._not_at_rest: list[str] = []
         self._warm: set[type] = set()
 
-    def run(self) -> Outcome:
+    def run(self, started: datetime | None = None) -> Outcome:
         """Run every trial.
+
+        Args:
+            started: When it began; None is now.
 
         Whatever ends the run, the bench stands still and the recording is closed when this returns. Errors of
         devices, guard and disk come back as a line and an exit code, a fault of the program itself as `error`.
@@ -181,7 +186,7 @@ class Campaign:
         """
         from controller.recording.joining import hold
 
-        started = utc_now()
+        started = started or utc_now()
         if self._resumed is None:
             folder = RunFolder.create(self._runs, self._plan.profile, started)
         else:
@@ -202,6 +207,7 @@ class Campaign:
         folder.write_manifest(self._manifest)
         folder.keep_room()
         fault: Exception | None = None
+        unwritten: RecordingError | None = None
         counts = ""
         try:
             code, status, line = self._on_bench(folder, started)
@@ -209,7 +215,8 @@ class Campaign:
                 code, line = exit_of(self._manifest)
             counts = counted(self._manifest["outcomes"], self._manifest["successes"])
         except (Aborted, KeyboardInterrupt):
-            code, status, line = EXIT_INTERRUPTED, "aborted", "interrupted"
+            still = "" if self._not_at_rest else ": the bench is still"
+            code, status, line = EXIT_INTERRUPTED, "aborted", f"interrupted{still}"
         except GuardRefusal as refusal:
             code, status, line = EXIT_GUARD, "guard", f"guard: {refusal}"
         except DeviceError as error:
@@ -217,16 +224,15 @@ class Campaign:
         except UnfitStreamError as error:
             code, status, line = EXIT_USAGE, "fault", str(error)
         except RecordingError as error:
-            code, status, line = EXIT_FAILED, "failed", str(error)
+            code, status, line, unwritten = EXIT_FAILED, "failed", str(error), error
         except Exception as error:
             code, status, line, fault = EXIT_FAILED, "failed", f"{type(error).__name__}: {error}", error
         if self._not_at_rest:
             line = f"{line}; NOT seen standing still: {', '.join(self._not_at_rest)}: look at the bench"
-        elif status == "aborted":
-            line = f"{line}: the bench is still"
         accounts = self._manifest["signals"].values()
         counts_of = Counter(account["warning"] for account in accounts if "warning" in account)
-        warnings = [f"{text} ({n} signals)" if n > 1 else text for text, n in counts_of.items()]
+        new = {text: n for text, n in counts_of.items() if text not in line}  # of where trials were run
+        warnings = [f"{text} ({n} signals)" if n > 1 else text for text, n in new.items()]
         line = "; ".join(part for part in (line, *warnings) if part)
         self._manifest["exit"] = {"status": status, "code": code, "reason": line if code else ""}
         if counts:
@@ -238,9 +244,9 @@ class Campaign:
         try:
             folder.end(self._manifest)
         except RecordingError as error:
-            code, line = code or EXIT_FAILED, f"{line}; {error}"
+            code, line, unwritten = code or EXIT_FAILED, f"{line}; {error}", error
         self._console.campaign_ended(line)
-        return Outcome(code, folder.path, line, fault, self._not_at_rest)
+        return Outcome(code, folder.path, line, fault, self._not_at_rest, unwritten)
 
     def _on_bench(self, folder: RunFolder, started: datetime) -> tuple[int, str, str]:
         from controller.recording import recorder as recording  # what only plans a campaign writes nothing
@@ -402,8 +408,7 @@ class Campaign:
                 if not loop.account.missing:  # without its samples there is nothing to measure
                     outcome, reason, row = _measured(trial, evidence, ended, reason)
             finally:
-                counts = self._manifest["outcomes"]
-                counts[outcome] = counts.get(outcome, 0) + 1
+                self._count(outcome)
                 recorder.end_trial(outcome, row, self._rig.clock.now())
         return outcome, reason, row, self._rig.clock.now()
 
@@ -459,6 +464,10 @@ class Campaign:
             gc.freeze()
 
     # the manifest
+
+    def _count(self, outcome: str) -> None:
+        counts = self._manifest["outcomes"]
+        counts[outcome] = counts.get(outcome, 0) + 1
 
     def _account(self, loop: Loop, signals: Sequence[Signal]) -> None:
         account = loop.account

@@ -308,11 +308,11 @@ def _once(
 
 def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reported: bool) -> int:
     """Run the parts of a campaign that are left, and report all; returns the exit code."""
-    from config.jobs import cluster, cores
+    from config.jobs import crew_of
     from config.parts import carry_on
 
     workers = [*(["--jobs", str(jobs)] if jobs else []), *(["--scheduler", scheduler] if scheduler else [])]
-    with closing(cluster(scheduler) if scheduler else cores(jobs)) as crew:
+    with closing(crew_of(jobs, scheduler)) as crew:
         code = carry_on(folder, run, resume, workers, crew, verbs.say)
     if reported and folder.runs:
         verbs.report_on([folder])
@@ -323,16 +323,13 @@ def _crew(
     loaded: Profile, plan: CampaignPlan, jobs: int | None, scheduler: str | None
 ) -> AbstractContextManager[Crew | None]:
     """The workers that run the trials; None is this process."""
-    from config.jobs import Crew, cluster, cores, jobs_for
+    from config.jobs import Crew, crew_of, jobs_for
 
-    kept = click.get_current_context().find_object(Crew)  # of a campaign of parts
-    if scheduler is None:
-        count = jobs_for(loaded, plan, jobs)
-        if count > 1:
-            return nullcontext(kept) if kept else closing(cores(count))
+    count = jobs_for(loaded, plan, 2 if scheduler else jobs)
+    if count == 1 and not scheduler:
         return nullcontext()
-    jobs_for(loaded, plan, 2)
-    return nullcontext(kept) if kept else closing(cluster(scheduler))
+    kept = click.get_current_context().find_object(Crew)  # of a campaign of parts
+    return nullcontext(kept) if kept else closing(crew_of(count, scheduler))
 
 
 def _console(

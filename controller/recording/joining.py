@@ -11,7 +11,7 @@ from controller.outcomes import UNMEASURED
 from controller.recording.mcap_file import Topic, topics
 from controller.recording.reader import RecordedTrial, RecordingIndex
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError, lock, replace_file
-from controller.recording.trial_rows import read_rows
+from controller.recording.trial_rows import Cell, read_rows
 
 
 class EndedTrial(NamedTuple):
@@ -20,6 +20,7 @@ class EndedTrial(NamedTuple):
     number: int
     outcome: str
     row: str
+    cells: Mapping[str, Cell]
     events: Sequence[bytes]
     recorded: RecordedTrial
     topics: Mapping[int, Topic]
@@ -42,27 +43,27 @@ class EndedRun:
         self.folder = folder
         self.manifest = folder.read_manifest()
         try:
-            header, *rows = folder.trials_path.read_text("utf-8").splitlines(keepends=True)
+            header, *lines = folder.trials_path.read_text("utf-8").splitlines(keepends=True)
+            rows, cut = read_rows(folder.trials_path)
             events: dict[int, list[bytes]] = {}
-            for line in folder.events_path.read_bytes().splitlines(keepends=True):
-                events.setdefault(json.loads(line)["trial"], []).append(line)
+            for event in folder.events_path.read_bytes().splitlines(keepends=True):
+                events.setdefault(json.loads(event)["trial"], []).append(event)
             index = RecordingIndex(folder.recordings)
             known = {path: topics(path) for path in folder.recordings}
-            if index.damage:
-                raise ValueError(index.damage[0])
+            if index.damage or cut:
+                raise ValueError(*index.damage[:1] or ["the last row is cut off"])
             self.columns = header.rstrip("\n").split(",")
             self.trials: dict[int, EndedTrial] = {}
-            for row in rows:
-                cell, outcome, _ = f"{row},".split(",", 2)
-                number = int(cell)
+            for line, cells in zip(lines, rows, strict=True):
+                number = int(cells["trial"])  # type: ignore[arg-type]
                 recorded = index.trials.get(number)
                 if recorded is None or recorded.length_s is None:
                     raise ValueError(f"the recording of trial {number} is not whole")
-                own = events.get(number, ())
+                outcome, own = str(cells["outcome"]), events.get(number, ())
                 self.trials[number] = EndedTrial(
-                    number, outcome.strip(), row, own, recorded, known[recorded.path]
+                    number, outcome, line, cells, own, recorded, known[recorded.path]
                 )
-        except (OSError, KeyError, ValueError) as error:
+        except (OSError, LookupError, TypeError, ValueError) as error:
             raise RunFolderError(f"{folder.path}: damaged or cut off ({error}); resume it first") from None
 
 

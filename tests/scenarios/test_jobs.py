@@ -4,8 +4,10 @@ import json
 import multiprocessing
 import os
 import pickle
+import select
 import shutil
 import signal
+import tempfile
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -17,12 +19,11 @@ from mcap.reader import make_reader
 
 from config import jobs
 from config.assemble import plan_campaign
-from config.jobs import BATCH_S, DEATHS, Crew, JobsError, batches, cluster, cores, in_batches
+from config.jobs import BATCH_S, DEATHS, Batch, Crew, JobsError, batches, cluster, cores, in_batches, order_of
 from config.profile import load_profile
-from controller.batches import Batch
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError
-from tests.scenarios.conftest import Script, change_manifest, run_of, run_once
+from tests.scenarios.conftest import InTurn, Script, change_manifest, run_of, run_once
 
 SETS = {"behavior.settle_s": "2.0", "trials.repeats": "1", "detectors.contact.threshold_sigma": "3.0"}
 """Fourteen trials; the loop locks within a second."""
@@ -37,7 +38,8 @@ def one(tmp_path_factory):
 
 
 def content(folder):
-    """All messages of a recording by trial, with their times since the run began: as a reader of MCAP finds them."""
+    """All messages of a recording by trial, with their times since the run began, and what is attached: as a reader of
+    MCAP finds them."""
     with (folder / "recording.mcap").open("rb") as file:
         reader = make_reader(file)
         summary = reader.get_summary()
@@ -57,7 +59,8 @@ def content(folder):
             for record in reader.iter_metadata()
         ]
         topics = sorted(channel.topic for channel in summary.channels.values())
-    return messages, trials, topics
+        attached = [one.name for one in reader.iter_attachments()]
+    return messages, trials, topics, attached
 
 
 def assert_same(folder, other):
@@ -71,6 +74,7 @@ def assert_same(folder, other):
     assert seconds == pytest.approx(expected, rel=1e-2)  # a bench computes a turn more as it is closed
     assert {**mine, "started_utc": 0} == {**others, "started_utc": 0}
     assert open_run(folder).notes == []
+    assert {path.name for path in folder.iterdir()} == {path.name for path in other.iterdir()}
 
 
 def test_two_cores_write_the_folder_that_one_writes(verb, one, tmp_path):
@@ -170,15 +174,6 @@ class Killer(Script):
         super().trial_ended(trial, outcome, row)
 
 
-class InTurn(Executor):
-    """Runs each batch as it is submitted, on a copy of its order: two workers share no object of the program."""
-
-    def submit(self, fn, /, *args, **kwargs):
-        done = Future()
-        done.set_result(fn(*pickle.loads(pickle.dumps(args)), **kwargs))
-        return done
-
-
 def in_turn():
     return Crew(2, InTurn, lambda _: None)
 
@@ -224,26 +219,12 @@ def test_the_guard_ends_a_campaign_in_parts_where_it_ends_one_on_one_core(run_pr
     assert manifests[0]["exit"] == manifests[1]["exit"]
 
 
-@pytest.mark.parametrize("torn", [False, True])
-def test_no_part_is_joined_after_one_whose_own_disk_was_full(one, tmp_path, monkeypatch, torn):
-    full = "recorder: No space left on device"
-
-    def run_batch(order, trials):
-        part = jobs_run_batch(order, trials)
-        if trials[0].id != numbers[2]:
-            return part
-        manifest = json.loads(part.files["manifest.json"])
-        manifest["exit"] = {"status": "failed", "code": 1, "reason": full}
-        rows = b"" if torn else part.files["trials.csv"].splitlines(keepends=True)[0]
-        files = {"manifest.json": json.dumps(manifest).encode(), "trials.csv": rows}
-        return part._replace(files={**part.files, **files})
-
-    jobs_run_batch = jobs.run_batch
+def test_nothing_is_joined_from_a_batch_whose_own_disk_was_full_on(one, tmp_path):
     numbers = [row["trial"] for row in open_run(one).trials]
-    monkeypatch.setattr(jobs, "run_batch", run_batch)
-    outcome = in_two(tmp_path, Script())
+    full = f'[{{ device = "disk", kind = "full", after = "APPROACH", trial = {numbers[2]} }}]'
+    outcome = in_two(tmp_path, Script(), faults=full)
     assert (outcome.exit_code, outcome.error) == (1, None)
-    assert outcome.line.startswith(full)
+    assert outcome.line.startswith("recorder: No space left on device")
     assert [row["trial"] for row in open_run(outcome.folder).trials] == numbers[:2]
 
 
@@ -252,13 +233,24 @@ def test_what_a_worker_reports_of_its_disk_comes_back_from_it():
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 
-def test_an_operator_ends_a_campaign_in_batches(one, tmp_path):
+def test_a_result_goes_through_a_pipe_in_one_piece_that_no_kill_cuts(tmp_path):
+    profile = load_profile("mock/transient", SETS)
+    plan = plan_campaign(profile, profile.trials(0), 0)
+    batch = jobs.run_batch(order_of(profile, plan), plan.left[:2], tmp_path)
+    assert len(pickle.dumps(batch)) < select.PIPE_BUF
+
+
+def test_an_operator_ends_a_campaign_in_batches(one, tmp_path, monkeypatch):
     class Leaver(Script):
         def poll(self):
             return "abort" if self.rows else None
 
+    left = tmp_path / "left"
+    left.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(left))
     outcome = in_two(tmp_path, Leaver())
     assert outcome.exit_code == 130
+    assert not list(left.iterdir())
     rows = (outcome.folder / "trials.csv").read_text()
     assert (one / "trials.csv").read_text().startswith(rows)
     assert open_run(outcome.folder).manifest["exit"]["status"] == "aborted"
@@ -271,17 +263,17 @@ def test_a_cluster_writes_the_folder_that_one_core_writes(verb, one, tmp_path, l
     assert_same(run_of(tmp_path), one)
 
 
-def dying(order, trials):
+def dying(*_):
     from distributed import KilledWorker
 
     raise KilledWorker("part", SimpleNamespace(address="tcp://10.0.0.7:8786"), 3)
 
 
 def test_a_part_that_a_cluster_gave_up_is_reported_in_a_line(local_cluster, monkeypatch):
-    monkeypatch.setattr(jobs, "run_batch", dying)
+    monkeypatch.setattr(jobs, "run_batch_afar", dying)
     with closing(cluster(local_cluster.scheduler_address)) as crew:
-        crew.submit(None, [])  # begun
-        found = batches(crew, None, [SimpleNamespace(id=5), SimpleNamespace(id=6)], lambda: None)
+        crew.submit(None, [], None)  # begun
+        found = batches(crew, None, [SimpleNamespace(id=5), SimpleNamespace(id=6)], None, lambda: None)
         with pytest.raises(JobsError, match="trials 5 or beside them; is there memory enough"):
             next(found)
 
@@ -295,40 +287,7 @@ def test_a_scheduler_that_is_gone_is_reported_in_a_line():
             return future
 
     with pytest.raises(JobsError, match="the scheduler is gone"):
-        next(batches(Crew(1, Gone, lambda _: None), None, [SimpleNamespace(id=5)], lambda: None))
-
-
-def test_a_worker_that_does_not_end_in_time_is_killed(monkeypatch):
-    class Deaf:
-        done = ()
-
-        def __getattr__(self, name):
-            return lambda *_: self.__dict__.update(done=(*self.done, name)) or "kill" not in self.done
-
-    children = []
-    monkeypatch.setattr(multiprocessing, "active_children", lambda: list(children))
-    crew = cores(1)
-    crew._executor = Executor()
-    children.append(Deaf())
-    crew.close()
-    assert children[0].done == ("terminate", "join", "is_alive", "kill", "join")
-
-
-def test_a_worker_that_hands_over_its_result_is_not_ended_in_the_middle_of_it(monkeypatch):
-    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail("ended"))
-    monkeypatch.setattr(jobs, "_WORKER", SimpleNamespace(working=False, leaving=False))
-    with jobs._at_work():
-        pass
-    jobs._leave(signal.SIGTERM, None)  # the pool reads what it hands over whole, or waits for ever
-    with pytest.raises(pytest.fail.Exception, match="ended"), jobs._at_work():
-        pass  # it begins nothing more
-
-
-def test_a_worker_at_its_work_is_ended_at_once(monkeypatch):
-    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail("ended"))
-    monkeypatch.setattr(jobs, "_WORKER", SimpleNamespace(working=False, leaving=False))
-    with pytest.raises(pytest.fail.Exception, match="ended"), jobs._at_work():
-        jobs._leave(signal.SIGTERM, None)
+        next(batches(Crew(1, Gone, lambda _: None), None, [SimpleNamespace(id=5)], None, lambda: None))
 
 
 class Broken(Executor):
@@ -355,7 +314,7 @@ def test_workers_are_renewed_whenever_their_death_is_found_but_not_for_ever(at_o
 
     trials = [SimpleNamespace(id=number) for number in range(5)]
     with pytest.raises(JobsError, match="trials 0 or beside them"):
-        list(batches(Crew(2, begin, lambda _: None), None, trials, lambda: None))
+        list(batches(Crew(2, begin, lambda _: None), None, trials, None, lambda: None))
     assert len(begun) == DEATHS
 
 
@@ -364,15 +323,15 @@ def test_new_workers_run_what_was_lost_and_nothing_twice(at_once):
     crews = [Broken(at_once), Broken(at_once), ThreadPoolExecutor(2)]
     seen = []
 
-    def part(order, trials):
+    def part(order, trials, scratch):
         seen.extend(trials)
-        return Batch({}, ",".join(str(trial.id) for trial in trials), BATCH_S)
+        return Batch(scratch, ",".join(str(trial.id) for trial in trials), BATCH_S)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jobs, "run_batch", part)
         crew = Crew(2, lambda: crews.pop(0), lambda executor: executor.shutdown())
         trials = [SimpleNamespace(id=number) for number in range(9)]
-        found = [part.error for part in batches(crew, None, trials, lambda: None)]
+        found = [part.error for part in batches(crew, None, trials, None, lambda: None)]
     assert found == [str(number) for number in range(9)]
     assert len(seen) == 9
 
@@ -399,11 +358,11 @@ def test_a_shard_without_a_trial_is_refused(verb, tmp_path):
 
 
 def test_ctrl_c_at_the_terminal_does_not_reach_a_worker_however_early(monkeypatch):
-    monkeypatch.setattr("config.jobs.run_batch", divmod)  # anything that a worker can do
+    monkeypatch.setattr("config.jobs.run_batch", pow)  # anything that a worker can do
     before = set(multiprocessing.active_children())
     crew = cores(1)
     try:
-        assert crew.submit(7, 2).result() == (3, 1)
+        assert crew.submit(7, 2, 5).result() == 4
         (worker,) = set(multiprocessing.active_children()) - before
         status = Path(f"/proc/{worker.pid}/status").read_text()
         (blocked,) = [int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigBlk")]

@@ -7,11 +7,14 @@ from contextlib import closing
 import pytest
 
 from config.assemble import plan_campaign
-from config.jobs import JobsError, Order, cores, in_batches, order_of, run_batch
+from config.jobs import Crew, Order, cores, in_batches, order_of, run_batch
 from config.profile import load_profile
 from controller.console import Console
 from controller.own_modules import forget_own
+from controller.recording.reader import open_run
+from controller.recording.run_folder import RunFolderError
 from tests.refusals import check_refusal
+from tests.scenarios.conftest import InTurn
 
 DETECTOR = '''
 """Contact above a fixed force."""
@@ -330,7 +333,17 @@ def test_what_an_own_module_imports_of_its_folder_is_recorded_and_holds_a_resume
     assert "own.helper" in err
 
 
-def test_a_worker_that_outlives_a_campaign_loads_own_code_anew_and_refuses_another_one(helped):
+def test_trials_of_a_worker_with_another_version_of_the_users_own_code_are_refused(helped, tmp_path):
+    profile = load_profile(helped / "rest.toml")
+    plan = plan_campaign(profile, profile.trials(0), 0)
+    (helped / "helper.py").write_text("FACTOR = 2.0\n")
+    outcome = in_batches(Crew(1, InTurn, lambda _: None), profile, plan, Console(), tmp_path / "out").run()
+    assert isinstance(outcome.error, RunFolderError)
+    assert "own.helper: " in outcome.line and "install the same one everywhere" in outcome.line
+    assert not open_run(outcome.folder).trials
+
+
+def test_a_worker_that_outlives_a_campaign_loads_own_code_anew(helped, tmp_path):
     def order() -> Order:
         forget_own()
         profile = load_profile(helped / "rest.toml")
@@ -338,13 +351,11 @@ def test_a_worker_that_outlives_a_campaign_loads_own_code_anew_and_refuses_anoth
 
     first = order()
     trials = load_profile(helped / "rest.toml").trials(0)[:1]
-    assert run_batch(first, trials).error == ""
+    assert run_batch(first, trials, tmp_path).error == ""
     assert sys.modules["helper"].FACTOR == 1.0
     (helped / "helper.py").write_text("FACTOR = 2.0\n")
-    with pytest.raises(JobsError, match="helper is another one at a worker"):
-        run_batch(first._replace(seed=1, resolved=f" {first.resolved}"), [])
     second = order()
-    assert run_batch(second, trials).error == ""
+    assert run_batch(second, trials, tmp_path).error == ""
     assert sys.modules["helper"].FACTOR == 2.0
 
 
