@@ -345,22 +345,26 @@ def plan_campaign(
         if "device" in referred(field) and isinstance(device := getattr(profile.behavior, role), str)
     }
     return CampaignPlan(
-        profile=profile.name,
-        resolved=profile.resolved,
-        profile_hash=profile.hash,
-        experiment=profile.experiment,
-        seed=seed,
+        manifest={
+            "profile": {
+                "name": profile.name,
+                "hash": profile.hash,
+                "resolved": profile.resolved,
+                "asked": dict(asked or {}),
+                "own": own_modules(profile),
+            },
+            "experiment": profile.experiment,
+            "seed": seed,
+            "roles": roles,
+            "successes": experiment.successes,
+        },
         left=left,
         trials=_trial_plans(profile, left, seed),
         factors=tuple(names),
         columns=tuple(measures.COLUMNS),
         leading=getattr(measures, "HIGHLIGHTS", ()),
-        successes=experiment.successes,
         loop=profile.loop,  # type: ignore[arg-type]
-        roles=roles,
         signals={signal.info.name: signal.info for signal in make_signals(profile)},
-        asked=asked or {},
-        own=own_modules(profile),
         devices=devices,
     )
 

@@ -99,11 +99,9 @@ def order_of(profile: Profile, plan: CampaignPlan) -> Order:
 
     The trials themselves come with each batch: of the profile's own one is kept, which validates.
     """
-    from config.assemble import own_modules
-
     one = {"list": [dict(plan.left[0].factors)], "grid": {}, "repeats": 1, "order": "listed"}
     resolved = json.dumps({**profile.resolved, "trials": one})
-    own = tuple((name, entry["sha256"]) for name, entry in own_modules(profile).items())
+    own = tuple((name, entry["sha256"]) for name, entry in plan.manifest["profile"]["own"].items())
     folders, devices = tuple(profile.source.folders), tuple(sorted(plan.devices))
     return Order(profile.name, resolved, folders, tuple(plan.factors), plan.seed, devices, own)
 

@@ -2,18 +2,18 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from config.assemble import own_modules, plan_campaign
+from config.assemble import own_modules
 from config.joined import SHOWN, JoinedCampaign, Part, differing, identity
 from config.profile import Profile, load_profile, load_resolved
 from config.source import ProfileError
 from config.trials import Trial, chosen, read_csv
-from controller.campaign import program
+from controller.campaign import CampaignPlan, program
 from controller.console import Console
+from controller.loop import LoopSettings
 from controller.outcomes import UNMEASURED
 from controller.own_modules import own_folders
 from controller.recording.joining import EndedRun
@@ -54,21 +54,22 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
                 f"{shard.folder.path}: {_named(twice)} in {also} as well; give each shard once"
             )
         holders |= dict.fromkeys(shard.trials, shard)
-    kept, seed = first["profile"], int(first["seed"])
-    asked = {key: value for key, value in (kept.get("asked") or {}).items() if key != "shard"}
+    kept, asked = first["profile"], dict(first["profile"].get("asked") or {})
+    asked.pop("shard", None)
     profile = load_resolved(kept["name"], kept["resolved"], folders=own_folders(first))
-    trials = chosen(profile.trials(seed), asked.get("only", ()))
+    trials = chosen(profile.trials(int(first["seed"])), asked.get("only", ()))
     done, end = _as_one_run(shards, holders, [trial.id for trial in trials])
     whole = Part(
         [holders[number].trials[number] for number in done], [shard.manifest for shard in shards], end
     )
-    plan = replace(
-        plan_campaign(profile, trials, seed, asked=asked),
-        resolved=kept["resolved"],
-        profile_hash=kept["hash"],
-        own=kept.get("own") or {},
+    same = {key: first[key] for key in ("experiment", "seed", "roles", "successes")}
+    plan = CampaignPlan(
+        manifest={"profile": {**kept, "asked": asked}, **same},
+        left=trials,
+        trials=(),
         factors=(),
         columns=shards[0].columns[2:],
+        loop=LoopSettings(),
     )
     rig = Rig(first["bench"], {}, VirtualClock(), time=first["clock"])
     campaign = JoinedCampaign(plan, rig, Console(), out, parts=lambda _: (each for each in [whole]))

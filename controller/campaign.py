@@ -77,41 +77,35 @@ class CampaignPlan:
     """What is to be run.
 
     Attributes:
-        resolved: The whole profile, resolved, for the manifest.
+        manifest: What the manifest says of it before anything is run: profile, experiment, seed, roles, successes.
         left: The trials that are to be run, in the order of running, as the profile has them.
         trials: The same, ready to run; made one by one, when their turn has come.
         factors: Names of the factors, in the order of the columns.
-        roles: Which device does what, for reports.
         signals: What comes out of the signals, by stream.
-        successes: Outcomes that are success; None where the experiment declares none.
         leading: The most informative columns, to be shown first.
-        asked: The command line: the profile, `set`, `trials` and `only`, for resuming the run.
-        own: Modules of the user's own that the profile names: their folder and the SHA-256 of their files.
         devices: Those that the trials use, also the trials that were run before; no other is opened.
     """
 
-    profile: str
-    resolved: Mapping[str, Any]
-    profile_hash: str
-    experiment: str
-    seed: int
+    manifest: Mapping[str, Any]
     left: Sequence[Any]
     trials: Iterable[TrialPlan]
     factors: Sequence[str]
     columns: Sequence[str]
     loop: LoopSettings
-    roles: Mapping[str, str] = field(default_factory=dict)
     signals: Mapping[str, StreamInfo] = field(default_factory=dict)
-    asked: Mapping[str, Any] = field(default_factory=dict)
     leading: Sequence[str] = ()
-    successes: Sequence[str] | None = None
-    own: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     devices: Collection[str] = ()
+
+    @property
+    def seed(self) -> int:
+        """Of order and noise."""
+        return int(self.manifest["seed"])
 
     @property
     def heading(self) -> str:
         """What it measures and its profile, for people."""
-        return ", ".join(filter(None, (self.resolved.get("title"), self.profile)))
+        profile = self.manifest["profile"]
+        return ", ".join(filter(None, (profile["resolved"].get("title"), profile["name"])))
 
     @property
     def count(self) -> int:
@@ -188,7 +182,7 @@ class Campaign:
 
         started = started or utc_now()
         if self._resumed is None:
-            folder = RunFolder.create(self._runs, self._plan.profile, started)
+            folder = RunFolder.create(self._runs, self._plan.manifest["profile"]["name"], started)
         else:
             folder = self._resumed.folder
         held = hold(folder)
@@ -486,30 +480,19 @@ class Campaign:
                 self._manifest["signals"][signal.name] = dict(watched)
 
     def _first_manifest(self, started: datetime) -> dict[str, Any]:
-        plan = self._plan
         return {
             "format": 1,
-            "profile": {
-                "name": plan.profile,
-                "hash": plan.profile_hash,
-                "resolved": dict(plan.resolved),
-                "asked": dict(plan.asked),
-                "own": dict(plan.own),
-            },
-            "experiment": plan.experiment,
+            **self._plan.manifest,
             "bench": self._rig.kind,
-            "seed": plan.seed,
-            "trials": plan.count,
+            "trials": self._plan.count,
             **program(),
             "started_utc": started.isoformat(),
             "clock": self._rig.time,
             "devices": {},
-            "roles": dict(plan.roles),
             "plant": {},
             "loop": {"turns": 0, "overruns": 0, "worst_late_s": 0.0, "paused_s": 0.0, "bench_s": 0.0},
             "loss": {},
             "outcomes": {},
-            "successes": plan.successes,
             "signals": {},
             "detectors": {},
             "exit": {"status": "running", "code": None, "reason": ""},
@@ -541,7 +524,8 @@ def _going_on(resumed: ResumedRun, started: datetime) -> dict[str, Any]:
     """The manifest of a run that goes on: of what was done its outcomes, and when it was resumed."""
     since = [*resumed.manifest.get("resumed_utc", ()), started.isoformat()]
     running = {"status": "running", "code": None, "reason": ""}
-    return {**resumed.manifest, "outcomes": dict(resumed.outcomes), "resumed_utc": since, "exit": running}
+    outcomes = dict(Counter(resumed.done.values()))
+    return {**resumed.manifest, "outcomes": outcomes, "resumed_utc": since, "exit": running}
 
 
 def _check_devices(before: Mapping[str, Any], infos: Mapping[str, DeviceInfo]) -> None:

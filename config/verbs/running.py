@@ -295,7 +295,7 @@ def _once(
             None if crew else stack.enter_context(closing(build_rig(loaded, joined, realtime, plan.devices)))
         )
         operator = stack.enter_context(ConsoleOperator(asking=rig.asking if rig else ()))
-        console = _console(operator, page, time, plan.successes)
+        console = _console(operator, page, time, plan.manifest["successes"])
         if rig is None:
             assert crew is not None
             outcome = in_batches(crew, loaded, plan, console, out, resumed).run()

@@ -2,7 +2,6 @@
 
 import json
 import os
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -75,14 +74,12 @@ class ResumedRun(NamedTuple):
     """A run to go on with.
 
     Attributes:
-        done: Numbers of the trials that stay.
-        outcomes: How often each of their outcomes was.
+        done: Outcomes of the trials that stay, by number.
     """
 
     folder: RunFolder
     manifest: Mapping[str, Any]
-    done: frozenset[int]
-    outcomes: Mapping[str, int]
+    done: Mapping[int, str]
 
 
 def broken_off(folder: RunFolder) -> ResumedRun:
@@ -100,7 +97,7 @@ def broken_off(folder: RunFolder) -> ResumedRun:
             f"{folder.trials_path}: damaged ({error}); mend that line, or run it anew"
         ) from None
     kept = {trial: outcome for trial, outcome in whole if outcome not in UNMEASURED}
-    return ResumedRun(folder, manifest, frozenset(kept), dict(Counter(kept.values())))
+    return ResumedRun(folder, manifest, kept)
 
 
 def hold(folder: RunFolder) -> int:
@@ -132,16 +129,16 @@ def clear(resumed: ResumedRun) -> None:
     Raises:
         RecordingError: it cannot be written.
     """
-    folder = resumed.folder
+    folder, done = resumed.folder, resumed.done
     try:
         header, *rows = _lines(folder.trials_path) or [b""]
         events = _lines(folder.events_path)
-        stay = [line for line in events if _trial_of_event(line) in resumed.done]
-        if len(stay) < len(events):
+        if torn := [line for line in events if _trial_of_event(line) not in done]:
             with (folder.path / TORN).open("ab") as file:
-                file.writelines(line for line in events if _trial_of_event(line) not in resumed.done)
+                file.writelines(torn)
+            stay = (line for line in events if _trial_of_event(line) in done)
             replace_file(folder.events_path, b"".join(stay))
-        whole = [line for line in rows if line.endswith(b"\n") and int(line.split(b",")[0]) in resumed.done]
+        whole = [line for line in rows if line.endswith(b"\n") and int(line.split(b",")[0]) in done]
         if len(whole) < len(rows):
             replace_file(folder.trials_path, b"".join([header, *whole]))
     except OSError as error:
