@@ -93,7 +93,8 @@ class Behavior:
     that it has are those of its table, and `FAILED`: it begins in the first row's, and the trial is over in those from
     which no row leads. A trigger is the event's class name in lower case with underscores (`Contact` → `contact`). What
     ends a trial that cannot go on leads to `FAILED` where the table has no row for it (`ending_rows`); any other event
-    that the present state has no transition for is ignored. Methods call `self.command(...)`, never a trigger.
+    that the present state has no transition for is ignored. Methods call `self.command(...)`, never a trigger. What a
+    trial changes are its behavior's own attributes: in virtual time they are copied, and put back after a look ahead.
 
     What a profile names is made of the experiment's `settings`, the trial's `factors` and the names of all `detectors`.
 
@@ -142,7 +143,6 @@ class Behavior:
         self._came: dict[str, None] = {}
         self._commands: list[Command] = []
         self._event: Event = Tick(0.0)
-        self._machine = _machine(type(self))  # type: ignore[arg-type]  # mypy takes no class for hashable
 
     def check_plans(self) -> None:
         """See that each state's deadline can come; whoever makes a behavior asks once more when it is made.
@@ -286,8 +286,9 @@ class Behavior:
             self.command(Stop(self._mover))
 
     def _fire(self, trigger: str) -> None:
-        if trigger in self._machine.events:
-            self._machine.events[trigger].trigger(self, self)
+        triggers = _machine(type(self)).events  # type: ignore[arg-type]  # mypy takes no class for hashable
+        if trigger in triggers:
+            triggers[trigger].trigger(self, self)
 
     def _entered(self) -> None:
         self._entered_s = self._event.t_s

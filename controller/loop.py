@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Protocol
 
 from pydantic import Field
@@ -59,6 +60,9 @@ WAY_OUT_S = 10.0
 
 ENDING = (GuardStopped, Failed, Stalled)
 """Events that end a trial, whatever its behavior makes of them."""
+
+UNORDERED_S = 0.1
+"""Events of two sources may be seen in either order where they are nearer in time. Assumption: a block is shorter."""
 
 KEY_INTERVAL_S = 0.05
 """How often a paused virtual bench looks for a key: faster than anyone notices."""
@@ -155,6 +159,7 @@ class TrialState:
         asked: The devices' streams that are needed for it.
         behind: Those of them that are only the input of a signal.
         sent: How many commands were sent: the number of the last one.
+        decisions: How often the behavior went on or commanded anything.
         newest: Number of the newest command that is answered, by device.
         paused_s: Since when it is paused.
         suspending: Whether the program is to be suspended.
@@ -174,7 +179,7 @@ class TrialState:
     newest: dict[str, int] = field(default_factory=dict)
     moving: set[str] = field(default_factory=set)
     turn: int = 0
-    events: int = 0
+    decisions: int = 0
     paused_s: float | None = None
     resuming: bool = False
     suspending: bool = False
@@ -365,8 +370,8 @@ class Loop:
         return late_s
 
     def _skip(self) -> bool:
-        """Take the next turns as one, where the bench can and nothing happens in them: what is observed, sampled and
-        recorded is the same, however it is cut."""
+        """Take the next turns as one, where the bench can and nothing follows from what happens in them: what is
+        observed, sampled and recorded is the same, however it is cut."""
         trial, stride = self._trial, self._stride()
         watched = self._guard.in_contact_from_start or self.account.outcome or trial.paused_s is not None
         if self._rig.ahead is None or not stride or watched:
@@ -376,10 +381,10 @@ class Loop:
             stride,
             self._settings.rate_hz,
             until_s=trial.wake_s,
-            changed=[self._guard, *trial.signals.awake, *trial.listening()],
+            changed=[self._guard, trial.behavior, *trial.signals.awake, *trial.listening()],
             look=self._look,
             armed=bool(trial.armed),
-            events=trial.events,
+            decisions=trial.decisions,
         )
         if not turns:
             return False
@@ -389,19 +394,20 @@ class Loop:
         return True
 
     def _look(self) -> float | None:
-        """See what has come since the last turn; when the first thing happened in it, or None where nothing did and all
-        is recorded."""
+        """See what has come since the last turn; when the first thing that anything follows from happened in it, or
+        None where nothing did and all is recorded."""
         t_s = self._clock.now()
         try:
             gathered, statuses = self._gather()
             made, saturated = self._trial.signals.push(gathered)
             blocks = [*gathered, *made]
             found, readings = self._detect(blocks)
+            events: list[Event] = sorted([*statuses, *saturated, *found], key=lambda event: event.t_s)
+            decided = self._deciding(events)
         except Exception:  # what it is, and when, the turn that meets it reports
             return t_s
-        events: list[Event] = [*statuses, *saturated, *found]
-        if events:
-            return min(event.t_s for event in events)
+        if decided is not None:
+            return decided.t_s
         moving, whole_s = bool(self._trial.moving), self._guard.arrivals.whole_until_s(t_s, blocks)
         if whole_s < math.inf:
             return whole_s
@@ -410,6 +416,24 @@ class Loop:
         self._record_blocks(gathered)
         self._record_blocks(made)
         self._record_readings(readings)
+        for event in events:
+            self._record_aside(event)
+        return None
+
+    def _deciding(self, events: Sequence[Event]) -> Event | None:
+        """Let the behavior handle events in order of time; the first one that anything follows from, or that the turns
+        might have seen in another order, or None. Where there is one, who looks ahead puts the behavior back."""
+        behavior = self._trial.behavior
+        state, plan, wake_s = behavior.state, behavior.plan, behavior.wake_s
+        for before, event in pairwise(events):
+            sources = {getattr(each, "detector", "") for each in (before, event)}
+            if len(sources) > 1 and event.t_s - before.t_s < UNORDERED_S:
+                return before
+        for event in events:
+            if not isinstance(event, Sent | Detected) or behavior.handle(event):
+                return event
+            if (behavior.state, behavior.plan, behavior.wake_s) != (state, plan, wake_s):
+                return event
         return None
 
     # one turn
@@ -595,13 +619,13 @@ class Loop:
 
     def _obey(self, commands: Sequence[Command]) -> None:
         """Stop first, then change the subscriptions, then the rest in order."""
+        self._trial.decisions += 1
         self._apply([command for command in commands if isinstance(command, Stop)])
         self._arrange(commands)
         self._apply([command for command in commands if not isinstance(command, Stop)])
 
     def _record_event(self, event: Event, before: str, after: str, commands: Sequence[Command]) -> None:
         self.events.append(event)
-        self._trial.events += not isinstance(event, Sent)
         if before != after:
             self.visits.append((after, event.t_s))
         self._witness.event(event, state=before, next_state=after, commands=commands)

@@ -1,4 +1,4 @@
-"""Many turns at once where nothing can be commanded meanwhile: what is kept to go back, and how far to look."""
+"""Many turns at once where nothing is commanded meanwhile: what is kept to go back, and how far to look."""
 
 import math
 import sys
@@ -57,7 +57,7 @@ class LookAhead:
         self._turns = 1  # of the next look
         self._known = False  # whether something happens in the turn after these
         self._apart = False  # whether the latest turn was taken by itself
-        self._events = 0
+        self._decisions = 0
 
     def skip(
         self,
@@ -68,9 +68,9 @@ class LookAhead:
         changed: Sequence[object],
         look: Callable[[], float | None],
         armed: bool,
-        events: int,
+        decisions: int,
     ) -> int:
-        """Let the next turns pass as one where nothing happens in them; where something does, all is put back.
+        """Let the next turns pass as one where nothing follows from them; where something does, all is put back.
 
         Args:
             first: Number of the next turn; turn k is due at k / rate_hz.
@@ -78,18 +78,19 @@ class LookAhead:
             rate_hz: Of the turns' numbers.
             until_s: Before it nothing happens by itself.
             changed: What a look changes beside the bench.
-            look: Sees what has come by now; when the first thing happened in it, None where nothing did.
+            look: Sees what has come by now; when the first thing that anything follows from happened, else None.
             armed: Whether detectors listen.
-            events: How many there were in the trial so far that something may follow from.
+            decisions: How many there were in the trial so far: after one, looks begin short again.
 
         Returns:
             How many turns have passed; 0 where the next one is to be taken by itself.
         """
-        if events > self._events:
-            self._turns, self._known = 1, False  # what follows from it comes in the next turn
-        elif self._apart:
+        decided = decisions > self._decisions
+        if decided:
+            self._turns, self._known = 1, False
+        if decided or self._apart:
             self._quiet(armed)
-        self._events, self._apart = events, True
+        self._decisions, self._apart = decisions, True
         blind_s = min((each.blind_s for each in self._leashed), default=math.inf)
         now_s = self._clock.now()
         quiet_s = min((schedule.quiet_until_s(now_s) for schedule in self._faults), default=math.inf)

@@ -78,7 +78,7 @@ DEFECTS = (
     Planted(f"{LOOP}._note", "self._trial.moving.discard(status.device)", "pass"),
     Planted(f"{LOOP}._record_event", "self.visits.append((after, event.t_s))", "pass"),
     Planted(f"{LOOP}._obey", "self._arrange(commands)", "pass"),
-    Planted(f"{LOOP}._look", "if events:", "if False:"),
+    Planted(f"{LOOP}._look", "if decided is not None:", "if False:"),
     Planted(f"{LOOP}._look", "self._record_blocks(gathered)", "pass"),
     Planted(f"{GUARD}.check", "if moving and late_s > settings.late_s", "if False", HANGS),
     Planted(
