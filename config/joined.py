@@ -103,6 +103,7 @@ def add_manifest(manifest: dict[str, Any], more: Mapping[str, Any]) -> None:
         RunFolderError: they were run by another program.
     """
     began, ran = _program_of(manifest), _program_of(more)
+    ran["own"] = {name: ran["own"].get(name) for name in began["own"]}  # a trial may have loaded more
     if not manifest["devices"]:  # the first: what takes trials over loads less than what runs them
         began |= {"commit": ran["commit"], "versions": ran["versions"]}
     if other := differing(began, ran):
@@ -119,6 +120,8 @@ def add_manifest(manifest: dict[str, Any], more: Mapping[str, Any]) -> None:
         manifest[key] = _sum(manifest[key], more[key], key != "plant")
     for key in ("signals", "detectors"):
         manifest[key] = {**manifest.get(key, {}), **more.get(key, {})}
+    if did := more.get("by_hand"):
+        manifest["by_hand"] = [*manifest.get("by_hand", ()), *did]
 
 
 def _program_of(manifest: Mapping[str, Any]) -> dict[str, Any]:

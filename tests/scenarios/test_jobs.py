@@ -155,6 +155,18 @@ def test_a_merged_run_ends_as_its_worst_shard(verb, one, tmp_path, trial, status
     assert open_run(run_of(tmp_path / "merged")).manifest["exit"] == ended
 
 
+def test_what_was_done_by_hand_before_any_shards_trials_is_in_the_merged_manifest(verb, tmp_path):
+    did = [{"before_trial": number, "did": "home stage", "outcome": "done"} for number in (1, 2)]
+    for number in (1, 2):
+        few = ("--only", "1", "--only", "2", "--shard", f"{number}/2", "--out", tmp_path / "shards")
+        verb("run", "mock/transient", *SHORT, *few)
+    shards = sorted((tmp_path / "shards").iterdir())
+    for shard, one in zip(shards, did, strict=True):
+        change_manifest(shard, lambda manifest, one=one: manifest.update(by_hand=[one]))
+    assert verb("merge", *shards, "--out", tmp_path / "merged")[0] == 0
+    assert open_run(run_of(tmp_path / "merged")).manifest["by_hand"] == did
+
+
 def test_shards_of_different_files_of_the_users_own_are_not_merged(verb, one, tmp_path):
     folders = [shutil.copytree(one, tmp_path / name) for name in ("a", "b")]
     for folder in folders:

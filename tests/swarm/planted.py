@@ -119,7 +119,7 @@ DEFECTS = (
         "Reckless",
     ),
     Planted(f"{CAMPAIGN}._trials", 'if outcome != "aborted":', "if False:"),
-    Planted(f"{CAMPAIGN}._trial", "counts[outcome] = counts.get(outcome, 0) + 1", "pass"),
+    Planted(f"{CAMPAIGN}._count", "counts[outcome] = counts.get(outcome, 0) + 1", "pass"),
     Planted(f"{CAMPAIGN}._trial", 'verdict = "aborted"', 'verdict = ""'),
     Planted(f"{RECORDER}.end_trial", "self._disk.post(self._rows, self._rows.add, line)", "len(line)"),
     Planted(f"{ROWS}.commit", 'lines, self._lines = self._lines, ""', "lines = self._lines"),
