@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,8 +13,8 @@ from controller.reports.counts import (
     Comparison,
     Mean,
     Row,
+    Trials,
     every,
-    grouped,
     larger,
     mean_of,
     over_rows,
@@ -44,71 +44,28 @@ BASELINE_S = "detectors.contact.baseline_s"
 """What the study of what the paper does not print varies."""
 
 
-@dataclass(frozen=True, slots=True)
-class Approach:
-    """One trial of A2: its run and its row of trials.csv."""
-
-    run: Run
-    row: Row
-
-    def __getitem__(self, column: str) -> Any:
-        """A number of its row; None where it was not observed."""
-        value = self.row.get(column)
-        return value if isinstance(value, int | float) else None
-
-    def span(self, start: str, end: str) -> float | None:
-        """Between two instants; None where one was not observed."""
-        return None if self[start] is None or self[end] is None else self[end] - self[start]
-
-    @property
-    def location(self) -> str:
-        """Letter of Fig. 6."""
-        return str(self.row.get("location") or "f")
-
-    @property
-    def speed_m_s(self) -> float:
-        """Of the probe."""
-        return float(self["speed_m_s"] or math.nan)
-
-    @property
-    def detected(self) -> bool:
-        """Whether it ended by a contact that was not seen to come before the touch, with a delay or without."""
-        return bool(self.row["outcome"] == "contact")
-
-    @property
-    def unjudged(self) -> bool:
-        """Whether nothing on its bench tells a true contact from a false one."""
-        return self.detected and self["false_contacts"] is None
-
-    @property
-    def false_contacts(self) -> int:
-        """How often it alarmed before the touch."""
-        return int(self["false_contacts"] or 0)
-
-    @property
-    def varied(self) -> Mapping[str, Any]:
-        """Settings of the profile that this trial varied, by path."""
-        return varied_of(self.row)
-
-    def contact_s(self, detector: str) -> float | None:
-        """Bench time of a detector's first contact in it; None where it reported none."""
-        contacts = (
-            float(event["t_s"])
-            for event in self.run.events_of(self.row["trial"])
-            if event["event"] == "Contact"
-            and event.get("state") == "APPROACH"
-            and event.get("detector") == detector
-        )
-        return next(contacts, None)
-
-
-def read_approaches(runs: Iterable[Run]) -> list[Approach]:
-    """Every trial of the runs, by run and number."""
-    return [
-        Approach(run, row)
+def read_approaches(runs: Iterable[Run]) -> Trials:
+    """Every trial of the runs, by run and number; `run` is its run, `varied` the settings it varied, by path."""
+    return Trials(
+        {**row, "run": run, "varied": varied_of(row)}
         for run in runs
         for row in sorted(run.trials, key=lambda row: int(row["trial"] or 0))
-    ]
+    )
+
+
+def stopped(row: Row) -> bool:
+    """Whether it ended by a contact that was not seen to come before the touch, with a delay or without."""
+    return bool(row["outcome"] == "contact")
+
+
+def unjudged(row: Row) -> bool:
+    """Whether nothing on its bench tells a true contact from a false one."""
+    return stopped(row) and row.get("false_contacts") is None
+
+
+def place_of(row: Row) -> str:
+    """Letter of Fig. 6."""
+    return str(row.get("location") or "f")
 
 
 class TableRow(NamedTuple):
@@ -116,47 +73,44 @@ class TableRow(NamedTuple):
 
     location: str
     speed_m_s: float
-    approaches: list[Approach]
+    approaches: Trials
     paper: Row | None
 
     @property
-    def contacts(self) -> list[Approach]:
+    def contacts(self) -> Trials:
         """Those that ended by a true contact."""
-        return [approach for approach in self.approaches if approach.detected]
-
-    @property
-    def false_contacts(self) -> int:
-        """How many alarmed before the touch."""
-        return sum(approach.false_contacts for approach in self.approaches)
+        return self.approaches.where(stopped)
 
     def mean(self, column: str) -> Mean:
         """Mean of a column over the true contacts."""
-        return mean_of(approach[column] for approach in self.contacts)
+        return self.contacts.mean(column)
 
     def fitted(self, bound: Row) -> bool:
         """Whether the simulated finger was fitted to this cell of Table I."""
-        simulated = any(approach.run.simulated for approach in self.approaches)
+        simulated = any(approach["run"].simulated for approach in self.approaches)
         return bool(simulated and self.paper and self.paper["fitted"] and bound["fitted"])
 
 
-def table_rows(approaches: Sequence[Approach]) -> list[TableRow]:
+def table_rows(approaches: Trials) -> list[TableRow]:
     """Rows in the order of Table I, then those that the paper does not have, by location and speed; trials in which
     a setting was varied are in none."""
     found: dict[tuple[int, str, float], TableRow] = {}
-    for each in approaches:
-        if each.varied:
-            continue
-        place = next((place for place, paper in enumerate(TABLE_1) if _belongs(each, paper)), len(TABLE_1))
-        paper = TABLE_1[place] if place < len(TABLE_1) else None
-        at = (paper["location"], paper["speed_m_s"]) if paper else (each.location, each.speed_m_s)
-        found.setdefault((place, *at), TableRow(at[0], at[1], [], paper)).approaches.append(each)
+    for each in approaches.where(varied={}):
+        place, paper = next(
+            ((n, row) for n, row in enumerate(TABLE_1) if _belongs(each, row)), (len(TABLE_1), None)
+        )
+        at = (
+            (paper["location"], paper["speed_m_s"])
+            if paper
+            else (place_of(each), float(each["speed_m_s"] or math.nan))
+        )
+        found.setdefault((place, *at), TableRow(at[0], at[1], Trials(), paper)).approaches.append(each)
     return [found[key] for key in sorted(found)]
 
 
-def _belongs(approach: Approach, paper: Row) -> bool:
-    if approach.location != paper["location"]:
-        return False
-    return bool(abs(approach.speed_m_s / paper["speed_m_s"] - 1.0) <= SPEED_TOLERANCE)
+def _belongs(approach: Row, paper: Row) -> bool:
+    speed = float(approach["speed_m_s"] or math.nan) / paper["speed_m_s"]
+    return bool(place_of(approach) == paper["location"] and abs(speed - 1.0) <= SPEED_TOLERANCE)
 
 
 class Bounded(NamedTuple):
@@ -175,7 +129,7 @@ class Bounded(NamedTuple):
 
     bound: Row
     beside: Comparison
-    worst: Approach | None
+    worst: Row | None
     rows: Comparison | None
     within: int = 0
     judged: int = 0
@@ -192,21 +146,20 @@ class Bounded(NamedTuple):
         return self.rows.met and (off == 0 or float(bdtrc(off - 1, self.judged, 0.05)) > 0.05)
 
 
-def compare_columns(approaches: Sequence[Approach], rows: Sequence[TableRow]) -> list[Bounded]:
+def compare_columns(approaches: Trials, rows: Sequence[TableRow]) -> list[Bounded]:
     """Each column of Table I beside what the paper has."""
-    contacts = [approach for approach in approaches if approach.detected and not approach.varied]
+    contacts = approaches.where(stopped, varied={})
     found = []
     for bound in BOUNDS:
         column = bound["column"]
-        known = [each for each in contacts if each[column] is not None]
-        worst = max(known, key=lambda each: float(each[column]), default=None)
-        largest = math.nan if worst is None else float(worst[column])
-        mean = mean_of(each[column] for each in known)
-        value = mean.mean if bound["over"] == "mean" else largest
+        known = contacts.known(column)
+        worst = max(known, key=itemgetter(column), default=None)
+        mean = known.mean(column)
+        value = mean.mean if bound["over"] == "mean" else math.nan if worst is None else float(worst[column])
         own = [(row.mean(column), row.paper[column]) for row in rows if row.paper and not row.fitted(bound)]
         agree = over_rows((mean.mean, theirs) for mean, theirs in own)
         tests = [same for mean, theirs in own if (same := within_scatter(mean, theirs, TRIALS)) is not None]
-        kept = every(sum(each[column] > bound["bound"] for each in known), len(known))
+        kept = every(sum(each > bound["bound"] for each in known.values(column)), len(known))
         if bound["over"] == "mean":
             rounded = 0.5 * 10.0 ** -len(f"{bound['bound']:g}".partition(".")[2])
             kept = larger(Mean(bound["bound"] + rounded, 0.0, 2), mean)
@@ -243,12 +196,15 @@ def trends(rows: Sequence[TableRow]) -> dict[str, tuple[Correlation, Correlation
         ("nearness to the joint, pad", figure_rows("pad"), "micrometer_m"),
         ("nearness to the joint, back", figure_rows("back"), "micrometer_m"),
     ):
-        mine = [(row, row.paper[along]) for row in rows if row.paper in papers and row.contacts and row.paper]
-        means = [(at, row.mean("force_n").mean) for row, at in mine if row.mean("force_n").n]
-        single = [(at, each["force_n"]) for row, at in mine for each in row.contacts]
-        known = [(at, force_n) for at, force_n in single if force_n is not None]
+        mine = [
+            (row.paper[along], row.contacts.values("force_n"))
+            for row in rows
+            if row.paper in papers and row.paper
+        ]
+        means = [(at, mean_of(forces_n).mean) for at, forces_n in mine if forces_n]
+        single = [(at, force_n) for at, forces_n in mine for force_n in forces_n]
         printed = [(paper[along], paper["force_n"]) for paper in papers]
-        found[name] = (correlate(means), correlate(known), correlate(printed))
+        found[name] = (correlate(means), correlate(single), correlate(printed))
     return found
 
 
@@ -260,19 +216,20 @@ def figure_rows(side: str) -> list[dict[str, Any]]:
 # --- what was varied, and other detectors ------------------------------------------------------------
 
 
-def study_rows(approaches: Sequence[Approach]) -> list[dict[str, Any]]:
+def study_rows(approaches: Trials) -> list[dict[str, Any]]:
     """Approaches in which a setting was varied, by its values, sorted: these, the mean `delay_s`, `false` contacts and
     how many there are (`n`); none where no run varied anything but speed and place."""
-    varied = [{**each.varied, "": each} for each in approaches if each.varied]
-    names = [BASELINE_S, NOISE, SAMPLE_HZ]
-    names = [*names, *sorted({name for row in varied for name in row} - {"", *names})]
-    rows = []
-    for values, group in grouped(varied, *names).items():
-        own: list[Approach] = [row[""] for row in group]
-        row = {name: value for name, value in zip(names, values, strict=True) if value is not None}
-        row["delay_s"] = mean_of(each["delay_s"] for each in own if each.detected)
-        rows.append(row | {"false": sum(each.false_contacts for each in own), "n": len(own)})
-    return rows
+    varied = approaches.where(lambda row: row["varied"])
+    names = list(
+        dict.fromkeys(
+            [BASELINE_S, NOISE, SAMPLE_HZ, *sorted({name for row in varied for name in row["varied"]})]
+        )
+    )
+    return [
+        {name: value for name, value in zip(names, values, strict=True) if value is not None}
+        | {"delay_s": own.where(stopped).mean("delay_s"), "false": own.total("false_contacts"), "n": len(own)}
+        for values, own in varied.by(*names).items()
+    ]
 
 
 class DetectorScore(NamedTuple):
@@ -293,18 +250,18 @@ class DetectorScore(NamedTuple):
     delay_s: Mean
 
 
-def score_detectors(approaches: Sequence[Approach]) -> dict[str, DetectorScore]:
+def score_detectors(approaches: Trials) -> Mapping[str, DetectorScore]:
     """First contact of each detector in each approach, against the truth where it is simulated, else the onset."""
     listening = {
         id(run): {str(e.get("detector")) for e in run.events if e["event"] in ("BaselineReady", "Contact")}
-        for run in {id(each.run): each.run for each in approaches}.values()
+        for run in {id(each["run"]): each["run"] for each in approaches}.values()
     }
     scores = {}
     for name in sorted(set().union(*listening.values())):
-        members = [each for each in approaches if name in listening[id(each.run)] and not each.unjudged]
+        members = [each for each in approaches if name in listening[id(each["run"])] and not unjudged(each)]
         false, silent, delays_s = 0, 0, []
         for each in members:
-            t_s, onset_s, touch_s = each.contact_s(name), each["onset_s"], each["truth_contact_s"]
+            t_s, onset_s, touch_s = _contact_s(each, name), each.get("onset_s"), each.get("truth_contact_s")
             touch_s = onset_s if touch_s is None else touch_s
             if t_s is None:
                 silent += 1
@@ -314,3 +271,11 @@ def score_detectors(approaches: Sequence[Approach]) -> dict[str, DetectorScore]:
                 delays_s.append(None if onset_s is None else t_s - onset_s)
         scores[name] = DetectorScore(len(members), len(delays_s), false, silent, mean_of(delays_s))
     return scores
+
+
+def _contact_s(approach: Row, detector: str) -> float | None:
+    """Bench time of a detector's first contact in an approach; None where it reported none."""
+    wanted = "Contact", "APPROACH", detector
+    events = approach["run"].events_of(approach["trial"])
+    own = (e for e in events if (e["event"], e.get("state"), e.get("detector")) == wanted)
+    return next((float(e["t_s"]) for e in own), None)

@@ -182,38 +182,11 @@ def share(part: int, whole: int) -> str:
     return f"{part} of {whole} ({100.0 * part / whole:.0f} %)" if whole else "none of 0"
 
 
-def total(rows: Iterable[Row], column: str) -> int:
-    """Sum of a column over trials; empty cells count nothing."""
-    return int(sum(row.get(column) or 0 for row in rows))
-
-
-def values(rows: Iterable[Row], column: str) -> list[float]:
-    """A column's numbers, empty cells left out."""
-    return [float(row[column]) for row in rows if isinstance(row.get(column), int | float)]
-
-
-def median(rows: Iterable[Row], column: str) -> float | None:
-    """Of a column; None where all its cells are empty."""
-    return statistics.median(found) if (found := values(rows, column)) else None
-
-
 def mean_of(known: Iterable[float | None]) -> Mean:
     """Mean and standard deviation of what is not None."""
     found = [value for value in known if value is not None]
     mean = statistics.fmean(found) if found else math.nan
     return Mean(mean, statistics.stdev(found) if len(found) > 1 else math.nan, len(found))
-
-
-def rows_of(runs: Sequence[Run], factors: type[Settings] | None = None) -> list[dict[str, Any]]:
-    """All trials that were measured; a factor that a trial does not vary is the behavior's default."""
-    fields = factors.model_fields if factors else {}
-    usual = {name: field.default for name, field in fields.items() if not field.is_required()}
-    return [
-        usual | {name: cell for name, cell in row.items() if cell is not None or name not in usual}
-        for run in runs
-        for row in run.trials
-        if row.get("outcome") not in UNMEASURED
-    ]
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -225,16 +198,61 @@ def _numbers_first(cell: object) -> tuple[int, float, str]:
     return (0, float(cell), "") if is_number(cell) else (1, 0.0, str(cell))
 
 
-def grouped(
-    rows: Iterable[Row], *names: str, order: Callable[[Any], Any] = _numbers_first
-) -> dict[tuple[Any, ...], list[Row]]:
-    """Trials of equal cells together, sorted by these (by `order` of each)."""
+class Trials(list[Row]):
+    """Some trials, row by row, as sections count and average them; empty cells count nothing."""
 
-    def key(row: Row) -> tuple[Any, ...]:
-        return tuple(order(row.get(name)) for name in names)
+    @classmethod
+    def of(cls, runs: Iterable[Run], factors: type[Settings] | None = None) -> Trials:
+        """All trials that were measured; a factor that a trial does not vary is the behavior's default."""
+        fields = factors.model_fields if factors else {}
+        usual = {name: field.default for name, field in fields.items() if not field.is_required()}
+        return cls(
+            usual | {name: cell for name, cell in row.items() if cell is not None or name not in usual}
+            for run in runs
+            for row in run.trials
+            if row.get("outcome") not in UNMEASURED
+        )
 
-    groups = [list(group) for _, group in groupby(sorted(rows, key=key), key=key)]
-    return {tuple(group[0].get(name) for name in names): group for group in groups}
+    def known(self, *columns: str) -> Trials:
+        """Those that have all these cells."""
+        return Trials(row for row in self if all(row.get(column) is not None for column in columns))
+
+    def where(self, keep: Callable[[Row], object] = bool, /, **cells: object) -> Trials:
+        """Those that are to be kept, and have these cells."""
+        return Trials(row for row in self if keep(row) and all(row.get(k) == v for k, v in cells.items()))
+
+    def by(self, *names: str, order: Callable[[Any], Any] = _numbers_first) -> dict[tuple[Any, ...], Trials]:
+        """Trials of equal cells together, sorted by these (by `order` of each)."""
+
+        def key(row: Row) -> tuple[Any, ...]:
+            return tuple(order(row.get(name)) for name in names)
+
+        groups = [Trials(group) for _, group in groupby(sorted(self, key=key), key=key)]
+        return {tuple(group[0].get(name) for name in names): group for group in groups}
+
+    def values(self, column: str) -> list[float]:
+        """A column's numbers."""
+        return [float(row[column]) for row in self if isinstance(row.get(column), int | float)]
+
+    def total(self, column: str) -> int:
+        """Sum of a column."""
+        return int(sum(row.get(column) or 0 for row in self))
+
+    def median(self, column: str) -> float | None:
+        """Of a column; None where all its cells are empty."""
+        return statistics.median(found) if (found := self.values(column)) else None
+
+    def mean(self, column: str) -> Mean:
+        """Mean and standard deviation of a column."""
+        return mean_of(self.values(column))
+
+    def means(self, spread: bool = False, **digits: int | None) -> dict[str, str]:
+        """Cells of a table: means of columns, each with so many decimals (see `under`), with their spread if wanted."""
+        found: dict[str, str] = {}
+        for name, n in digits.items():
+            mean = self.mean(name)
+            found |= under(name, mean if spread else mean.mean, digits=n)
+        return found
 
 
 def stop_times(
@@ -326,16 +344,19 @@ def spread(mean: Mean, digits: int = 2, scale: float = 1.0) -> str:
     return f"{number(mean.mean, digits, scale)} ({number(mean.sigma, digits, scale)})"
 
 
-def printed(name: str, value: object, digits: int | None = None) -> str:
+def printed(name: str, value: object, digits: int | None = None, sign: bool = False) -> str:
     """A cell in the unit of a column's name: see `under`."""
     factor = scale_of(name).factor
     if isinstance(value, Mean):
         return spread(value, 2 if digits is None else digits, factor)
-    whole = digits is None or isinstance(value, str)
-    return scale_of(name).cell(value) if whole else number(value, digits or 0, factor)
+    if digits is None or isinstance(value, str):
+        return scale_of(name).cell(value)
+    return signed(value, digits, factor) if sign and is_number(value) else number(value, digits, factor)
 
 
-def under(name: str, value: object, head: str | None = None, digits: int | None = None) -> dict[str, str]:
+def under(
+    name: str, value: object, head: str | None = None, digits: int | None = None, sign: bool = False
+) -> dict[str, str]:
     """A cell of a table under its heading with the unit of a column's name: `{"delay, s": "0.33"}`.
 
     Args:
@@ -343,10 +364,11 @@ def under(name: str, value: object, head: str | None = None, digits: int | None 
         value: A number, a mean (with its spread), or text, which is kept.
         head: In place of the name's label; "" is the unit alone.
         digits: Decimals; by default four significant digits, of a mean two decimals.
+        sign: Whether a positive number has its sign.
     """
     scale = scale_of(name)
     label = scale.label if head is None else head
-    return {", ".join(filter(None, (label, scale.unit))): printed(name, value, digits)}
+    return {", ".join(filter(None, (label, scale.unit))): printed(name, value, digits, sign)}
 
 
 def title(name: str) -> str:

@@ -13,6 +13,7 @@ from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.reports.counts import (
     Row,
+    Trials,
     half_width,
     is_number,
     larger,
@@ -21,7 +22,6 @@ from controller.reports.counts import (
     sized,
     three,
     title,
-    values,
     within_all,
 )
 from controller.reports.papers import RECORDED, came_to, headlines
@@ -236,8 +236,7 @@ def beside_each_other(before: Sequence[Run], after: Sequence[Run]) -> str:
         return ""
     name, what, own = str(line["column"]), line["what"], []
     for each in (before, after):
-        rows = [row for run in each for row in run.trials if holds(line, row)]
-        own.append(mean_of(values(rows, name)))
+        own.append(Trials(row for run in each for row in run.trials if holds(line, row)).mean(name))
     (one, other), unit = own, scale_of(name).unit
     if not one.n or not other.n:
         return ""

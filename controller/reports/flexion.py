@@ -6,69 +6,40 @@ import numpy as np
 
 from controller.measures.flexion import LISTENERS, curve
 from controller.recording.reader import Run
-from controller.reports.counts import (
-    Mean,
-    Row,
-    decided,
-    grouped,
-    larger,
-    mean_of,
-    number,
-    quantity,
-    rate,
-    spread,
-    under,
-    values,
-)
+from controller.reports.counts import Mean, Row, Trials, decided, larger, number, under
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.run_account import entered_s, recorded, setting_of
-from controller.reports.section import Headline, Kind, Result, Section, judged, kind_of, rated
+from controller.reports.section import Headline, Kind, Section, kind_of, rated, told
 from controller.scales import scale_of
 
 NAMES = dict(zip(LISTENERS, ("fixed (the paper's)", "follows the tendon", "waveform"), strict=True))
 
-SAID = {
-    "contact": "The fixed threshold reports contact for {share} of the time in which the free finger is flexed, and so "
-    "is blind to the touch in {blind}: as the paper says, of no use",
-    "following": "The threshold that follows the tendon reports contact for {share} of that time and is blind to the "
-    "touch in {blind}: as the paper expects, of use",
-    "ours": "The waveform's detector, which follows slow drift by itself but not the tendon, reports contact for "
-    "{share} of that time and is blind in {blind}",
-}
-
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """False contacts of each detector by the tendon's speed, and the free resonance against its position."""
-    rows = [row for run in runs for row in run.trials if row.get("flexed_s") is not None]
-    summary = []
-    if not rows:
-        summary.append(Result(None, "In no trial did the tendon move."))
-    else:
-        rise = mean_of(values(rows, "free_rise_hz"))
-        over = quantity("flexed_m", setting_of(runs[0], "behavior", "flexed_m"), 0)
-        text = f"The free resonance rises by {spread(rise)} Hz over {over} of tendon (n = {rise.n}); "
-        text += "the paper says that it rises"
-        summary.append(judged(kind_of(runs, Kind.ASSUMED), text, larger(rise, Mean(0.0, 0.0, 2)), rise.n))
+    rows = Trials(row for run in runs for row in run.trials).known("flexed_s")
+    rise, detectors = rows.mean("free_rise_hz"), {}
     for name in LISTENERS:
-        if blind := values(rows, f"{name}_blind"):
-            share, n, hits = _percent(rows, f"{name}_share"), len(blind), int(sum(blind))
-            text = SAID[name].format(blind=rate(hits, n), share=share)
-            hits = hits if name == "contact" else n - hits
-            verdict = judged(kind_of(runs), text, decided(hits, n, 0.5), n)
-            summary.append(verdict if name != "ours" else Result(kind_of(runs), f"{text}."))
-    return Section(
-        title="Contact while the finger is flexed (A3)",
-        content={"by_speed": list(_by_speed(rows)), "figure": _draw(runs, figures) if rows else ""},
-        template="flexion",
-        paper="backus",
-        summary=summary,
-        headline=_headline(rows),
-    )
+        if blind := rows.values(f"{name}_blind"):
+            hits, n = int(sum(blind)), len(blind)
+            met = None if name == "ours" else decided(hits if name == "contact" else n - hits, n, 0.5)
+            detectors[name] = {"share": rows.mean(f"{name}_share").mean, "hits": hits, "n": n, "met": met}
+    content = {
+        "rise": rise,
+        "rises": larger(rise, Mean(0.0, 0.0, 2)),
+        "rise_kind": kind_of(runs, Kind.ASSUMED),
+        "flexed_m": setting_of(runs[0], "behavior", "flexed_m"),
+        "detectors": detectors,
+        "by_speed": list(_by_speed(rows)),
+        "figure": _draw(runs, figures),
+    }
+    heading = "Contact while the finger is flexed (A3)"
+    return told(runs, heading, "flexion", content, paper="backus", headline=_headline(rows))
 
 
-def _headline(rows: Sequence[Row]) -> Headline | None:
+def _headline(rows: Trials) -> Headline | None:
     """How often each threshold was blind to the touch, having reported contact before it."""
-    fixed, following = (values(rows, f"{name}_blind") for name in ("contact", "following"))
+    fixed, following = (rows.values(f"{name}_blind") for name in ("contact", "following"))
     if not fixed or not following:
         return None
     what = "touches to which a threshold that follows the tendon was blind"
@@ -76,23 +47,18 @@ def _headline(rows: Sequence[Row]) -> Headline | None:
     return rated(what, int(sum(following)), n, beside, "the paper's fixed one (same approaches)", more=False)
 
 
-def _percent(rows: Sequence[Row], column: str) -> str:
-    return f"{number(mean_of(values(rows, column)).mean, 0, 100.0)} %"
-
-
-def _by_speed(rows: Sequence[Row]) -> Iterator[Row]:
-    for (speed_m_s,), own in grouped(rows, "tendon_m_s").items():
-        minutes = sum(values(own, "flexed_s")) / 60.0
+def _by_speed(rows: Trials) -> Iterator[Row]:
+    for (speed_m_s,), own in rows.by("tendon_m_s").items():
+        minutes = sum(own.values("flexed_s")) / 60.0
         for name in LISTENERS:
-            detected = mean_of(values(own, f"{name}_event_s"))
-            blind = values(own, f"{name}_blind")
+            detected, blind = own.mean(f"{name}_event_s"), own.values(f"{name}_blind")
             yield {
                 **under("tendon_m_s", speed_m_s, "tendon", 1),
                 "detector": NAMES[name],
                 "n": len(own),
                 "false contacts": {
-                    "a minute": number(sum(values(own, f"{name}_false")) / minutes, 1),
-                    "time in contact": _percent(own, f"{name}_share"),
+                    "a minute": number(sum(own.values(f"{name}_false")) / minutes, 1),
+                    "time in contact": f"{number(own.mean(f'{name}_share').mean, 0, 100.0)} %",
                 },
                 "touch": {"blind": f"{sum(blind):.0f} of {len(blind)}", "detected": detected.n}
                 | under("event_s", detected.mean, "after", 3),

@@ -1,19 +1,14 @@
 """The part of the page on an experiment that has none of its own: every measured column by factor, and drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from controller.recording.reader import Run
-from controller.reports.counts import Mean, Row, grouped, is_number, mean_of, rate, title, under
+from controller.reports.counts import Mean, Trials, is_number, mean_of, rate, title, under
 from controller.reports.figures import OURS, Figures
 from controller.reports.run_account import setting_of
 from controller.reports.section import ROWS, Figure, Result, Section, rows_where
 from controller.scales import NOTHING, figure, scale_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 PANELS = 24
 """Most columns that are drawn: as many as one page holds. The table has them all."""
@@ -21,31 +16,39 @@ PANELS = 24
 
 def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     """Trials, their outcomes, and each measured column's mean and spread."""
-    rows = [row for run in runs for row in run.trials]
+    rows = Trials(row for run in runs for row in run.trials)
     names = list(dict.fromkeys(name for row in rows for name in row))
     factors = [name for name in names if any(name in run.factors for run in runs)]
     measured = [name for name in names if name not in ("trial", "outcome", *factors)]
     numbers = [name for name in measured if any(is_number(row.get(name)) for row in rows)]
-    groups = list(grouped(rows, *factors).values())
+    groups = list(rows.by(*factors).values())
     what = "This experiment has no section of its own: these are its trials and what was measured in them."
     content: dict[str, Any] = {"what": what}
     if numbers:
+        content["caption"] = (
+            "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials."
+        )
+        content["measured"] = lines = []
+        for own in groups:
+            line: dict[str, Any] = {ROWS: rows_where(own[0], *factors)}
+            for name in factors:
+                line |= under(name, own[0].get(name))
+            line["n"] = len(own)
+            for name in numbers:
+                line |= under(name, _shown(own, name))
+            lines.append(line)
         left_out = f" {len(numbers) - PANELS} more columns are in the table." if len(numbers) > PANELS else ""
         shown = (
-            "Every trial as a dot, by its factors in the order of the table above; bars are mean ± standard "
+            "Every trial as a dot, by its factors in the order of the table above; bars are mean ± standard"
         )
-        content |= {
-            "caption": "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials.",
-            "measured": [_line(own, factors, numbers) for own in groups],
-            "drawn": Figure(_draw(figures, groups, numbers[:PANELS]), f"{shown}deviation (n − 1).{left_out}"),
-        }
+        drawn = _draw(figures, groups, numbers[:PANELS])
+        content["drawn"] = Figure(drawn, f"{shown} deviation (n − 1).{left_out}")
     good = sum(run.succeeded(row) for run in runs for row in run.trials)
-    outcomes = sorted({str(row.get("outcome")) for row in rows})
-    if len(outcomes) == 1 and good:
-        outcomes.clear()  # it would say the same
-    counts = {name: sum(row.get("outcome") == name for row in rows) for name in outcomes}
+    counts = {name: len(own) for (name,), own in rows.by("outcome", order=str).items()}
+    if len(counts) == 1 and good:
+        counts.clear()  # it would say the same
     said = [f"Succeeded: {rate(good, len(rows))}."]
-    said += [f"{title(name).capitalize()}: {rate(count, len(rows))}." for name, count in counts.items()]
+    said += [f"{title(str(name)).capitalize()}: {rate(n, len(rows))}." for name, n in counts.items()]
     said += [f"{scale_of(name).heading}: {_shown(rows, name)}." for name in numbers[:3]]
     heading = str(setting_of(runs[0], "title") or title(experiment.rpartition(":")[2]) or "trials")
     return Section(heading, content, summary=[Result(None, each) for each in said])
@@ -59,38 +62,25 @@ def with_spread(mean: Mean, factor: float) -> str:
     return f"{figure(mean.mean * factor)}{spread} ({mean.n})"
 
 
-def _shown(rows: Sequence[Row], name: str) -> str:
-    mean = mean_of(row[name] if is_number(row.get(name)) else None for row in rows)
-    return with_spread(mean, scale_of(name).factor)
+def _shown(rows: Trials, name: str) -> str:
+    return with_spread(mean_of(filter(is_number, (row.get(name) for row in rows))), scale_of(name).factor)
 
 
-def _line(own: Sequence[Row], factors: Sequence[str], numbers: Sequence[str]) -> Row:
-    line: dict[str, Any] = {ROWS: rows_where(own[0], *factors)}
-    for name in factors:
-        line |= under(name, own[0].get(name))
-    line["n"] = len(own)
-    for name in numbers:
-        line |= under(name, _shown(own, name))
-    return line
-
-
-def _draw(figures: Figures, groups: Sequence[Sequence[Row]], numbers: Sequence[str]) -> str:
+def _draw(figures: Figures, groups: Sequence[Trials], numbers: Sequence[str]) -> str:
     with figures.panels(len(numbers), min(3, len(numbers)), 1.7) as drawing:
         for axes, name in zip(drawing.axes, numbers, strict=True):
-            _draw_panel(axes, groups, name)
+            scale = scale_of(name)
+            for place, own in enumerate(groups, start=1):
+                known = [float(row[name]) * scale.factor for row in own if is_number(row.get(name))]
+                axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0, ms=7.0)
+                mean = mean_of(known)
+                if mean.n > 1:
+                    axes.errorbar(place, mean.mean, mean.sigma, fmt="o", ms=3.0, color=OURS)
+            axes.set_title(scale.heading)
+            axes.set_xticks(range(1, len(groups) + 1) if len(groups) <= 8 else [1, len(groups)])
+            axes.set_xlim(0.4, len(groups) + 0.6)
+            axes.locator_params(axis="y", nbins=4)
+            axes.yaxis.set_major_formatter(
+                lambda value, _: f"{value:.7g}"
+            )  # whole: no offset beside the title
         return drawing.save("measured")
-
-
-def _draw_panel(axes: Axes, groups: Sequence[Sequence[Row]], name: str) -> None:
-    scale = scale_of(name)
-    for place, own in enumerate(groups, start=1):
-        known = [float(row[name]) * scale.factor for row in own if is_number(row.get(name))]
-        axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0, ms=7.0)
-        mean = mean_of(known)
-        if mean.n > 1:
-            axes.errorbar(place, mean.mean, mean.sigma, fmt="o", ms=3.0, color=OURS)
-    axes.set_title(scale.heading)
-    axes.set_xticks(range(1, len(groups) + 1) if len(groups) <= 8 else [1, len(groups)])
-    axes.set_xlim(0.4, len(groups) + 0.6)
-    axes.locator_params(axis="y", nbins=4)
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.7g}")  # whole: no offset beside the title

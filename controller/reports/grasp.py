@@ -15,16 +15,15 @@ from controller.recording.reader import Run
 from controller.recording.series import TrialRecording
 from controller.reports.counts import (
     Row,
+    Trials,
     decided,
     every,
-    median,
+    is_number,
     median_within,
     percent,
     quantity,
     rate,
     three,
-    total,
-    values,
     wilson,
 )
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, Figures
@@ -48,13 +47,21 @@ WANTED = {
 }
 """What is aimed at: column, quantile, bound. Ours."""
 
+SHOWN = Markup(
+    '<b><a href="?trial={key}" data-open="{key}">Trial {trial}</a></b>, the first in which a slip was told: {said}.'
+    " While it is held it is loaded, relieved and tapped."
+    " Above: the commanded grip, what the pad feels of it, and the least force that would hold it: the finger's"
+    " load over true friction. Below: that load; triangles are slips that were acted on."
+)
+"""What the timeline shows, of which trial."""
+
 GRIP = re.compile(r"Grip\(.*, ([0-9.e+-]+)\)")
 """A grip among an event's commands, and its force, N."""
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Outcomes, NIST's measures, told against true slips, and the timeline of one grasp."""
-    rows = [row for run in runs for row in run.trials]
+    rows = Trials(row for run in runs for row in run.trials)
     content: dict[str, Any] = {
         "what": (
             "An object is found, gripped with the gripper's least force, lifted, shaken, loaded and tapped."
@@ -67,11 +74,10 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     told = (each for each in recorded(runs) if each[1].get("slips"))
     if found := next(((svg, each) for each in told if (svg := _draw(figures, *each))), None):
         svg, (run, row, _) = found
-        content["timeline"] = Figure(svg, _shown(figures.page or runs, run, row))
-    held = sum(row.get("outcome") == "held" for row in rows)
-    kind = kind_of(runs)
-    over = values(rows, "grip_over_least")
-    summary = [Result(kind, f"Held: {rate(held, len(rows))}.")]
+        key, trial = key_of(figures.page or runs, run, int(row["trial"])), row["trial"]
+        content["timeline"] = Figure(svg, SHOWN.format(key=key, trial=trial, said=said_of(run, row)))
+    kind, over = kind_of(runs), rows.values("grip_over_least")
+    summary = [Result(kind, f"Held: {rate(len(rows.where(outcome='held')), len(rows))}.")]
     if over:
         text = f"Grip over least force: {three(float(np.median(over)))} in the median"
         met = decided(sum(each <= 1.2 for each in over), len(over), 0.5)
@@ -92,7 +98,7 @@ def _headline(runs: Sequence[Run]) -> Headline | None:
         (over, grip_n, setting_of(run, "behavior", "grip_force_n") or 0.0)
         for run in runs
         for row in run.trials
-        for over, grip_n in zip(values([row], "grip_over_least"), values([row], "grip_n"), strict=False)
+        if is_number(over := row.get("grip_over_least")) and is_number(grip_n := row.get("grip_n"))
     ]
     over = np.sort([each for each, grip_n, least_n in known if grip_n > least_n])
     if not len(over):
@@ -112,52 +118,33 @@ def _headline(runs: Sequence[Run]) -> Headline | None:
     )
 
 
-def _shown(runs: Sequence[Run], run: Run, row: Row) -> Markup:
-    """What the timeline shows, of which trial."""
-    return Markup(
-        '<b><a href="?trial={key}" data-open="{key}">Trial {trial}</a></b>, the first in which a slip was told: {said}.'
-        " While it is held it is loaded, relieved and tapped."
-        " Above: the commanded grip, what the pad feels of it, and the least force that would hold it: the finger's"
-        " load over true friction. Below: that load; triangles are slips that were acted on."
-    ).format(key=key_of(runs, run, int(row["trial"])), trial=row["trial"], said=said_of(run, row))
-
-
-def _measures(rows: Sequence[Row]) -> Row:
+def _measures(rows: Trials) -> Row:
     """One line in NIST's words."""
-    known = [row for row in rows if None not in (row.get("friction_true"), row.get("felt_n"))]
+    known = rows.known("friction_true", "felt_n")
     resistance_n = [float(row["friction_true"]) * float(row["felt_n"]) for row in known]
-    resistance = float(np.median(resistance_n)) if resistance_n else None
     shown = {
-        "touch sensitivity, N": median(rows, "felt_n"),
-        "slip resistance of a finger then, N": resistance,
-        "grasp efficiency: grip over least": median(rows, "grip_over_least"),
-        "cycle time, s": median(rows, "cycle_s"),
+        "touch sensitivity, N": rows.median("felt_n"),
+        "slip resistance of a finger then, N": float(np.median(resistance_n)) if resistance_n else None,
+        "grasp efficiency: grip over least": rows.median("grip_over_least"),
+        "cycle time, s": rows.median("cycle_s"),
     }
+    both = rows.known("friction", "friction_true")
+    inside = both.where(lambda row: row["friction_low"] <= row["friction_true"] <= row["friction_high"])
     line: dict[str, Any] = {"lifts": len(rows)}
     line |= {name: NOTHING if value is None else three(value) for name, value in shown.items()}
-    inside = [
-        row["friction_low"] <= row["friction_true"] <= row["friction_high"]
-        for row in rows
-        if row.get("friction") is not None and row.get("friction_true") is not None
-    ]
-    line["friction within its 90 % interval"] = f"{sum(inside)} of {len(inside)}" if inside else "not known"
-    return line
+    said = f"{len(inside)} of {len(both)}" if both else "not known"
+    return line | {"friction within its 90 % interval": said}
 
 
-def _told(rows: Sequence[Row]) -> list[Row]:
+def _told(rows: Trials) -> list[Row]:
     """Slips that the jaws acted on against slips that were."""
-    known = [row for row in rows if row.get("told_true") is not None]
-    if not known:
-        return []
-    return [
-        {"": "acted on", "a slip": total(known, "told_true"), "none": total(known, "told_false")},
-        {"": "not acted on", "a slip": total(known, "untold"), "none": ""},
-    ]
+    known = rows.known("told_true")
+    acted = {"": "acted on", "a slip": known.total("told_true"), "none": known.total("told_false")}
+    return [acted, {"": "not acted on", "a slip": known.total("untold"), "none": ""}] if known else []
 
 
-def _goals(rows: Sequence[Row]) -> list[Row]:
+def _goals(rows: Trials) -> Iterator[Row]:
     """Each goal, the figure, and whether it is met; None where so many trials do not decide it (95 % interval)."""
-    found: list[Row] = []
     n = len(rows)
     for name, outcomes in (
         ("dropped, or never lifted", ("dropped", "not_lifted")),
@@ -166,27 +153,21 @@ def _goals(rows: Sequence[Row]) -> list[Row]:
         hits = sum(row.get("outcome") in outcomes for row in rows)
         low, high = wilson(hits, n)
         text = f"{hits} of {n}: {three(100 * low)} to {three(100 * high)} %"
-        found.append({"goal": name, "aimed at": "1 %", "found": text, "met": decided(n - hits, n, 0.99)})
+        yield {"goal": name, "aimed at": "1 %", "found": text, "met": decided(n - hits, n, 0.99)}
     for name, (column, part, bound) in WANTED.items():
-        known = values(rows, column)
-        if column == "arrested_m":
-            known = [value for value in known if value]
+        known = [value for value in rows.values(column) if value or column != "arrested_m"]
         if known:
-            value = float(np.quantile(known, part))
-            shown, aim = f"{quantity(column, value)} of {len(known)}", quantity(column, bound)
+            value, of = float(np.quantile(known, part)), len(known)
+            shown, aim = f"{quantity(column, value)} of {of}", quantity(column, bound)
             if column == "grip_over_least":
                 shown, aim = three(value), three(bound)
             within = sum(each <= bound for each in known)
-            met = every(len(known) - within, len(known)) if part == 1.0 else decided(within, len(known), part)
-            found.append({"goal": name, "aimed at": aim, "found": shown, "met": met})
-    false = [row for row in rows if row.get("told_false") is not None]
-    if false:
-        hits = sum(bool(row["told_false"]) for row in false)
-        name, text = "lifts with a slip acted on that was none", f"{hits} of {len(false)}"
-        text += f", {percent(hits / len(false))}"
-        met = decided(len(false) - hits, len(false), 0.98)
-        found.append({"goal": name, "aimed at": "2 %", "found": text, "met": met})
-    return found
+            met = every(of - within, of) if part == 1.0 else decided(within, of, part)
+            yield {"goal": name, "aimed at": aim, "found": shown, "met": met}
+    if known := rows.values("told_false"):
+        hits, of = sum(map(bool, known)), len(known)
+        line = {"goal": "lifts with a slip acted on that was none", "aimed at": "2 %"}
+        yield line | {"found": f"{hits} of {of}, {percent(hits / of)}", "met": decided(of - hits, of, 0.98)}
 
 
 def _draw(figures: Figures, run: Run, row: Row, recording: TrialRecording) -> str:

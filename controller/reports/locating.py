@@ -1,26 +1,16 @@
 """The part of the page on A4b: location along the link from the phase between two accelerometers."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from behaviors.static import StaticFactors
 from controller.recording.reader import Run
-from controller.reports.counts import (
-    Row,
-    is_number,
-    mean_of,
-    number,
-    quantity,
-    rows_of,
-    under,
-    values,
-    within_all,
-)
+from controller.reports.counts import Row, Trials, is_number, mean_of, number, quantity, under, within_all
 from controller.reports.figures import FAINT, LOOKS, Figures
-from controller.reports.section import Headline, Kind, Result, Section, kind_of
+from controller.reports.section import Headline, Section, told
 from controller.reports.stiffness import ARM_M, STIFFNESS, arm_of, from_tip_m
 
 METHODS = {"phase_rad": "phase", "frequency_hz": "frequency, loop", "ring_hz": "frequency, ringing"}
@@ -39,29 +29,68 @@ class Found(NamedTuple):
     found_m: float
     contact_n_m: float | None
 
+    @property
+    def off_m(self) -> float:
+        """Found minus true."""
+        return self.found_m - self.true_m
+
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Errors of location by method, where the contact is as stiff as the line knows, and where it is not."""
-    rows = [row for row in rows_of(runs, StaticFactors) if is_number(row.get("phase_rad"))]
+    rows = Trials.of(runs, StaticFactors).where(lambda row: is_number(row.get("phase_rad")))
     found = {column: list(located(rows, column)) for column in METHODS}
     usual = {column: [each for each in own if each.contact_n_m is None] for column, own in found.items()}
     other = {column: [each for each in own if each.contact_n_m is not None] for column, own in found.items()}
-    kind = kind_of(runs)
-    summary = []
-    if usual["phase_rad"]:
-        summary += [_said(kind, usual), *_said_of_stiffness(kind, other)]
-    return Section(
-        title="Location along the link from two accelerometers (A4b)",
-        content={
-            "by_location": list(_by_location(rows, usual)),
-            "by_stiffness": list(_by_stiffness(other)),
-            "figure": _draw(figures, rows, usual, other) if usual["phase_rad"] else "",
+    held = sorted({each.location for each in usual["phase_rad"]})
+    heldby = {column: [each for each in own if each.location in held] for column, own in usual.items()}
+    content = {
+        "held": held,
+        "n": len(usual["phase_rad"]),
+        "worst_m": {METHODS[column]: _worst_m(own) for column, own in heldby.items()},
+        "worst_other_m": {
+            METHODS[column]: _worst_m(own) for column, own in other.items() if other["phase_rad"]
         },
-        template="locating",
-        paper="backus",
-        summary=summary,
-        headline=_headline(usual) if usual["phase_rad"] else None,
+        "by_location": [
+            {
+                "location": place,
+                **under("from_tip_m", from_tip_m(place), digits=2),
+                "n": len(own),
+                **own.means(spread=True, phase_rad=None, frequency_hz=None),
+                "mean error, mm, from the": {
+                    name: number(mean_of(abs(e.off_m) for e in usual[c] if e.location == place).mean, 2, 1e3)
+                    for c, name in METHODS.items()
+                },
+            }
+            for (place,), all_ in rows.by("location").items()
+            for own in [all_.where(**{STIFFNESS: None})]
+        ],
+        "by_stiffness": [
+            {
+                "contact, N/m": number(n_m, 0),
+                "n": sum(each.contact_n_m == n_m for each in other["phase_rad"]),
+                "found minus true, mm, from the": {
+                    name: number(mean_of(e.off_m for e in other[c] if e.contact_n_m == n_m).mean, 1, 1e3)
+                    for c, name in METHODS.items()
+                },
+            }
+            for n_m in sorted({each.contact_n_m or 0.0 for each in other["phase_rad"]})
+        ],
+        "figure": _draw(figures, rows, usual["phase_rad"], other["phase_rad"]) if held else "",
+    }
+    heading = "Location along the link from two accelerometers (A4b)"
+    if not held:
+        return told(runs, heading, "locating", content, paper="backus")
+    phase, ringing = (quantity("error_m", _worst_m(usual[column]), 1) for column in ("phase_rad", "ring_hz"))
+    headline = Headline(
+        "location from the phase, worst error",
+        phase,
+        f"largest of {content['n']}",
+        ringing,
+        "from the ringing frequency instead",
+        within_all(len(usual["phase_rad"])),
+        f"the phase finds a location within {phase}, the ringing frequency within {ringing}",
     )
+    return told(runs, heading, "locating", content, paper="backus", headline=headline)
 
 
 def located(rows: Sequence[Row], column: str) -> Iterator[Found]:
@@ -87,95 +116,26 @@ def _abscissa(row: Row, column: str) -> float:
     return float(row[column]) ** (1 if column == "phase_rad" else 2)
 
 
-def _errors(found: Sequence[Found]) -> list[float]:
-    return [abs(each.found_m - each.true_m) for each in found]
-
-
 def _holds(row: Row) -> bool:
     """Whether the loop holds its lock: what is read while it does not is of no frequency."""
     return is_number(wander_hz := row.get("frequency_sd_hz")) and wander_hz < LOST_HZ
 
 
-def _headline(usual: Mapping[str, Sequence[Found]]) -> Headline:
-    """The worst error of the phase, beside that of the ringing frequency."""
-    worst = {column: max(_errors(found), default=math.nan) for column, found in usual.items()}
-    phase, ringing = (quantity("error_m", worst[column], 1) for column in ("phase_rad", "ring_hz"))
-    n = len(usual["phase_rad"])
-    return Headline(
-        "location from the phase, worst error",
-        phase,
-        f"largest of {n}",
-        ringing,
-        "from the ringing frequency instead",
-        within_all(n),
-        f"the phase finds a location within {phase}, the ringing frequency within {ringing}",
-    )
+def _worst_m(found: Sequence[Found]) -> float:
+    return max((abs(each.off_m) for each in found), default=math.nan)
 
 
-def _said(kind: Kind, usual: Mapping[str, Sequence[Found]]) -> Result:
-    held = {str(each.location) for each in usual["phase_rad"]}
-    worst = {
-        name: max(_errors([each for each in usual[column] if each.location in held]), default=math.nan)
-        for column, name in METHODS.items()
-    }
-    text = f"A location that the line has not seen, {min(held)} to {max(held)}, is found within "
-    text += ", ".join(f"{quantity('error_m', error_m, 1)} from the {name}" for name, error_m in worst.items())
-    text += f" (worst of {len(usual['phase_rad'])}); the paper proposes the phase and prints no figure."
-    return Result(kind, text)
-
-
-def _said_of_stiffness(kind: Kind, other: Mapping[str, Sequence[Found]]) -> list[Result]:
-    errors = {column: _errors(found) for column, found in other.items()}
-    if not errors["phase_rad"]:
-        return []
-    text = "A contact 0.8 or 1.25 times as stiff is misplaced by as much as "
-    text += ", ".join(f"{quantity('error_m', max(errors[c]), 1)} ({name})" for c, name in METHODS.items())
-    text += ": the phase tells stiffness and location no better apart than the frequency does."
-    return [Result(kind, text)]
-
-
-def _by_location(rows: Sequence[Row], usual: Mapping[str, Sequence[Found]]) -> Iterator[Row]:
-    for place in sorted({str(row["location"]) for row in rows}):
-        own = [row for row in rows if row["location"] == place and row.get(STIFFNESS) is None]
-        errors = {}
-        for column, name in METHODS.items():
-            here = [each for each in usual[column] if each.location == place]
-            errors[name] = number(mean_of(_errors(here)).mean, 2, 1e3)
-        yield {
-            "location": place,
-            **under("from_tip_m", from_tip_m(place), digits=2),
-            "n": len(own),
-            **under("phase_rad", mean_of(values(own, "phase_rad"))),
-            **under("frequency_hz", mean_of(values(own, "frequency_hz"))),
-            "mean error, mm, from the": errors,
-        }
-
-
-def _by_stiffness(other: Mapping[str, Sequence[Found]]) -> Iterator[Row]:
-    for contact_n_m in sorted({each.contact_n_m or 0.0 for each in other["phase_rad"]}):
-        off = {}
-        for column, name in METHODS.items():
-            off_m = [e.found_m - e.true_m for e in other[column] if e.contact_n_m == contact_n_m]
-            off[name] = number(mean_of(off_m).mean, 1, 1e3)
-        own = [each for each in other["phase_rad"] if each.contact_n_m == contact_n_m]
-        yield {"contact, N/m": number(contact_n_m, 0), "n": len(own), "found minus true, mm, from the": off}
-
-
-def _draw(
-    figures: Figures,
-    rows: Sequence[Row],
-    usual: Mapping[str, Sequence[Found]],
-    other: Mapping[str, Sequence[Found]],
-) -> str:
+def _draw(figures: Figures, rows: Trials, usual: Sequence[Found], other: Sequence[Found]) -> str:
     with figures.figure(2.8, columns=2) as drawing:
         near, far = drawing.axes
         for odd, found, look, label in (
-            (False, usual["phase_rad"], LOOKS["ours"], "the pad's stiffness"),
-            (True, other["phase_rad"], LOOKS["rival"], "another"),
+            (False, usual, LOOKS["ours"], "the pad's stiffness"),
+            (True, other, LOOKS["rival"], "another"),
         ):
-            own = [row for row in rows if is_number(row.get(STIFFNESS)) == odd and _holds(row)]
-            at_hz, phase = values(own, "frequency_hz"), np.degrees(values(own, "phase_rad"))
-            near.plot(at_hz, phase, ls="", **look, label=label)
+            own = Trials(row for row in rows if is_number(row.get(STIFFNESS)) == odd and _holds(row))
+            near.plot(
+                own.values("frequency_hz"), np.degrees(own.values("phase_rad")), ls="", **look, label=label
+            )
             far.plot([1e3 * e.true_m for e in found], [1e3 * e.found_m for e in found], ls="", **look)
         ends = [0.0, 25.4]
         far.plot(ends, ends, color=FAINT, lw=1.0, zorder=0)

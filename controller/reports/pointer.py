@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.measures.pointer import Touch, errors_of, touches_of
-from controller.reports.counts import Row, number, signed, under
+from controller.measures.pointer import Errors, Touch, errors_of, touches_of
+from controller.reports.counts import Row, under
 from controller.reports.figures import FAINT, FALSE, GOOD, PAPER, Figures
 from controller.reports.run_account import acting_of, recorded, setting_of
-from controller.reports.section import Kind, Result, Section, kind_of
+from controller.reports.section import Kind, Section, kind_of, told
 from controller.scales import scale_of
 
 if TYPE_CHECKING:
     from controller.recording.reader import Run
-    from controller.recording.series import TrialRecording
 
 DEGREES = scale_of("angle_rad").factor
 
@@ -35,6 +34,8 @@ class PointerSweep:
     Attributes:
         errors: Over all touches; the hysteresis is the largest of any trial.
         pressed_n: Mean normal force.
+        ends: Least and largest true angle, °.
+        worst: The touch of the largest error.
     """
 
     def __init__(self, force_n: float, trials: Sequence[Sequence[Touch]]) -> None:
@@ -43,91 +44,59 @@ class PointerSweep:
         self.pressed_n = float(np.mean([touch.force_n for touch in self.touches]))
         loops = [width for touches in trials if not math.isnan(width := errors_of(touches).hysteresis)]
         self.errors = errors_of(self.touches)._replace(hysteresis=max(loops, default=math.nan))
+        angles = [touch.true_rad * DEGREES for touch in self.touches]
+        self.ends = min(angles), max(angles)
+        self.worst = max(self.touches, key=lambda touch: abs(touch.error_rad))
+
+    def rms(self, middle: bool) -> float:
+        """Root mean square error within a radian of the middle, or beyond, rad."""
+        return errors_of([each for each in self.touches if (abs(each.true_rad) <= 1.0) == middle]).rms
 
 
 def read_sweeps(runs: Sequence[Run]) -> list[PointerSweep]:
     """The sweeps of some runs, from the least force to the largest."""
     found: dict[float, list[Sequence[Touch]]] = {}
     for run, row, recording in recorded(runs):
-        if touches := _touches(run, int(row["trial"] or 0), recording):
-            force_n = _force_n(run, row)
+        own = run.events_of(row["trial"])
+        touches = touches_of(
+            recording,
+            [(str(event["next"]), float(event["t_s"])) for event in own if event["next"] != event["state"]],
+            forces_stream=str(setting_of(run, "behavior", "forces_stream")),
+            pose_stream=str(setting_of(run, "behavior", "pose_stream")),
+            angles=len(setting_of(run, "behavior", "angles_rad") or ()),
+            broken_s=frozenset(float(event["t_s"]) for event in own if event["event"] == "Resumed"),
+        )
+        if touches:
+            path = "detectors", acting_of(run), "threshold"
+            value = row.get(".".join(path)) or setting_of(run, *path)
+            force_n = float(value) if isinstance(value, int | float) else math.nan
             same = next((known for known in found if abs(known - force_n) <= SAME_FORCE * force_n), force_n)
             found.setdefault(same, []).append(touches)
     return [PointerSweep(force_n, trials) for force_n, trials in sorted(found.items())]
 
 
-def _force_n(run: Run, row: Row) -> float:
-    detector = acting_of(run)
-    own = row.get(f"detectors.{detector}.threshold")
-    value = setting_of(run, "detectors", detector, "threshold") if own is None else own
-    return float(value) if isinstance(value, int | float) else math.nan
-
-
-def _touches(run: Run, trial: int, recording: TrialRecording) -> list[Touch]:
-    own = run.events_of(trial)
-    return touches_of(
-        recording,
-        [(str(event["next"]), float(event["t_s"])) for event in own if event["next"] != event["state"]],
-        forces_stream=str(setting_of(run, "behavior", "forces_stream")),
-        pose_stream=str(setting_of(run, "behavior", "pose_stream")),
-        angles=len(setting_of(run, "behavior", "angles_rad") or ()),
-        broken_s=frozenset(float(event["t_s"]) for event in own if event["event"] == "Resumed"),
-    )
-
-
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and figure of all sweeps of some runs on one kind of bench."""
-    sweeps = read_sweeps(runs)
-    return Section(
-        title="Angle of the contact (B7)",
-        content={
-            "errors": [_row(sweep) for sweep in sweeps],
-            "trials": sum(len(run.trials) for run in runs),
-            "figure_11": _draw(figures, sweeps) if sweeps else "",
-            "notes": [_note(sweep) for sweep in sweeps],
-        },
-        template="pointer",
-        paper="fernandez",
-        summary=[Result(kind_of(runs, Kind.ASSUMED), _sentence(sweeps))] if sweeps else [],
-        shows_trials=not sweeps,
-    )
-
-
-def _range(sweeps: Sequence[PointerSweep]) -> tuple[float, float]:
-    angles = [touch.true_rad * DEGREES for sweep in sweeps for touch in sweep.touches]
-    return min(angles), max(angles)
-
-
-def _sentence(sweeps: Sequence[PointerSweep]) -> str:
-    low, high = (signed(angle, 0) for angle in _range(sweeps))
-    rms = number(errors_of([touch for sweep in sweeps for touch in sweep.touches]).rms * DEGREES, 2)
-    worst = max(sweeps, key=lambda sweep: sweep.errors.largest)
-    return (
-        f"From {low}° to {high}° the contact's angle is off by {rms}° (root mean square), at most "
-        f"{number(worst.errors.largest * DEGREES, 2)}° ({number(worst.pressed_n, 1)} N); the paper prints no error."
-    )
-
-
-def _row(sweep: PointerSweep) -> Row:
-    errors = sweep.errors
-    line = under("force_n", sweep.pressed_n, digits=2) | {"touches": len(sweep.touches)}
-    line |= under("bias_rad", signed(errors.bias, 2, DEGREES))
-    for name in ("sd", "rms", "largest", "hysteresis"):
-        line |= under(f"{name}_rad", getattr(errors, name), digits=2)
-    spread_rad = float(np.mean([touch.spread_rad for touch in sweep.touches]))
-    return line | under("spread_rad", spread_rad, "one sample", 2)
-
-
-def _note(sweep: PointerSweep) -> str:
-    worst = max(sweep.touches, key=lambda touch: abs(touch.error_rad))
-    middle, rest = (
-        number(errors_of([t for t in sweep.touches if (abs(t.true_rad) <= 1.0) == inside]).rms * DEGREES, 2)
-        for inside in (True, False)
-    )
-    going = "ascending" if worst.going == "up" else "descending"
-    text = f"{number(sweep.pressed_n, 1)} N: largest error {signed(worst.error_rad * DEGREES, 2)}° at "
-    text += f"{signed(worst.true_rad * DEGREES, 0)}°, angles {going}; rms {middle}° within a radian of the middle, "
-    return f"{text}{rest}° beyond."
+    sweeps, errors = read_sweeps(runs), []
+    for sweep in sweeps:
+        line: Row = {**under("force_n", sweep.pressed_n, digits=2), "touches": len(sweep.touches)}
+        for name in Errors._fields:
+            cell = under(f"{name}_rad", getattr(sweep.errors, name), digits=2, sign=name == "bias")
+            line = {**line, **cell}
+        spread_rad = float(np.mean([touch.spread_rad for touch in sweep.touches]))
+        errors.append({**line, **under("spread_rad", spread_rad, "one sample", 2)})
+    content = {
+        "kind": kind_of(runs, Kind.ASSUMED),
+        "sweeps": sweeps,
+        "rms": errors_of([touch for sweep in sweeps for touch in sweep.touches]).rms,
+        "worst": max(sweeps, key=lambda sweep: sweep.errors.largest, default=None),
+        "degrees": DEGREES,
+        "errors": errors,
+        "trials": sum(len(run.trials) for run in runs),
+        "figure_11": _draw(figures, sweeps) if sweeps else "",
+    }
+    heading = "Angle of the contact (B7)"
+    return told(runs, heading, "pointer", content, paper="fernandez", shows_trials=not sweeps)
 
 
 def _draw(figures: Figures, sweeps: Sequence[PointerSweep]) -> str:
@@ -135,13 +104,10 @@ def _draw(figures: Figures, sweeps: Sequence[PointerSweep]) -> str:
     layout: Any = {"sharex": True, "sharey": "row", "height_ratios": [1.4, 1.0]}
     with figures.figure(4.1, rows=2, columns=len(sweeps), **layout) as drawing:
         for above, below, sweep in zip(drawing.axes, drawing.axes[len(sweeps) :], sweeps, strict=False):
-            ends = _range([sweep])
-            above.plot(ends, ends, color=PAPER, lw=0.9, ls=(0, (4, 3)), zorder=0)
+            above.plot(sweep.ends, sweep.ends, color=PAPER, lw=0.9, ls=(0, (4, 3)), zorder=0)
             below.axhline(0.0, color=FAINT, lw=0.7, zorder=0)
-            for going, color, marker, label in (
-                ("up", GOOD, "^", "ascending"),
-                ("down", FALSE, "v", "descending"),
-            ):
+            looks = (("up", GOOD, "^", "ascending"), ("down", FALSE, "v", "descending"))
+            for going, color, marker, label in looks:
                 for index, touches in enumerate(sweep.trials):
                     own = [touch for touch in touches if touch.going == going]
                     true = np.array([touch.true_rad * DEGREES for touch in own])

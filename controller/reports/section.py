@@ -1,18 +1,33 @@
 """What a part of the page is made of, and the templates that every page is made with."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from controller.recording.reader import Run
-from controller.reports.counts import Row, percent, three, wilson
+from controller.reports.counts import (
+    Row,
+    mean_within,
+    number,
+    percent,
+    quantity,
+    rate,
+    share,
+    signed,
+    sized,
+    spread,
+    three,
+    title,
+    wilson,
+)
 from controller.scales import NOTHING
 
 
@@ -249,20 +264,56 @@ def _look(head: str, cells: Sequence[Any], first: bool) -> str:
     return {"here": "mine", "ours": "mine"}.get(head, "theirs" if "paper" in head else "")
 
 
+@cache
 def environment() -> Environment:
-    """The templates; what is put into them is text, and bears a typesetter's apostrophes."""
+    """The templates; what is put into a page is text, and bears a typesetter's apostrophes."""
     templates = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=select_autoescape(default=True, default_for_string=True),
+        autoescape=True,
         undefined=StrictUndefined,
         finalize=_typographic,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     templates.filters["breakable"] = _breakable
-    templates.globals["laid_out"] = laid_out
-    templates.globals["labelled"] = _labelled
+    templates.filters["percent"] = percent
+    said = (mean_within, number, percent, quantity, rate, share, signed, sized, spread, three, title)
+    templates.globals |= {"laid_out": laid_out, "labelled": _labelled} | {
+        each.__name__: each for each in said
+    }
     return templates
+
+
+def told(
+    runs: Sequence[Run], heading: str, template: str, content: Mapping[str, Any], **more: Any
+) -> Section:
+    """A section whose sentences its template says, each with its verdict: `{% call result(kind, met, n) %}` around it
+    in the macro `results`.
+
+    A sentence is given as `Result` is; with the `n` trials that carry its verdict also as `judged` is, without its full
+    stop.
+    """
+    found: list[Result] = []
+
+    def result(
+        kind: Kind | None = None,
+        met: bool | None = None,
+        n: int | None = None,
+        *,
+        goal: bool = False,
+        better: bool | None = None,
+        caller: Callable[[], Markup],
+    ) -> str:
+        text = " ".join(caller().unescape().split()).replace("\u2019", "'")  # plain, for a terminal too
+        if n is None or kind is None:
+            found.append(Result(kind, text, met, goal, better))
+        else:
+            found.append(judged(kind, text, met, n, goal, better))
+        return ""
+
+    content = {"kind": kind_of(runs), **content}
+    _module(template, content, runs[0], judged=True).results(result)
+    return Section(heading, content, template, summary=found, **more)
 
 
 def rendered(section: Section, run: Run, judged: bool) -> tuple[Markup, list[Markup]]:
@@ -271,11 +322,14 @@ def rendered(section: Section, run: Run, judged: bool) -> tuple[Markup, list[Mar
     The template is given the section's content, and on what bench the run is; nothing has a verdict unless it is
     `judged`.
     """
-    bench = {"simulated": run.simulated, "bench": run.manifest.get("bench"), "judged": judged}
-    template = environment().get_template(f"{section.template}.html.j2")
-    module: Any = template.make_module({**section.content, "content": section.content, **bench})
+    module = _module(section.template, section.content, run, judged)
     ours = module.ours().split("<li>") if hasattr(module, "ours") else []
     return Markup(module), [each for text in ours if (each := text.strip())]
+
+
+def _module(name: str, content: Mapping[str, Any], run: Run, judged: bool) -> Any:
+    bench = {"simulated": run.simulated, "bench": run.manifest.get("bench"), "judged": judged}
+    return environment().get_template(f"{name}.html.j2").make_module({**content, "content": content, **bench})
 
 
 def _labelled(svg: str, caption: Markup) -> Markup:

@@ -15,20 +15,19 @@ from controller.recording.series import Series, TrialRecording
 from controller.reports.counts import (
     METHODS,
     Row,
-    median,
+    Trials,
     number,
-    quantity,
     rate,
     stop_times,
     three,
     under,
-    values,
     wilson,
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import recorded, setting_of
-from controller.reports.section import Figure, Headline, Kind, Printed, Result, Section, judged, rated, untold
+from controller.reports.section import Figure, Headline, Kind, Printed, Section, kind_of, rated, told, untold
 from controller.reports.slip_scores import (
+    GRADES,
     PLAIN,
     SENSORS,
     TABLE_1,
@@ -62,36 +61,45 @@ SAME_RATE = 0.01
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """The comparison table and each sensor's run."""
     scores = read_scores(runs)
-    conditions = sorted(
-        dict.fromkeys(score.condition for score in scores), key=lambda each: (each.nuisance != PLAIN, each)
-    )
+    found = dict.fromkeys(score.condition for score in scores)
+    conditions = sorted(found, key=lambda each: (each.nuisance != PLAIN, each))
     ids = [paper["id"] for name, paper in SENSORS.items() if any(score.sensor == name for score in scores)]
-    return Section(
-        title=f"Slip ({', '.join([*ids, 'B8'])})",
-        content={
-            "ids": ids,
-            "verdicts": VERDICTS,
-            "conditions": [_of_condition(scores, condition) for condition in conditions],
-            "frequencies": _frequencies(runs),
-            "stops": stop_times(runs, "arm.force", _waits_s, _way),
-            "drawn": list(_draw(runs, figures)),
-            "disagreeing": [
-                {"score": score, "median": quantity("delay_s", score.median_s, 3)}
-                for score in scores
-                if (score.method, score.condition) == ("paper", TABLE_1)
-                and score.decided
-                and score.verdict != score.paper["verdict"]
-            ],
-            "too_slow": [
-                *{score.sensor: _too_slow(score, runs) for score in scores if score.too_slow}.values()
-            ],
+    plain = [
+        score for score in scores if score.condition == TABLE_1 and score.slips and score.method == "paper"
+    ]
+    content = {
+        "ids": ids,
+        "verdicts": VERDICTS,
+        "plain": plain,
+        "kinds": {
+            score.sensor: Kind(score.paper["kind"]) if runs[0].simulated else Kind.MEASURED for score in plain
         },
-        template="slip",
-        paper="fernandez",
-        summary=_summary(scores, runs[0].simulated),
-        printed=_printed(runs[0]),
-        headline=_headline(scores),
-    )
+        "assumed": kind_of(runs, Kind.ASSUMED),
+        "better": {
+            s.sensor: GRADES.index(s.verdict) > GRADES.index(s.paper["verdict"]) for s in plain if s.decided
+        },
+        "others": {
+            condition: {(s.sensor, s.method): s for s in scores if s.condition == condition and s.slips}
+            for condition in found
+            if condition != TABLE_1
+        },
+        "sensors": SENSORS,
+        "methods": METHODS,
+        "minutes": _minutes,
+        "reflex": _reflex,
+        "conditions": [_of_condition(scores, condition) for condition in conditions],
+        "frequencies": _frequencies(runs),
+        "stops": stop_times(runs, "arm.force", _waits_s, _way),
+        "drawn": list(_draw(runs, figures)),
+        "disagreeing": [s.paper["id"] for s in plain if s.decided and s.verdict != s.paper["verdict"]],
+        "too_slow": {
+            score.paper["id"]: (_thresholds(score, runs), score.least_delay_s)
+            for score in scores
+            if score.too_slow
+        },
+    }
+    more: dict[str, Any] = {"paper": "fernandez", "printed": _printed(runs[0]), "headline": _headline(scores)}
+    return told(runs, f"Slip ({', '.join([*ids, 'B8'])})", "slip", content, **more)
 
 
 def _headline(scores: Sequence[SensorScore]) -> Headline | None:
@@ -157,7 +165,7 @@ Both = Mapping[str, Sequence[SensorScore]]
 
 
 def _alarms_and_minutes(both: Both) -> tuple[Mapping[str, int], Mapping[str, float]]:
-    alarms = {method: sum(score.alarms for score in own) for method, own in both.items()}
+    alarms = {method: sum(score["false_alarms"] for score in own) for method, own in both.items()}
     return alarms, {method: sum(score.quiet_s for score in own) / 60.0 for method, own in both.items()}
 
 
@@ -183,47 +191,42 @@ def _of_condition(scores: Sequence[SensorScore], condition: Condition) -> Mappin
     when ours detects slip`."""
     own = [score for score in scores if score.condition == condition]
     nuisance = "As in Table 1" if condition.nuisance == PLAIN else f"With {condition.nuisance}"
-    return {
-        "table_1": condition == TABLE_1,
-        "under": nuisance + _reflex(condition) * bool(condition.reflex),
-        "cut": bool(condition.reflex),
-        "slips": [_slips(score) for score in own if score.slips],
-        "alarms": [_alarms(score) for score in own],
-    }
+    reflex = f"; {_reflex(condition)}" * bool(condition.reflex)
+    slips, alarms = [], []
+    for score in own:
+        missed, verdict = NOTHING, f"{score.verdict}{' (too slow)' if score.too_slow else ''}"
+        if score.scored:
+            low, high = (number(end, 0, 100.0) for end in wilson(score["missed"], score.scored))
+            missed = f"{score['missed']} of {score.scored} ({low} to {high} %)"
+        if score.slips and not score.decided:
+            verdict = f"{score.verdict} (n = {score.scored} of {score.slips})"
+        named = {"sensor": score.name, "detector": METHODS[score.method]}
+        line: dict[str, Any] = {
+            **named,
+            "early": f"{score['early']} of {score.slips}",
+            "missed (95 %)": missed,
+        }
+        late_s = float(np.percentile(score.delays_s, 95)) if score.delays_s else None
+        line |= under("delay_s", score.median_s, "median", 3) | under("delay_s", late_s, "p95", 3)
+        line |= {"verdict": verdict} | (
+            {"the paper's": score.paper["verdict"]} if condition == TABLE_1 else {}
+        )
+        slips += [line] if score.slips else []
+        n, quiet_s = score["false_alarms"], score.quiet_s
+        line = {
+            **named,
+            "false alarms": n,
+            "in": _minutes(quiet_s),
+            "mean interval (95 %)": interval(n, quiet_s),
+        }
+        touches = f"{score['touch_alarms']} in {score.touches}" if score.touches else NOTHING
+        alarms.append(line | {"at touches": touches})
+    of = {"table_1": condition == TABLE_1, "under": nuisance + reflex, "cut": bool(condition.reflex)}
+    return of | {"slips": slips, "alarms": alarms}
 
 
 def _reflex(condition: Condition) -> str:
-    return f"; the arm stops when {METHODS.get(condition.reflex)} detects slip"
-
-
-def _slips(score: SensorScore) -> Row:
-    missed, verdict = NOTHING, f"{score.verdict}{' (too slow)' if score.too_slow else ''}"
-    if score.scored:
-        low, high = (number(end, 0, 100.0) for end in wilson(score.missed, score.scored))
-        missed = f"{score.missed} of {score.scored} ({low} to {high} %)"
-    if score.slips and not score.decided:
-        verdict = f"{score.verdict} (n = {score.scored} of {score.slips})"
-    line = {
-        "sensor": score.name,
-        "detector": METHODS[score.method],
-        "early": f"{score.early} of {score.slips}",
-        "missed (95 %)": missed,
-    }
-    late_s = float(np.percentile(score.delays_s, 95)) if score.delays_s else None
-    line |= under("delay_s", score.median_s, "median", 3) | under("delay_s", late_s, "p95", 3)
-    papers = {"the paper's": score.paper["verdict"]} if score.condition == TABLE_1 else {}
-    return line | {"verdict": verdict} | papers
-
-
-def _alarms(score: SensorScore) -> Row:
-    return {
-        "sensor": score.name,
-        "detector": METHODS[score.method],
-        "false alarms": score.alarms,
-        "in": _minutes(score.quiet_s),
-        "mean interval (95 %)": interval(score.alarms, score.quiet_s),
-        "at touches": f"{score.touch_alarms} in {score.touches}" if score.touches else NOTHING,
-    }
+    return f"the arm stops when {METHODS.get(condition.reflex)} detects slip"
 
 
 def interval(alarms: int, quiet_s: float) -> str:
@@ -246,21 +249,22 @@ def _frequencies(runs: Sequence[Run]) -> list[Row]:
     found: list[Row] = []
     shown = "none stands out"
     for sensor, paper in SENSORS.items():
-        own = [(run, row) for run in runs for row in measured_rows(run) if row.get("sensor") == sensor]
-        rows = [row for run, row in own if condition_of(run, row).nuisance == PLAIN]
+        rows = Trials(
+            row
+            for run in runs
+            for row in measured_rows(run)
+            if row.get("sensor") == sensor and condition_of(run, row).nuisance == PLAIN
+        )
         if not rows:
             continue
         unit, factor, comparable = _signal_scale(runs, sensor)
-        product, before = (median(rows, name) for name in ("peak_product", "peak_product_before"))
+        product, before = (rows.median(name) for name in ("peak_product", "peak_product_before"))
+        printed = number(paper["dominant_hz"], 0) if paper["dominant_hz"] else shown
         found.append(
             {
                 "sensor": f"{paper['id']} {paper['name']}",
-                **under("dominant_hz", median(rows, "dominant_hz"), "in slip"),
-                **under(
-                    "paper_hz",
-                    number(paper["dominant_hz"], 0) if paper["dominant_hz"] else shown,
-                    "the paper",
-                ),
+                **under("dominant_hz", rows.median("dominant_hz"), "in slip"),
+                **under("paper_hz", printed, "the paper"),
                 "product": {
                     "unit": f"{unit}² Hz",
                     **under("product", product and product * factor**2, "in slip"),
@@ -268,7 +272,7 @@ def _frequencies(runs: Sequence[Run]) -> list[Row]:
                     "the paper": paper["product"],
                     "comparable": comparable,
                 },
-                **under("press_n", median(rows, "press_n"), "pressed with"),
+                **under("press_n", rows.median("press_n"), "pressed with"),
             }
         )
     return found
@@ -292,67 +296,14 @@ def _signal_scale(runs: Sequence[Run], sensor: str) -> tuple[str, float, str]:
 
 def _waits_s(runs: Sequence[Run]) -> Mapping[str, Sequence[float]]:
     """From the sample that showed slip to the arm's stop command."""
-    waits_s = [wait_s for run in runs for wait_s in values(run.trials, "slip_to_stop_s")]
+    waits_s = Trials(row for run in runs for row in run.trials).values("slip_to_stop_s")
     return {"": waits_s} if waits_s else {}
 
 
 def _way(runs: Sequence[Run]) -> Row:
     """How far the tool went until it stood."""
-    return under("way_m", median([row for run in runs for row in run.trials], "stop_travel_m"), digits=2)
-
-
-# --- sentences ---------------------------------------------------------------------------------------
-
-
-def _summary(scores: Sequence[SensorScore], simulated: bool) -> list[Result]:
-    plain = [score for score in scores if score.condition == TABLE_1 and score.slips]
-    results = [_compared_with_the_paper(score, simulated) for score in plain if score.method == "paper"]
-    for condition in dict.fromkeys(score.condition for score in scores):
-        found = {
-            (each.sensor, each.method): each for each in scores if each.condition == condition and each.slips
-        }
-        if condition == TABLE_1:
-            continue
-        if condition.reflex:
-            names = ", ".join(SENSORS[sensor]["id"] for sensor, method in found if method == condition.reflex)
-            other = next(METHODS[method] for method in METHODS if method != condition.reflex)
-            text = f"{names}: {_reflex(condition)[2:]}; {other} detector is not judged."
-            results += [Result(None, text)] if names else []
-            continue
-        for sensor, paper in SENSORS.items():
-            if (sensor, "ours") in found:
-                ours, theirs = (_tally(found[sensor, method]) for method in ("ours", "paper"))
-                text = f"{paper['id']} with {condition.nuisance}: ours {ours}; the paper's {theirs}."
-                results.append(Result(Kind.ASSUMED if simulated else Kind.MEASURED, text))
-    return results
-
-
-def _compared_with_the_paper(score: SensorScore, simulated: bool) -> Result:
-    """The verdict on the paper's detector beside the paper's own; good news only where it leaves nothing out."""
-    paper = score.paper
-    kind = Kind(paper["kind"]) if simulated else Kind.MEASURED
-    early = f"{score.early} of {score.slips} slips were called before they began"
-    found = f"median {quantity('delay_s', score.median_s, 3)}" if score.delays_s else "none detected"
-    text = f"{score.name}: the paper's detector misses {score.missed} of {score.scored}, {found}: "
-    text += f"{score.verdict if score.decided else 'no grade'}; the paper says {paper['verdict']}"
-    text += f"; beside that, {early}" * bool(score.early)
-    if not score.decided:
-        return judged(kind, text, None, score.scored)
-    agrees = score.verdict == paper["verdict"]
-    grades = [
-        verdict for verdict in ("bad", "regular", "good") if verdict in (score.verdict, paper["verdict"])
-    ]
-    better = grades[-1] == score.verdict
-    return Result(kind, f"{text}.", None if agrees and score.early else agrees, better=better)
-
-
-def _tally(score: SensorScore) -> str:
-    """`misses 1 of 6, 1 early, with 2 false alarms in 15 min and 0 at touch`."""
-    early = f", {score.early} early" if score.early else ""
-    return (
-        f"misses {score.missed} of {score.scored}{early}, with {score.alarms} false alarms in "
-        f"{_minutes(score.quiet_s)} and {score.touch_alarms} at touch"
-    )
+    way_m = Trials(row for run in runs for row in run.trials).median("stop_travel_m")
+    return under("way_m", way_m, digits=2)
 
 
 def _printed(run: Run) -> Mapping[str, Printed]:
@@ -368,12 +319,11 @@ def _printed(run: Run) -> Mapping[str, Printed]:
     return found
 
 
-def _too_slow(score: SensorScore, runs: Sequence[Run]) -> Mapping[str, Any]:
-    """Ours cannot be in time at its threshold: its verdict was settled before the run."""
+def _thresholds(score: SensorScore, runs: Sequence[Run]) -> list[float]:
+    """Of our detector on a sensor."""
     names = {setting_of(run, "behavior", "sensors", score.sensor, "ours") for run in runs}
-    thresholds = {setting_of(run, "detectors", str(name), "threshold") for run in runs for name in names}
-    at = " or ".join(f"{value:g}" for value in thresholds if isinstance(value, int | float))
-    return {"id": score.paper["id"], "at": at, "least_s": number(score.least_delay_s)}
+    found = {setting_of(run, "detectors", str(name), "threshold") for run in runs for name in names}
+    return [value for value in found if isinstance(value, int | float)]
 
 
 # --- figures -----------------------------------------------------------------------------------------

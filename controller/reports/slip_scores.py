@@ -3,13 +3,15 @@
 import math
 import statistics
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from controller.recording.reader import Run
-from controller.reports.counts import METHODS, Row, median_within, total, values, wilson
+from controller.reports.counts import METHODS, Row, Trials, median_within, wilson
 from controller.reports.papers import table
 from controller.reports.run_account import setting_of
 from controller.scales import NOTHING
@@ -90,33 +92,23 @@ def condition_of(run: Run, row: Row) -> Condition:
 _REFLEX = ("behavior.stop_on_slip", "behavior.reflex")
 
 
-class SensorScore(NamedTuple):
-    """One detector on one sensor under one condition, over all trials.
+@dataclass(frozen=True)
+class SensorScore:
+    """One detector on one sensor under one condition, over all its trials.
 
     Attributes:
         method: `paper` or `ours`.
-        slips: How many there were; those neither detected, missed nor early were cut short.
-        missed: Not detected within `missed_after_s`.
-        early: Called before they began.
-        alarms: False ones, in `quiet_s` seconds in which it could have alarmed.
-        touches: Touches at which it was armed; `touch_alarms` counts its alarms in descent and pressing.
-        least_delay_s: How long it takes at least, by its own settings; NaN where it is not known.
-        verdict: good, regular, bad, not decided or not judged; a dash where there was no slip.
     """
 
     sensor: str
     condition: Condition
     method: str
-    slips: int
-    missed: int
-    early: int
-    delays_s: Sequence[float]
-    alarms: int
-    quiet_s: float
-    touches: int
-    touch_alarms: int
-    least_delay_s: float
-    verdict: str
+    rows: Trials
+
+    def __getitem__(self, what: str) -> int:
+        """How many over all trials, by the end of the column's name: slips `missed`, or `early` (called before they
+        began), `false_alarms`, or `touch_alarms` (in descent and pressing)."""
+        return self.rows.total(f"{self.method}_{what}")
 
     @property
     def paper(self) -> Row:
@@ -129,6 +121,21 @@ class SensorScore(NamedTuple):
         return f"{self.paper['id']} {self.paper['name']}"
 
     @property
+    def slips(self) -> int:
+        """How many there were; those neither detected, missed nor early were cut short."""
+        return self.rows.total("slips")
+
+    @cached_property
+    def delays_s(self) -> Sequence[float]:
+        """Of the slips that were detected: a row holds the median of its trial's one or two, which stands for each."""
+        name = self.method
+        return [
+            float(row[f"{name}_delay_s"] or 0.0)
+            for row in self.rows
+            for _ in range(row.get(f"{name}_detected") or 0)
+        ]
+
+    @property
     def median_s(self) -> float | None:
         """Of the delays."""
         return statistics.median(self.delays_s) if self.delays_s else None
@@ -136,22 +143,48 @@ class SensorScore(NamedTuple):
     @property
     def scored(self) -> int:
         """Slips that were detected or missed: the base of the missed share and of the delays."""
-        return len(self.delays_s) + self.missed
+        return len(self.delays_s) + self["missed"]
 
     @property
     def cut_short(self) -> int:
         """Slips that the arm's stop ended before they could be detected."""
-        return self.slips - self.scored - self.early
+        return self.slips - self.scored - self["early"]
 
     @property
-    def decided(self) -> bool:
-        """Whether it is good, regular or bad."""
-        return self.verdict not in (NOTHING, NOT_JUDGED, NOT_DECIDED)
+    def quiet_s(self) -> float:
+        """Time in which it could have had a false alarm."""
+        return sum(self.rows.values(f"{self.method}_quiet_s"))
+
+    @property
+    def touches(self) -> int:
+        """Touches at which it was armed."""
+        known = self.rows.known("touch_s", "listen_s")
+        return sum(row["listen_s"] <= row["touch_s"] for row in known)
+
+    @property
+    def least_delay_s(self) -> float:
+        """How long it takes at least, by its own settings; NaN where it is not known."""
+        return max(self.rows.values(f"{self.method}_least_delay_s"), default=math.nan)
 
     @property
     def too_slow(self) -> bool:
         """Whether it could not have detected any slip in time."""
         return bool(self.least_delay_s > VERDICTS["missed_after_s"])
+
+    @cached_property
+    def verdict(self) -> str:
+        """Good, regular, bad, not decided or not judged; a dash where there was no slip."""
+        if not self.slips:
+            return NOTHING
+        if self.condition.reflex not in ("", self.method):
+            # a slip that the other detector's stop cut short might have been missed by this one
+            return NOT_JUDGED
+        return verdict_of([*self.delays_s, *[math.inf] * self["missed"]])
+
+    @property
+    def decided(self) -> bool:
+        """Whether it is good, regular or bad."""
+        return self.verdict in GRADES
 
 
 def measured_rows(run: Run) -> Sequence[Row]:
@@ -161,51 +194,18 @@ def measured_rows(run: Run) -> Sequence[Row]:
 
 def read_scores(runs: Sequence[Run]) -> list[SensorScore]:
     """Every sensor, condition and detector of which there are trials."""
-    groups: dict[tuple[str, Condition], list[Row]] = {}
+    groups: dict[tuple[str, Condition], Trials] = {}
     for run in runs:
         for row in measured_rows(run):
-            groups.setdefault((str(row.get("sensor")), condition_of(run, row)), []).append(row)
+            groups.setdefault((str(row.get("sensor")), condition_of(run, row)), Trials()).append(row)
     return [
-        _score(sensor, condition, method, rows)
+        SensorScore(sensor, condition, method, rows)
         for sensor in SENSORS
-        for (name, condition), rows in sorted(groups.items())
+        for (name, condition), rows in sorted(groups.items(), key=lambda each: each[0])
         if name == sensor
         for method in METHODS
-        if any(row.get(f"{method}_false_alarms") is not None for row in rows)
+        if rows.known(f"{method}_false_alarms")
     ]
-
-
-def _score(sensor: str, condition: Condition, method: str, rows: Sequence[Row]) -> SensorScore:
-    slips, missed = total(rows, "slips"), total(rows, f"{method}_missed")
-    # A row holds the median of its trial's one or two slips: it stands for each of them that was detected.
-    delays_s = [
-        float(row[f"{method}_delay_s"] or 0.0)
-        for row in rows
-        for _ in range(int(row.get(f"{method}_detected") or 0))
-    ]
-    touched = [row for row in rows if row.get("touch_s") is not None and row.get("listen_s") is not None]
-    if not slips:
-        grade = NOTHING
-    elif condition.reflex not in ("", method):
-        # a slip that the other detector's stop cut short might have been missed by this one
-        grade = NOT_JUDGED
-    else:
-        grade = verdict_of([*delays_s, *[math.inf] * missed])
-    return SensorScore(
-        sensor,
-        condition,
-        method,
-        slips,
-        missed,
-        total(rows, f"{method}_early"),
-        delays_s,
-        total(rows, f"{method}_false_alarms"),
-        sum(values(rows, f"{method}_quiet_s")),
-        sum(row["listen_s"] <= row["touch_s"] for row in touched),
-        total(rows, f"{method}_touch_alarms"),
-        max(values(rows, f"{method}_least_delay_s"), default=math.nan),
-        grade,
-    )
 
 
 VERDICTS: Mapping[str, Any] = {
@@ -222,6 +222,8 @@ VERDICTS: Mapping[str, Any] = {
     "regular": {"missed": 0.20, "median_s": 0.256},
     # bad: everything else
 }
+
+GRADES = ("bad", "regular", "good")
 
 NOT_JUDGED = "not judged"
 

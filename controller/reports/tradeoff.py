@@ -9,7 +9,7 @@ from controller.measures.tradeoff import LATER_S, METHODS, SOON_S, WHEN
 from controller.recording.reader import Run
 from controller.reports.counts import Row, decided, number, percent, quantity
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, RIVAL, Figures
-from controller.reports.section import Headline, Result, Section, judged, kind_of, rated
+from controller.reports.section import Headline, Section, rated, told
 
 NAMES = {
     "average": "averaged frequency (the paper's)",
@@ -37,51 +37,38 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         known = np.array([each for each in own if None not in each], dtype=float).reshape(-1, len(WHEN))
         if len(known) > 1:
             scores[method] = dict(zip(WHEN, known.T, strict=True))
-    kind = kind_of(runs)
-    summary = [] if scores else [Result(None, "No approach touched the finger.")]
-    n = max((len(each["before"]) for each in scores.values()), default=0)
-    if "average" in scores:
-        alarmed = [scores["average"]["before"] > sigma for sigma in (2.0, 3.0)]
-        low, high = (each.mean() for each in alarmed)
-        more, fewer = (int((one & ~other).sum()) for one, other in (alarmed, alarmed[::-1]))
-        text = f"After a baseline of 10 s the paper's averaged frequency alarms falsely in {percent(low)} of the "
-        text += (
-            f"approaches at 2 sigma and in {percent(high)} at 3; the paper: the lower the threshold, the more"
-        )
-        summary.append(judged(kind, text, decided(more, more + fewer, 0.5) if more + fewer else None, n))
-    if scores:
-        found = {name: (each["soon"] > each["before"].max()).mean() for name, each in scores.items()}
-        best = ", ".join(f"{NAMES[name]} {percent(part)}" for name, part in found.items())
-        text = f"At the lowest threshold without a false contact in these {n} approaches, contacts detected within two "
-        summary.append(Result(kind, f"{text}periods: {best}."))
-    return Section(
-        title="Sensitivity against false contacts (A5)",
-        content={
-            "soon": SOON,
-            "later": LATER,
-            "n": n,
-            "thresholds": list(_rows(scores)),
-            "figure": _draw(figures, scores) if scores else "",
-        },
-        template="tradeoff",
-        paper="backus",
-        summary=summary,
-        headline=_headline(scores),
-        shows_trials=not scores,
-    )
-
-
-def _headline(scores: Mapping[str, Scores]) -> Headline | None:
-    """The most sensitive signal of ours beside the paper's, each at its lowest threshold without a false contact."""
+    # at the lowest threshold without a false contact
     hits = {name: int((each["soon"] > each["before"].max()).sum()) for name, each in scores.items()}
-    theirs = hits.pop("average", None)
-    if theirs is None or not hits:
+    content: dict[str, Any] = {
+        "soon": SOON,
+        "later": LATER,
+        "n": max((len(each["before"]) for each in scores.values()), default=0),
+        "found": {NAMES[name]: hits[name] / len(each["soon"]) for name, each in scores.items()},
+        "alarmed": [],
+        "met": None,
+        "thresholds": list(_rows(scores)),
+        "figure": _draw(figures, scores) if scores else "",
+    }
+    if "average" in scores:
+        low, high = alarmed = [scores["average"]["before"] > sigma for sigma in (2.0, 3.0)]
+        more, fewer = int((low & ~high).sum()), int((high & ~low).sum())
+        content["alarmed"] = [each.mean() for each in alarmed]
+        content["met"] = decided(more, more + fewer, 0.5) if more + fewer else None
+    heading, headline = "Sensitivity against false contacts (A5)", _headline(scores, hits)
+    more_of: dict[str, Any] = {"paper": "backus", "headline": headline, "shows_trials": not scores}
+    return told(runs, heading, "tradeoff", content, **more_of)
+
+
+def _headline(scores: Mapping[str, Scores], hits: Mapping[str, int]) -> Headline | None:
+    """The most sensitive signal of ours beside the paper's, each at its lowest threshold without a false contact."""
+    ours = [name for name in hits if name != "average"]
+    if not ours or "average" not in hits:
         return None
-    best = max(hits, key=lambda name: hits[name])
-    n = len(scores["average"]["before"])
+    best = max(ours, key=lambda name: hits[name])
     what = f"contacts detected within {SOON} without one false contact, by {NAMES[best]}"
     source = "the paper's averaged frequency (these approaches)"
-    return rated(what, hits[best], len(scores[best]["before"]), theirs / n, source)
+    of, theirs = (len(scores[name]["before"]) for name in (best, "average"))
+    return rated(what, hits[best], of, hits["average"] / theirs, source)
 
 
 def _rows(scores: Mapping[str, Scores]) -> Iterator[Row]:

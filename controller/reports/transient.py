@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,102 +19,106 @@ from controller.reports.approaches import (
     NOISE,
     SAMPLE_HZ,
     TABLE_1,
-    Approach,
-    Bounded,
-    Correlation,
-    DetectorScore,
     TableRow,
     compare_columns,
     figure_rows,
+    place_of,
     read_approaches,
     score_detectors,
+    stopped,
     study_rows,
     table_rows,
     trends,
+    unjudged,
 )
-from controller.reports.counts import (
-    Mean,
-    Row,
-    mean_within,
-    number,
-    quantity,
-    rate,
-    share,
-    signed,
-    sized,
-    spread,
-    title,
-    under,
-)
+from controller.reports.counts import Mean, Row, Trials, number, quantity, share, signed, spread, title, under
 from controller.reports.figures import OURS, PAPER, Figures
 from controller.reports.run_account import acting_of, criterion_of, setting_of
-from controller.reports.section import ROWS, Kind, Result, Section, judged, rows_where
+from controller.reports.section import ROWS, Section, rows_where, told
 from controller.reports.settings import shown
 from controller.scales import NOTHING, scale_of
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Tables and figures of all approaches of some runs of equal settings on one kind of bench."""
-    approaches = read_approaches(runs)
-    plain = [approach for approach in approaches if not approach.varied]
+    run, approaches = runs[0], read_approaches(runs)
+    contacts, plain = approaches.where(stopped), approaches.where(varied={})
     rows = table_rows(approaches)
-    bounded = compare_columns(approaches, rows)
-    acting, scores = acting_of(runs[0]), score_detectors(plain)
+    acting, scores = acting_of(run), score_detectors(plain)
+    settings = setting_of(run, "detectors") or {}
     others = [name for name in scores if name != acting]
-    kinds = {name: setting_of(runs[0], "detectors", name, "kind") for name in others}
+    kinds = {name: setting_of(run, "detectors", name, "kind") for name in others}
     other = next((name for name in others if kinds[name] != "resonance.paper"), next(iter(others), ""))
-    outcomes = Counter(str(each.row["outcome"]) for each in approaches).most_common()
-    chosen = runs[0].simulated and setting_of(runs[0], "detectors", acting, "sigma_of") == "samples"
-    return Section(
-        title="Stop at first contact (A2)",
-        content={
-            "kind": setting_of(runs[0], "detectors", acting, "kind"),
-            "fitted": [quantity("speed_m_s", row["speed_m_s"], 3) for row in TABLE_1 if row["fitted"]],
-            "unfitted": sum(not row["fitted"] for row in TABLE_1),
-            "criterion": criterion_of(runs[0], acting),
-            "acting": acting,
-            "other": other,
-            "chosen": chosen,
-            "onset": f"{ONSET_N:g}",
-            "approaches": _counted(approaches),
-            "outcomes": ", ".join(f"{title(name)}: {count}" for name, count in outcomes),
-            "table_1": [_table_row(row, other) for row in rows],
-            "foot": _foot(plain, other),
-            "asterisk": any(row.fitted(bound) for row in rows for bound in BOUNDS),
-            "bounds": [_bound(each) for each in bounded],
-            "trends": [_trend(name, *found) for name, found in trends(rows).items()] if rows else [],
-            "alarmed": share(
-                sum(each.false_contacts for each in plain), sum(not each.unjudged for each in plain)
-            ),
-            "learned": _learned(runs[0], acting),
-            "detectors": [_score(name, score) for name, score in scores.items()],
-            "stops": list(_stops(approaches)),
-            **_figures(figures, rows),
-            **_study(figures, study_rows(approaches)),
-        },
-        template="transient",
-        paper="backus",
-        summary=list(_summary(approaches, bounded, runs[0].simulated, scores, acting, other, chosen)),
-        terminal=[_table_row(row, other, terminal=True) for row in rows],
-    )
+    outcomes = Counter(str(each["outcome"]) for each in approaches).most_common()
+    own = settings.get(acting, {})
+    content = {
+        "detector_kind": own.get("kind"),
+        "fitted": [quantity("speed_m_s", row["speed_m_s"], 3) for row in TABLE_1 if row["fitted"]],
+        "unfitted": sum(not row["fitted"] for row in TABLE_1),
+        "criterion": criterion_of(run, acting),
+        "acting": acting,
+        "other": other,
+        "chosen": run.simulated and own.get("sigma_of") == "samples",
+        "onset": f"{ONSET_N:g}",
+        "n": len(approaches),
+        "contacts": contacts,
+        "alarms": approaches.total("false_contacts"),
+        "unjudged": len(approaches.where(unjudged)),
+        "without_delay": len(contacts) - len(contacts.values("delay_s")),
+        "noisy": len(contacts.where(_onset_is_noise)),
+        "scatter": _scatter(rows),
+        "outcomes": ", ".join(f"{title(name)}: {count}" for name, count in outcomes),
+        "table_1": [_table_row(row, other) for row in rows],
+        "foot": _foot(plain, other),
+        "asterisk": any(row.fitted(bound) for row in rows for bound in BOUNDS),
+        "bounded": [each for each in compare_columns(approaches, rows) if each.worst is not None],
+        "trends": [
+            {"force at detection against": name}
+            | {
+                head: f"{signed(rho)} (n = {n})"
+                for head, (rho, n) in zip(
+                    ("here, rows", "here, approaches", "paper, rows"), found, strict=True
+                )
+            }
+            for name, found in (trends(rows) if rows else {}).items()
+        ],
+        "alarmed": share(plain.total("false_contacts"), len(plain) - len(plain.where(unjudged))),
+        "baseline": own
+        if own.get("baseline_s") and own.get("average_samples") and own.get("sample_hz")
+        else None,
+        "scores": scores,
+        "place_of": place_of,
+        "detectors": [
+            {
+                "detector": name,
+                "approaches": score.n,
+                "true contacts": score.true,
+                "false contacts": score.false,
+                "silent to the end": score.silent,
+                **under("delay_s", score.delay_s, "delay, mean (σ)"),
+            }
+            for name, score in scores.items()
+        ],
+        "stops": list(_stops(approaches)),
+        **_figures(figures, rows),
+        **_study(figures, study_rows(approaches)),
+    }
+    terminal = [_table_row(row, other, terminal=True) for row in rows]
+    return told(runs, "Stop at first contact (A2)", "transient", content, paper="backus", terminal=terminal)
 
 
 # --- tables ------------------------------------------------------------------------------------------
-
-
-def _counted(approaches: Sequence[Approach]) -> str:
-    return f"{len(approaches)} {'approach' if len(approaches) == 1 else 'approaches'}"
 
 
 def _table_row(row: TableRow, other: str, terminal: bool = False) -> Row:
     """A row of Table I, with another detector on its approaches beside it; in a terminal without spreads."""
     paper = row.paper
     line: dict[str, Any] = {"where": f"{paper['side'] if paper else ''} {row.location}".strip()}
-    line[ROWS] = rows_where(row.approaches[0].row, "location", "speed_m_s")
+    line[ROWS] = rows_where(row.approaches[0], "location", "speed_m_s")
     if not terminal:
         line |= under("position_m", paper and paper["micrometer_m"], digits=2)
     line |= under("speed_m_s", row.speed_m_s, "" if terminal else None, 2 if terminal else 3)
-    line |= {"n": len(row.contacts), "false": row.false_contacts}
+    line |= {"n": len(row.contacts), "false": row.approaches.total("false_contacts")}
     for bound in BOUNDS:
         column, digits, here = bound["column"], int(bound["decimals"]), row.mean(bound["column"])
         theirs = Mean(paper[column], paper[f"{column}.sd"], 0) if paper else Mean(math.nan, math.nan, 0)
@@ -124,225 +128,69 @@ def _table_row(row: TableRow, other: str, terminal: bool = False) -> Row:
         if terminal:
             texts = {"here": number(here.mean, digits, factor), "paper": number(theirs.mean, digits, factor)}
         line[_heading(bound)] = texts
-    if other:
-        line[f"detector {other}"] = _other(score_detectors(row.approaches).get(other), terminal)
-    return line
+    return line | _other(row.approaches, other, terminal)
 
 
 def _heading(bound: Row) -> str:
     return f"{bound['title']}, {scale_of(bound['column']).unit}"
 
 
-def _other(score: DetectorScore | None, terminal: bool = False) -> Row:
-    if score is None:
-        return {"n": NOTHING, "false": NOTHING, "s": NOTHING}
-    delay = number(score.delay_s.mean) if terminal else spread(score.delay_s)
-    return {"n": score.true, "false": score.false, "s": delay}
+def _other(approaches: Trials, other: str, terminal: bool = False) -> dict[str, Any]:
+    score = score_detectors(approaches).get(other)
+    cells: Row = dict.fromkeys(("n", "false", "s"), NOTHING)
+    if score is not None:
+        delay = number(score.delay_s.mean) if terminal else spread(score.delay_s)
+        cells = {"n": score.true, "false": score.false, "s": delay}
+    return {f"detector {other}": cells} if other else {}
 
 
-def _foot(plain: Sequence[Approach], other: str) -> Row:
-    every = TableRow("", 0.0, list(plain), None)
+def _foot(plain: Trials, other: str) -> Row:
     foot: dict[str, Any] = {"where": "all true contacts"}
     for bound in BOUNDS:
-        mean = spread(every.mean(bound["column"]), int(bound["decimals"]), scale_of(bound["column"]).factor)
-        foot[_heading(bound)] = {"here": mean}
-    return foot | ({f"detector {other}": _other(score_detectors(plain).get(other))} if other else {})
+        mean = plain.where(stopped).mean(bound["column"])
+        foot[_heading(bound)] = {
+            "here": spread(mean, int(bound["decimals"]), scale_of(bound["column"]).factor)
+        }
+    return foot | _other(plain, other)
 
 
-def _printed(bound: Row, value: float) -> str:
-    return quantity(bound["column"], value, int(bound["decimals"]))
-
-
-def _bound(each: Bounded) -> Row:
-    bound, beside, worst = each.bound, each.beside, each.worst
-    why = "No approach ended by a contact."
-    if worst is not None:
-        why = f"Largest: {_printed(bound, worst[bound['column']])} in trial {worst['trial']}, location "
-        why += f"{worst.location} at {quantity('speed_m_s', worst.speed_m_s)}."
-    return {
-        "bound": f"{bound['over']} {bound['title']}",
-        "paper": _printed(bound, beside.paper),
-        "here": _printed(bound, beside.ours) if worst else NOTHING,
-        "beside it": sized(beside.ours, beside.paper, scale_of(bound["column"]).unit) if worst else NOTHING,
-        "verdict": beside.met,
-        "why": why,
-    }
-
-
-def _trend(name: str, *found: Correlation) -> Row:
-    heads = ("here, rows", "here, approaches", "paper, rows")
-    texts = [f"{signed(rho)} (n = {n})" for rho, n in found]
-    return {"force at detection against": name, **dict(zip(heads, texts, strict=True))}
-
-
-def _score(name: str, score: DetectorScore) -> Row:
-    return {
-        "detector": name,
-        "approaches": score.n,
-        "true contacts": score.true,
-        "false contacts": score.false,
-        "silent to the end": score.silent,
-        **under("delay_s", score.delay_s, "delay, mean (σ)"),
-    }
-
-
-def _stops(approaches: Sequence[Approach]) -> Iterator[Row]:
+def _stops(approaches: Trials) -> Iterator[Row]:
     """Median, 95th percentile by rank and largest of what is of a stop; none where no stop was sent."""
-    to_command_s = [each.span("detect_s", "command_s") for each in approaches]
-    rows = (
+
+    def spans(start: str, end: str) -> list[float]:
+        known = approaches.known(start, end)
+        return [row[end] - row[start] for row in known]
+
+    to_command_s = spans("detect_s", "command_s")
+    for name, column, digits, known in (
         ("detection to stop command", "to_command_s", 2, to_command_s),
-        (
-            "command to standstill",
-            "to_standstill_s",
-            1,
-            [e.span("command_s", "standstill_s") for e in approaches],
-        ),
-        ("travel, detection to standstill", "stop_travel_m", 3, [e["stop_travel_m"] for e in approaches]),
-        (
-            "peak force of true contacts",
-            "force_peak_n",
-            3,
-            [e["force_peak_n"] for e in approaches if e.detected],
-        ),
-    )
-    for name, column, digits, found in rows if any(each is not None for each in to_command_s) else ():
-        known = sorted(value for value in found if value is not None)
-        if known:
-            high = known[min(len(known) - 1, int(0.95 * len(known)))]
-            shown = {"median": statistics.median(known), "95th percentile": high, "largest": known[-1]}
+        ("command to standstill", "to_standstill_s", 1, spans("command_s", "standstill_s")),
+        ("travel, detection to standstill", "stop_travel_m", 3, approaches.values("stop_travel_m")),
+        ("peak force of true contacts", "force_peak_n", 3, approaches.where(stopped).values("force_peak_n")),
+    ):
+        if known and to_command_s:
+            high = sorted(known)[min(len(known) - 1, int(0.95 * len(known)))]
+            cells = {"median": statistics.median(known), "95th percentile": high, "largest": max(known)}
             scale = scale_of(column)
-            cells = {head: number(value, digits, scale.factor) for head, value in shown.items()}
-            yield {"": f"{name}, {scale.unit}"} | cells
+            yield {"": f"{name}, {scale.unit}"} | {
+                head: number(value, digits, scale.factor) for head, value in cells.items()
+            }
 
 
-# --- sentences ---------------------------------------------------------------------------------------
+# --- what sentences say ------------------------------------------------------------------------------
 
 
-def _summary(
-    approaches: Sequence[Approach],
-    bounded: Sequence[Bounded],
-    simulated: bool,
-    scores: Mapping[str, DetectorScore],
-    acting: str,
-    other: str,
-    chosen: bool,
-) -> Iterator[Result]:
-    """First what a newcomer asks: is it the paper's, what is ours, what is left unexplained.
-
-    Where rate and reading of sigma are `chosen` by Table I, its times and, speed times these, its extents were put in.
-    """
-    n = len(approaches)
-    contacts = [each for each in approaches if each.detected]
-    false = sum(each.false_contacts for each in approaches)
-    rest = n - len(contacts) - false
-    kind = Kind.PREDICTED if simulated else Kind.MEASURED
-    for each in bounded:
-        if each.worst and each.rows:
-            own = chosen and each.bound["column"] in ("delay_s", "extent_m")
-            yield _beside_table_1(each, Kind.FITTED if own else kind)
-    text = f"{_counted(approaches)}: {len(contacts)} stopped at a contact, {false} at a false "
-    unjudged = sum(each.unjudged for each in contacts)
-    text += f"contact{f', {rate(false, n - unjudged)}' * (unjudged < n)}{f', {rest} otherwise' * (rest > 0)}"
-    yield Result(None, text + ("; the paper reports no false one." if false else "."))
-    if unjudged:
-        text = f"{_without_delay(unjudged, len(contacts))}, and may be false: no load cell is read, or its noise alone "
-        yield Result(None, f"{text}comes near the onset of {ONSET_N:g} N.")
-    if lighter := sum(each["delay_s"] is None for each in contacts) - unjudged:
-        text = _without_delay(lighter, len(contacts))
-        yield Result(None, f"{text}: the load cell did not reach the onset of {ONSET_N:g} N before the end.")
-    if other:
-        yield from _sooner(scores, acting, other)
-    for name in scores:
-        if name not in (acting, other) and simulated and scores[name].n:
-            false_rate = rate(scores[name].false, scores[name].n)
-            yield Result(None, f"The detector “{name}” on the same approaches: {false_rate} false contacts.")
-    yield from _scatter(table_rows(approaches), simulated)
-    if noisy := sum(_onset_is_noise(each) for each in contacts):
-        text = f"In {noisy} of {len(contacts)} contacts the load cell's noise reached {ONSET_N:g} N before the probe "
-        yield Result(None, f"{text}touched: time and extent count from there, and are too long.")
-    yield from (_beside_bound(each, kind) for each in bounded if each.worst)
-    if peaks := [each["force_peak_n"] for each in contacts if each["force_peak_n"] is not None]:
-        text = "The instantaneous peak of the load cell, which the paper does not print, reaches "
-        yield Result(None, f"{text}{number(max(peaks), 3)} N.")
-
-
-def _without_delay(some: int, contacts: int) -> str:
-    return f"{some} of {contacts} {'contact has' if contacts == 1 else 'contacts have'} no delay"
-
-
-def _sooner(scores: Mapping[str, DetectorScore], acting: str, other: str) -> Iterator[Result]:
-    """The detector that only observed beside the one that stopped, on the same approaches."""
-    if acting not in scores:
-        return
-    mine, stops = scores[other], scores[acting]
-    if not (mine.true and stops.true and min(mine.delay_s.mean, stops.delay_s.mean) > 0.0):
-        return
-    times = stops.delay_s.mean / mine.delay_s.mean
-    how = f"{max(times, 1.0 / times):.1f} times {'sooner' if times > 1.0 else 'later'}"
-    text = f"The detector “{other}” is {how} on the same approaches: "
-    text += f"{mean_within(mine.delay_s)} s, beside {mean_within(stops.delay_s)}; "
-    yield Result(None, f"{text}false in {rate(mine.false, mine.n)}.")
-
-
-def _scatter(rows: Sequence[TableRow], simulated: bool) -> Iterator[Result]:
-    """The scatter within a row, which decides how mild the comparison is."""
+def _scatter(rows: Sequence[TableRow]) -> Sequence[float] | None:
+    """The scatter of the time within a row, ours and the paper's, s, which decides how mild the comparison is."""
     pairs = [(row.mean("delay_s").sigma, row.paper["delay_s.sd"]) for row in rows if row.paper]
     known = np.array([pair for pair in pairs if not math.isnan(pair[0])])
-    if len(known) < 3:
-        return
-    ours, paper = np.sqrt(np.mean(known**2, axis=0))
-    text = f"Within a row the time scatters by {number(ours)} s, in the paper by {number(paper)} s"
-    why = ": unexplained; the simulated finger may bounce more erratically, or wander more, than theirs"
-    yield Result(None, f"{text}{why if simulated and ours > 1.5 * paper else ''}.")
+    return None if len(known) < 3 else np.sqrt(np.mean(known**2, axis=0)).tolist()
 
 
-def _onset_is_noise(each: Approach) -> bool:
+def _onset_is_noise(each: Row) -> bool:
     """Whether the load cell reached its onset before the probe touched, where that is known."""
-    onset_s, touch_s = each["onset_s"], each["truth_contact_s"]
+    onset_s, touch_s = each.get("onset_s"), each.get("truth_contact_s")
     return onset_s is not None and touch_s is not None and not not_before(onset_s, touch_s)
-
-
-def _beside_table_1(each: Bounded, kind: Kind) -> Result:
-    """A column beside Table I, row by row and on average: one comparison, one verdict."""
-    bound, rows = each.bound, each.rows
-    assert rows is not None
-    within = f"{each.within} of {each.judged} rows of Table I within scatter; " if each.judged else ""
-    text = f"{bound['title'].capitalize()}: {within}"
-    text += f"on average over {rows.n} rows {rows.ours / rows.paper:.2f} times the paper's"
-    if not math.isnan(rows.low):
-        low, high = (1.0 + end / rows.paper for end in (rows.low, rows.high))
-        text += f" ({low:.2f} to {high:.2f})"
-    return judged(
-        kind,
-        text + ", beyond chance" * (each.same is False),
-        each.same,
-        rows.n,
-        better=rows.ours < rows.paper,
-    )
-
-
-def _beside_bound(each: Bounded, kind: Kind) -> Result:
-    """A column beside the bound that the paper states."""
-    bound, beside = each.bound, each.beside
-    text = f"{bound['title'].capitalize()} at detection: {bound['over']} {_printed(bound, beside.ours)}, "
-    text += f"the paper's {_printed(bound, beside.paper)} ({bound['source']}): "
-    text += sized(beside.ours, beside.paper, scale_of(bound["column"]).unit)
-    if each.kept is None:
-        return judged(kind, text, None, beside.n, goal=True)
-    return Result(kind, f"{text}.", beside.met, goal=True)
-
-
-def _learned(run: Run, acting: str) -> str:
-    """How many independent values the detector's baseline holds: what its threshold rests on."""
-    names = ("baseline_s", "average_samples", "sample_hz", "sigma_of")
-    baseline_s, samples, rate_hz, of = (setting_of(run, "detectors", acting, name) for name in names)
-    if not (baseline_s and samples and rate_hz):
-        return ""
-    if of == "samples":
-        count = f"{baseline_s * rate_hz:g}"
-        return f"A baseline of {baseline_s:g} s holds {count} samples to learn mean and σ from."
-    text = f"A baseline of {baseline_s:g} s of {samples}-sample averages at {rate_hz:g} a second holds some "
-    return f"{text}{number(baseline_s * rate_hz / samples, 1)} independent values to learn mean and σ from."
 
 
 # --- figures -----------------------------------------------------------------------------------------
@@ -414,8 +262,9 @@ def _draw_pair(
             circles: Any = {"fmt": "o", "color": OURS, "lw": 1.0, "label": "this run, mean ± σ"}
             heights = [mean.mean * scale.factor for mean in means]
             axes.errorbar([x + shift for x, _ in mine], heights, sigmas, **circles)
-            single = [(x + 3.0 * shift, each[what]) for x, row in mine for each in row.contacts]
-            known = [(x, value * scale.factor) for x, value in single if value is not None]
+            known = [
+                (x + 3.0 * shift, y * scale.factor) for x, row in mine for y in row.contacts.values(what)
+            ]
             dots: Any = {"alpha": 0.45, "ms": 4.5, "mew": 0, "label": "this run, single approaches"}
             axes.plot(*zip(*known, strict=True), ".", color=OURS, **dots)
             at_detection = ", at detection" if what == "force_n" else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +14,11 @@ from controller.measures.bridge_calibration import (
     calibrate,
     steps_of,
 )
-from controller.reports.counts import Comparison, Row, number, quantity
+from controller.reports.counts import Comparison, number
 from controller.reports.figures import OURS, PAPER, Figures
 from controller.reports.papers import as_printed
 from controller.reports.run_account import recorded, setting_of
-from controller.reports.section import Kind, Result, Section, kind_of
+from controller.reports.section import Kind, Section, kind_of, told
 from controller.scales import scale_of
 
 if TYPE_CHECKING:
@@ -39,28 +39,34 @@ Bridge = tuple[Mapping[str, str], Sequence[Sequence[Step]], BridgeCalibration]
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Table and figures of all calibrations of some runs on one kind of bench."""
-    uncertainties = {float(setting_of(run, "behavior", "weight_uncertainty") or 0.0) for run in runs}
-    bridges = read_bridges(runs)
-    tops = [
-        f"{own.top_n:g} N on {paper['force']} (the paper {paper['top_n']} N)" for paper, _, own in bridges
-    ]
-    known = " and ".join(f"{100.0 * value:g} %" for value in sorted(uncertainties))
-    return Section(
-        title="Calibration with weights (B6)",
-        content={
-            "known": known,
-            "tops": " and ".join(tops) or "the largest weight",
-            "trials": sum(len(run.trials) for run in runs),
-            "calibrated": [row for bridge in bridges for row in _rows(bridge)],
-            "figure_6": _draw(figures, bridges) if bridges else "",
-            "sigma": DETECTED_SIGMA,
-            "bridges": [(paper["force"], own) for paper, _, own in bridges],
-            "number": number,
-        },
-        template="weights",
-        paper="fernandez",
-        summary=[_sentence(paper, own, kind_of(runs, Kind.FITTED)) for paper, _, own in bridges],
-    )
+    bridges, rows, said = read_bridges(runs), [], []
+    for paper, _, own in bridges:
+        beside = {name: compared(paper, own, name) for name in FIGURES}
+        missed = [name.partition("_")[0] for name, each in beside.items() if not each.met]
+        said.append((paper["force"], beside["gain_v_n"], missed))
+        for name, (heading, scale, digits) in FIGURES.items():
+            ours, theirs, met, low, high = beside[name][:5]
+            rows.append(
+                {
+                    "bridge": paper["force"],
+                    "": heading,
+                    "ours": number(ours, digits, scale),
+                    "95 % interval": f"{number(low, digits, scale)} to {number(high, digits, scale)}",
+                    "paper": f"{theirs * scale:.6g}",
+                    "agrees": "yes" if met else "no",
+                }
+            )
+    content = {
+        "kind": kind_of(runs, Kind.FITTED),
+        "said": said,
+        "known": sorted({float(setting_of(run, "behavior", "weight_uncertainty") or 0.0) for run in runs}),
+        "trials": sum(len(run.trials) for run in runs),
+        "calibrated": rows,
+        "figure_6": _draw(figures, bridges) if bridges else "",
+        "sigma": DETECTED_SIGMA,
+        "bridges": bridges,
+    }
+    return told(runs, "Calibration with weights (B6)", "weights", content, paper="fernandez")
 
 
 def read_bridges(runs: Sequence[Run]) -> list[Bridge]:
@@ -92,32 +98,6 @@ def compared(paper: Mapping[str, str], own: BridgeCalibration, name: str) -> Com
     half = 0.5 * 10.0 ** -len(paper[name].partition(".")[2])
     met = ours.low <= printed + half and printed - half <= ours.high
     return Comparison(ours.value, printed, met, ours.low, ours.high)
-
-
-def _sentence(paper: Mapping[str, str], own: BridgeCalibration, kind: Kind) -> Result:
-    missed = [name.partition("_")[0] for name in FIGURES if not compared(paper, own, name).met]
-    verdict = "the paper's gain, hysteresis and resolution agree with our 95 % intervals"
-    if missed:
-        lie = "lies outside our 95 % interval" if len(missed) == 1 else "lie outside our 95 % intervals"
-        verdict = f"the paper's {' and '.join(missed)} {lie}"
-    gain = compared(paper, own, "gain_v_n")
-    text = f"{paper['force']}: gain {number(100.0 * abs(gain.ours / gain.paper - 1.0), 1)} % {gain.side} the paper's "
-    text += f"{quantity('gain_v_n', gain.paper, 4)}, {quantity('gain_v_n', gain.ours, 4)}; {verdict}."
-    return Result(kind, text, not missed)
-
-
-def _rows(bridge: Bridge) -> Iterator[Row]:
-    paper, _, own = bridge
-    for name, (heading, scale, digits) in FIGURES.items():
-        beside = compared(paper, own, name)
-        yield {
-            "bridge": paper["force"],
-            "": heading,
-            "ours": number(beside.ours, digits, scale),
-            "95 % interval": f"{number(beside.low, digits, scale)} to {number(beside.high, digits, scale)}",
-            "paper": f"{beside.paper * scale:.6g}",
-            "agrees": "yes" if beside.met else "no",
-        }
 
 
 def _draw(figures: Figures, bridges: Sequence[Bridge]) -> str:

@@ -15,7 +15,7 @@ from controller.reports.approaches import (
     table_rows,
     trends,
 )
-from controller.reports.counts import all_of, every, larger, mean_of, near
+from controller.reports.counts import Trials, all_of, every, larger, mean_of, near
 from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 
@@ -47,7 +47,7 @@ def test_a_false_contact_is_counted_and_averaged_into_nothing_nor_is_a_bound_cal
     approaches_of,
 ):
     (row,) = table_rows(approaches_of(Given(delay_s=0.2), Given(outcome="false_contact"), Given(delay_s=0.4)))
-    assert row.false_contacts == 1
+    assert row.approaches.total("false_contacts") == 1
     assert (row.mean("delay_s").mean, row.mean("delay_s").n) == (pytest.approx(0.3), 2)
     approaches = approaches_of(Given(outcome="no_contact", delay_s=None))
     assert [each.beside.met for each in compare_columns(approaches, table_rows(approaches))] == [None] * 3
@@ -59,7 +59,7 @@ def test_bounds_name_the_worst_approach_and_are_met_at_the_bound_itself(approach
     _, extent, force = columns = compare_columns(approaches, table_rows(approaches))
     assert [each.beside.ours for each in columns] == pytest.approx([0.241, 0.00382, 0.15])
     assert [each.beside.met for each in columns] == [None, False, None], "one row is no evidence of agreement"
-    assert (extent.worst.row["trial"], force.worst.row["trial"]) == (2, 1)
+    assert [(each.worst or {})["trial"] for each in (extent, force)] == [2, 1]
 
 
 def test_a_bound_is_met_where_rows_agree_and_open_where_every_row_lies_far_below(approaches_of):
@@ -189,7 +189,7 @@ def test_a_bound_on_every_trial_is_kept_from_29_on_and_all_of_several_unless_one
 
 
 def test_a_flexed_finger_opens_with_what_follows_the_tendon_beside_what_does_not():
-    rows = [{"contact_blind": 1, "following_blind": blind} for blind in (0, 0, 0, 1)]
+    rows = Trials({"contact_blind": 1, "following_blind": blind} for blind in (0, 0, 0, 1))
     head = flexion._headline(rows)
     assert (head.ours, head.of, head.paper) == ("25.0 %", "1 of 4", "100.0 %")
-    assert flexion._headline([{"contact_blind": 1, "following_blind": None}]) is None
+    assert flexion._headline(Trials([{"contact_blind": 1, "following_blind": None}])) is None

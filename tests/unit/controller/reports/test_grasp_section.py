@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+from controller.reports.counts import Trials
 from controller.reports.grasp import GRIP, _goals, _headline, _measures, _told
 
 
@@ -13,7 +14,7 @@ def row(outcome="held", **about):
 
 
 def found(rows):
-    return {each["goal"]: (each["found"], each["met"]) for each in _goals(rows)}
+    return {each["goal"]: (each["found"], each["met"]) for each in _goals(Trials(rows))}
 
 
 def test_a_goal_has_its_figure_its_interval_and_whether_it_is_met():
@@ -37,10 +38,10 @@ def test_a_goal_is_met_where_so_many_trials_decide_it_and_slips_in_the_air_where
 
 
 def test_what_was_told_stands_against_what_was_and_the_measures_are_those_of_nist():
-    acted, not_acted = _told([row(told_true=2, told_false=1, untold=3)])
+    acted, not_acted = _told(Trials([row(told_true=2, told_false=1, untold=3)]))
     assert (acted["a slip"], acted["none"], not_acted["a slip"]) == (2, 1, 3)
-    assert _told([row(told_true=None)]) == [], "a real bench does not know"
-    line = _measures([row(), row(friction_true=0.5)])
+    assert _told(Trials([row(told_true=None)])) == [], "a real bench does not know"
+    line = _measures(Trials([row(), row(friction_true=0.5)]))
     assert line["touch sensitivity, N"] == "6.7"
     assert line["friction within its 90 % interval"] == "1 of 2"
 

@@ -69,7 +69,7 @@ def scores_of(*runs):
 def test_slips_that_were_called_early_are_neither_detected_nor_missed(tmp_path):
     early = [trial(**of("paper", early=1, **UNDETECTED))] * 5
     score = scores_of(write(tmp_path, [trial(), *early]))["fingertip", TABLE_1, "paper"]
-    assert (score.slips, score.scored, score.early, score.cut_short) == (6, 1, 5, 0)
+    assert (score.slips, score.scored, score["early"], score.cut_short) == (6, 1, 5, 0)
     assert score.verdict == NOT_DECIDED, "one slip of six is no evidence"
 
 
@@ -113,7 +113,7 @@ def test_with_the_reflex_the_other_detector_has_no_verdict_whatever_it_detected(
 def test_trials_that_did_not_run_to_their_end_are_left_out(tmp_path, outcome):
     cut = trial(outcome=outcome, **of("paper", missed=1, **UNDETECTED))
     score = scores_of(write(tmp_path, [*[trial()] * 75, cut]))["fingertip", TABLE_1, "paper"]
-    assert (score.slips, score.missed, score.verdict) == (75, 0, "good")
+    assert (score.slips, score["missed"], score.verdict) == (75, 0, "good")
 
 
 @pytest.mark.parametrize(
