@@ -18,7 +18,6 @@ from controller.reports.counts import (
     Trials,
     decided,
     every,
-    is_number,
     median_within,
     percent,
     quantity,
@@ -95,12 +94,11 @@ def _headline(runs: Sequence[Run]) -> Headline | None:
     """How hard the jaws press where they may: what takes less than the grip that it begins with is
     pressed by that anyway."""
     known = [
-        (over, grip_n, setting_of(run, "behavior", "grip_force_n") or 0.0)
+        (row, setting_of(run, "behavior", "grip_force_n") or 0.0)
         for run in runs
-        for row in run.trials
-        if is_number(over := row.get("grip_over_least")) and is_number(grip_n := row.get("grip_n"))
+        for row in Trials(run.trials).known("grip_over_least", "grip_n")
     ]
-    over = np.sort([each for each, grip_n, least_n in known if grip_n > least_n])
+    over = np.sort([float(row["grip_over_least"]) for row, least_n in known if row["grip_n"] > least_n])
     if not len(over):
         return None
     low, high = median_within(over)

@@ -5,6 +5,7 @@ import pytest
 from config.script import run_trials
 from controller.campaign import EXIT_DONE
 from controller.reports.report import build_report
+from tests.unit.controller.reports.synthetic_runs import text_of
 
 
 def run_aura(out, profile, rows, seed=1, **settings):
@@ -73,7 +74,7 @@ def test_a_touch_stops_the_arm_and_is_reported_to_its_end(tmp_path):
 
 
 def test_each_report_shows_its_experiment(approaches, tmp_path):
-    page = build_report([approaches], tmp_path).read_text("utf-8")
+    page = text_of(build_report([approaches], tmp_path))
     assert "Pre-touch (C2)" in page
     assert "SonicFinger" in page
     assert "Undulations per cm of the normal side: 2.33 at 10 mm/s, 2.33 at 30 mm/s." in page
