@@ -9,7 +9,7 @@ import numpy as np
 from behaviors.aura import AuraSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, PreTouch
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence, delay_s, not_before, spans_within
+from controller.measures.trial import Measured, TrialEvidence, delay_s, not_before, spans_within
 from controller.recording.series import Series
 
 Span = tuple[float, float]
@@ -67,7 +67,7 @@ class Passage(NamedTuple):
     over_s: float
 
 
-def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: AuraSettings, outcome: str) -> Measured:
     """Measure all approaches of a trial.
 
     Returns:

@@ -10,7 +10,7 @@ import numpy as np
 from behaviors.border import BorderTrialSettings
 from behaviors.events import BorderNear, SlipStarted
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence, delay_s
+from controller.measures.trial import Measured, TrialEvidence, delay_s
 from drivers.core.messages import Floats
 
 LATEST_S = 0.02
@@ -34,14 +34,8 @@ COLUMNS = {
 }
 
 
-def measure(
-    evidence: TrialEvidence, settings: BorderTrialSettings, outcome: str
-) -> tuple[str, dict[str, Any]]:
-    """Measure one trial; `kept` where the contact stayed within `border_rad`, else `lost`.
-
-    Returns:
-        The outcome and the row's columns; None for what did not occur.
-    """
+def measure(evidence: TrialEvidence, settings: BorderTrialSettings, outcome: str) -> Measured:
+    """Measure one trial; `kept` where the contact stayed within `border_rad`, else `lost`."""
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     pressed_s, lifted_s = (evidence.entered_s.get(state) for state in ("PRESSING", "LIFTING"))
     run = settings.sensors["fingertip"]

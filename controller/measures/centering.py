@@ -7,7 +7,7 @@ from typing import Any
 from behaviors.events import Contact, PreTouch
 from behaviors.search import SearchSettings
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import Measured, TrialEvidence
 from drivers.core.messages import Gripped, Reached, Standstill
 
 HIGHLIGHTS = ("error_m", "search_s", "touched")
@@ -31,15 +31,12 @@ COLUMNS = {
 }
 
 
-def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: SearchSettings, outcome: str) -> Measured:
     """Measure one search.
 
     The outcome is judged by what is known. A search that a contact ended is `touched`, or `false_contact` where in
     truth nothing touched (simulated benches only). One that came to a middle is `touched` where in truth it touched on
     the way, and `off_center` where the middle is not the object's.
-
-    Returns:
-        The outcome, and the columns.
     """
     row = _measured(evidence, settings)
     touches = None if evidence.truth is None else sum(made for _, made in evidence.truth)

@@ -6,7 +6,7 @@ import numpy as np
 
 from behaviors.chirp import ChirpSettings
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import Measured, TrialEvidence
 from controller.signals.transducer import peak
 from drivers.core.messages import Floats
 
@@ -31,7 +31,7 @@ COLUMNS = {
 }
 
 
-def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> Measured:
     """Measure one sweep.
 
     Returns:

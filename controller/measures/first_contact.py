@@ -6,7 +6,7 @@ from behaviors.events import Contact
 from behaviors.first_contact import FirstContactSettings
 from controller.measures import Column
 from controller.measures.transient import positions_at, stop_certificate, tared
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import Measured, TrialEvidence
 
 HIGHLIGHTS = ("position_m", "force_peak_n", "stop_travel_m")
 
@@ -20,9 +20,7 @@ COLUMNS = {
 }
 
 
-def measure(
-    evidence: TrialEvidence, settings: FirstContactSettings, outcome: str
-) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: FirstContactSettings, outcome: str) -> Measured:
     """Measure one touch; None for what did not occur. Pressing reads positive: if not, the sensor's sign is wrong."""
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     begun_s = evidence.entered_s.get("APPROACH")

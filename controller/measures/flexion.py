@@ -10,7 +10,7 @@ import numpy as np
 from behaviors.events import Contact, ContactLost
 from behaviors.flexion import FlexionSettings
 from controller.measures import Column, transient
-from controller.measures.trial import TrialEvidence, delay_s
+from controller.measures.trial import Measured, TrialEvidence, delay_s
 
 HIGHLIGHTS = ("contact_false", "following_false", "free_rise_hz")
 """Columns shown during a run."""
@@ -37,7 +37,7 @@ COLUMNS = {
 }
 
 
-def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) -> Measured:
     """Measure one approach to a finger that is being flexed.
 
     Returns:

@@ -8,7 +8,7 @@ import numpy as np
 
 from behaviors.grasp import GraspSettings
 from controller.measures import Column, centering
-from controller.measures.trial import TrialEvidence, not_before, spans_within
+from controller.measures.trial import Measured, TrialEvidence, not_before, spans_within
 from drivers.core.messages import Grip, Sent
 
 OFF_TABLE_M = 0.001
@@ -68,14 +68,11 @@ HIGHLIGHTS = ("grip_over_least", "arrested_m", "rise_m")
 """Columns shown during a run."""
 
 
-def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: GraspSettings, outcome: str) -> Measured:
     """Measure one grasp.
 
     Whether the object was lifted and held is known from the truth of a simulated bench, whatever the fingers feel;
     else, where they still feel it, from the arm's force and the object's weight. Where neither is known it is `felt`.
-
-    Returns:
-        The outcome, and the columns.
     """
     outcome, row = centering.measure(evidence, settings, outcome)
     row |= dict.fromkeys(_OWN)

@@ -9,7 +9,7 @@ import numpy as np
 from behaviors.events import Resumed
 from behaviors.pointer import PointerSettings
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence, spans_of
+from controller.measures.trial import Measured, TrialEvidence, spans_of
 from controller.recording.series import TrialRecording
 from drivers.core.messages import Floats
 
@@ -153,12 +153,8 @@ COLUMNS = {
 }
 
 
-def measure(evidence: TrialEvidence, settings: PointerSettings, outcome: str) -> tuple[str, dict[str, Any]]:
-    """Compare the fingertip's angle with the arm's, touch by touch.
-
-    Returns:
-        The outcome, and the columns.
-    """
+def measure(evidence: TrialEvidence, settings: PointerSettings, outcome: str) -> Measured:
+    """Compare the fingertip's angle with the arm's, touch by touch."""
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     for state in (ZERO, RECORDED):
         for begin_s, end_s in spans_of(evidence.visits, state):
@@ -175,18 +171,9 @@ def measure(evidence: TrialEvidence, settings: PointerSettings, outcome: str) ->
     )
     row["touches"] = len(touches)
     if touches:
-        errors = errors_of(touches)
-        row.update(
-            force_n=float(np.mean([touch.force_n for touch in touches])),
-            theta_bias_rad=errors.bias,
-            theta_sd_rad=_known(errors.sd),
-            theta_rms_rad=errors.rms,
-            theta_max_rad=errors.largest,
-            theta_hysteresis_rad=_known(errors.hysteresis),
-            theta_spread_rad=float(np.mean([touch.spread_rad for touch in touches])),
-        )
+        names = ("bias", "sd", "rms", "max", "hysteresis")
+        errors = dict(zip(names, errors_of(touches), strict=True))
+        row |= {f"theta_{name}_rad": None if math.isnan(x) else x for name, x in errors.items()}
+        row["force_n"] = float(np.mean([touch.force_n for touch in touches]))
+        row["theta_spread_rad"] = float(np.mean([touch.spread_rad for touch in touches]))
     return outcome, row
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else value

@@ -1,13 +1,12 @@
 """A4: which link was touched, from an accelerometer on each (Backus and Dollar, V.C)."""
 
 import math
-from typing import Any
 
 import numpy as np
 
 from behaviors.transient import TransientSettings
 from controller.measures import Column, transient
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import Measured, TrialEvidence
 
 HIGHLIGHTS = ("identified", "ratio_db", "delay_s")
 """Columns shown during a run."""
@@ -25,7 +24,7 @@ LISTENS_S = 0.3
 the touch it made little difference on 240 other approaches, to a kind and a hard finger."""
 
 
-def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> Measured:
     """Measure one approach, and identify the link touched.
 
     Contact holds a link: its accelerometer measures the knocks, and the other link swings on. The distal swing is

@@ -19,7 +19,8 @@ from behaviors.events import (
 from behaviors.slip import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence, delay_s, not_before, spans_within
+from controller.measures.trial import Measured, TrialEvidence, delay_s, not_before, spans_within, without
+from controller.recording.series import Span
 from controller.signals.spectrum import BlockCutter, block_peaks
 from drivers.core.messages import Floats, SampleBlock
 
@@ -81,19 +82,14 @@ class Slip(NamedTuple):
     commanded_s: float = math.nan
 
 
-def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -> tuple[str, dict[str, Any]]:
-    """Measure one trial.
-
-    Returns:
-        The outcome and the row's columns; None for what did not occur.
-    """
+def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -> Measured:
+    """Measure one trial."""
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     run = settings.sensors[evidence.factors["sensor"]]
     row["clock_s"] = evidence.entered_s.get("RESTING")
     touch = evidence.last(Contact, detector=run.touch)
     row["touch_s"] = None if touch is None else touch.t_s
-    if evidence.truth is not None:
-        row["touch_truth_s"] = next((t_s for t_s, made in evidence.truth if made), None)
+    row["touch_truth_s"] = evidence.touched_s()
     _require_samples(evidence, run, row["touch_s"])
     commanded = _commanded(evidence)
     true_slips = None if evidence.slips is None else [Slip(*span) for span in spans_within(evidence.slips)]
@@ -254,12 +250,9 @@ def _silent_s(evidence: TrialEvidence, run: SensorRunSettings) -> float:
 
 def _quiet_s(begin_s: float, end_s: float, slipping: Sequence[Slip], descent: Slip) -> float:
     """Time in which a detector can alarm, without descent, pressing and slips."""
-    busy = sorted([descent, *(Slip(span.begin_s, span.end_s + AFTER_S) for span in slipping)])
-    quiet_s, here_s = 0.0, begin_s
-    for span in busy:
-        quiet_s += max(0.0, min(span.begin_s, end_s) - here_s)
-        here_s = max(here_s, min(span.end_s, end_s))
-    return quiet_s + max(0.0, end_s - here_s)
+    busy = [Span(descent.begin_s, descent.end_s)]
+    busy += [Span(span.begin_s, span.end_s + AFTER_S) for span in slipping]
+    return sum(until_s - since_s for since_s, until_s in without(begin_s, end_s, busy))
 
 
 def _descent(evidence: TrialEvidence) -> Slip:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from controller.measures import Column
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import Measured, TrialEvidence
 from controller.signals.spectrum import dominant_frequency
 
 if TYPE_CHECKING:
@@ -29,12 +29,8 @@ COLUMNS = {
 }
 
 
-def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> tuple[str, dict[str, Any]]:
-    """Measure one static contact over the whole representative sample.
-
-    Returns:
-        The outcome, and the columns.
-    """
+def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> Measured:
+    """Measure one static contact over the whole representative sample."""
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     begun_s = evidence.entered_s.get("RECORDING")
     if begun_s is None:

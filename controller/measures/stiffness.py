@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from controller.measures import Column, static
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import Measured, TrialEvidence
 from drivers.core.messages import Floats
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ BAND_HZ = (20.0, 300.0)
 """Where the ringing is sought: above the proximal link's own swing, below the board's half rate."""
 
 
-def measure(evidence: TrialEvidence, settings: StiffnessSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: StiffnessSettings, outcome: str) -> Measured:
     """Measure one contact as A1 does, and what is to be known of stiffness and location.
 
     Returns:

@@ -1,13 +1,12 @@
 """A5: what each threshold would have detected, on approaches without a stop (Backus and Dollar, III.B, V.C)."""
 
 import math
-from typing import Any
 
 from behaviors.transient import TransientSettings
 from controller.detectors.resonance import DIRECTIONS, ResonanceDetector
 from controller.detectors.resonance_paper import ResonancePaperDetector
 from controller.measures import Column, transient
-from controller.measures.trial import TrialEvidence
+from controller.measures.trial import Measured, TrialEvidence
 
 METHODS = ("average", *DIRECTIONS)
 """The paper's averaged frequency, and what the waveform's detector can be set to sense."""
@@ -37,7 +36,7 @@ COLUMNS = {
 }
 
 
-def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> Measured:
     """Measure one approach that goes to its full depth whatever is detected.
 
     Returns:

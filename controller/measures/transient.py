@@ -10,7 +10,7 @@ from behaviors.events import BaselineReady, Contact
 from behaviors.transient import TransientSettings
 from controller.detectors.protocol import quantity_of
 from controller.measures import Column
-from controller.measures.trial import STEP_S, TrialEvidence, not_before
+from controller.measures.trial import STEP_S, Measured, TrialEvidence, not_before
 from drivers.core.messages import Floats, Standstill
 
 ONSET_N = 0.005
@@ -42,7 +42,7 @@ COLUMNS = {
 }
 
 
-def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> tuple[str, dict[str, Any]]:
+def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> Measured:
     """Measure one approach.
 
     A detection before contact is false: before the simulated contact where the truth is known, else before the
@@ -82,9 +82,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     noise_n = float(baseline_n.std()) if len(baseline_n) else 0.0
     too_noisy = evidence.truth is None and noise_n > ONSET_N / 4.0
     onset_s = float(times_s[above[0]]) if len(above) and not too_noisy else None
-    touched_s = None
-    if evidence.truth is not None:
-        touched_s = next((t_s for t_s, made in evidence.truth if made and t_s >= begun_s), None)
+    touched_s = evidence.touched_s(begun_s)
     row.update(onset_s=onset_s, truth_contact_s=touched_s, force_peak_n=_largest(force_n), false_contacts=0)
     # the event that stopped the approach may come from samples just before it
     if contact is None or (contact.t_s < begun_s and outcome != "contact"):

@@ -14,6 +14,9 @@ from drivers.core.messages import Floats, Lost, Sent, Stop, StreamInfo
 
 E = TypeVar("E", bound=Event)
 
+Measured = tuple[str, dict[str, Any]]
+"""What `measure` of every module here gives: a trial's outcome, and its row; None for what did not occur."""
+
 EDGE_S = 0.1
 """How late a stream may begin after it was subscribed, and how long before the end of a span its last sample may be:
 samples in transit when a state ends are not awaited. As long as `limits.stale_s` is by default."""
@@ -54,6 +57,10 @@ class TrialEvidence:
     detectors: Mapping[str, Detector] = field(default_factory=dict)
     streams: Mapping[str, StreamInfo] = field(default_factory=dict)
     sources: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def touched_s(self, since_s: float = -math.inf) -> float | None:
+        """When contact first began from some time on, in truth; None where it did not, or that is not known."""
+        return next((t_s for t_s, made in self.truth or () if made and t_s >= since_s), None)
 
     @property
     def ended_s(self) -> float:
@@ -179,7 +186,7 @@ def _holes(
     for gap in series.gaps:
         if min(gap.t1_s, until_s) - max(gap.t0_s, since_s) > longest_s:
             yield gap.t0_s, gap.t1_s
-    subscribed = list(_without(since_s, until_s, series.skipped))
+    subscribed = list(without(since_s, until_s, series.skipped))
     if not subscribed:
         yield since_s, until_s
     patience_s = max(longest_s, EDGE_S)
@@ -193,7 +200,7 @@ def _holes(
                 yield from_s, to_s
 
 
-def _without(since_s: float, until_s: float, skipped: Sequence[Span]) -> Iterator[tuple[float, float]]:
+def without(since_s: float, until_s: float, skipped: Sequence[Span]) -> Iterator[tuple[float, float]]:
     """What of a span is left between the skipped ones."""
     here_s = since_s
     for span in sorted(skipped, key=lambda span: span.t0_s):

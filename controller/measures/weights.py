@@ -6,7 +6,7 @@ from typing import Any
 from behaviors.weights import WeightsSettings
 from controller.measures import Column
 from controller.measures.bridge_calibration import BridgeCalibration, calibrate, steps_of
-from controller.measures.trial import MissingDataError, TrialEvidence, spans_of
+from controller.measures.trial import Measured, MissingDataError, TrialEvidence, spans_of
 
 HIGHLIGHTS = ("gain_v_n", "hysteresis", "resolution_n")
 """Columns shown during a run."""
@@ -29,12 +29,8 @@ COLUMNS = {
 }
 
 
-def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) -> tuple[str, dict[str, Any]]:
-    """Calibrate one bridge.
-
-    Returns:
-        The outcome, and the columns.
-    """
+def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) -> Measured:
+    """Calibrate one bridge."""
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     for begin_s, end_s in spans_of(evidence.visits, "RECORDING"):
         evidence.covered(settings.bridges_stream, begin_s, end_s)
@@ -49,27 +45,14 @@ def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) ->
         raise MissingDataError(f"{settings.load_stream}: a load that hung is no number; run this trial again")
     calibration = calibrate([steps], settings.weight_uncertainty)
     if calibration is not None:
-        row.update(
-            {name: None if math.isnan(value) else value for name, value in _columns(calibration).items()}
-        )
+        row |= {name: None if math.isnan(value) else value for name, value in _columns(calibration).items()}
     return outcome, row
 
 
 def _columns(calibration: BridgeCalibration) -> dict[str, float]:
-    gain, hysteresis, resolution = calibration.gain_v_n, calibration.hysteresis, calibration.resolution_n
-    return {
-        "gain_v_n": gain.value,
-        "gain_low_v_n": gain.low,
-        "gain_high_v_n": gain.high,
-        "hysteresis": hysteresis.value,
-        "hysteresis_low": hysteresis.low,
-        "hysteresis_high": hysteresis.high,
-        "resolution_n": resolution.value,
-        "resolution_low_n": resolution.low,
-        "resolution_high_n": resolution.high,
-        "zero_v": calibration.zero_v,
-        "nonlinearity": calibration.nonlinearity,
-        "remanence": calibration.remanence,
-        "gain_repeat_v_n": calibration.repeat_v_n,
-        "loads": calibration.steps,
-    }
+    found: dict[str, float] = {}
+    for name, unit in (("gain", "_v_n"), ("hysteresis", ""), ("resolution", "_n")):
+        value, low, high = getattr(calibration, f"{name}{unit}")
+        found |= {f"{name}{unit}": value, f"{name}_low{unit}": low, f"{name}_high{unit}": high}
+    found |= {name: getattr(calibration, name) for name in ("zero_v", "nonlinearity", "remanence")}
+    return found | {"gain_repeat_v_n": calibration.repeat_v_n, "loads": calibration.steps}

@@ -130,55 +130,43 @@ def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
     """Slips that ours detects in time, beside the paper's detector on the same; without slips, both's false alarms."""
     both = {method: [score for score in scores if score.method == method] for method in METHODS}
     slips = {method: sum(score.slips - score.cut_short for score in own) for method, own in both.items()}
+    hits = {method: sum(len(score.delays_s) for score in own) for method, own in both.items()}
+    alarms = {method: sum(score["false_alarms"] for score in own) for method, own in both.items()}
+    minutes = {method: sum(score.quiet_s for score in own) / 60.0 for method, own in both.items()}
+    listened = [method for method in ("ours", "paper") if minutes[method]]
     if n := slips["ours"]:
-        detected = {method: sum(len(score.delays_s) for score in own) for method, own in both.items()}
-        hits, theirs = detected["ours"], detected["paper"] / slips["paper"] if slips["paper"] else None
+        theirs = hits["paper"] / slips["paper"] if slips["paper"] else None
         what = f"slips that our detector detects, within {VERDICTS['missed_after_s']:g} s of their beginning"
-        found = rated(what, hits, n, theirs, SAME_SAMPLES)
+        found = rated(what, hits["ours"], n, theirs, SAME_SAMPLES)
         beside = ""
         if theirs is not None:
             beside = f", {found.side} than" if found.side != "as" else ","
-            beside += f" the paper's {detected['paper']} of {slips['paper']}{untold(hits, n, theirs)}"
-        state = "well" if hits == n else "partly" if hits else "badly"
-        verdict = f"our detector detects {hits} of {n} slips{beside}; {_false_alarms(both)}"
-        return found._replace(of=f"{hits} of {n} slips", verdict=verdict, state=state)
-    alarms, minutes = _alarms_and_minutes(both)
-    if not minutes["ours"]:
+            beside += f" the paper's {hits['paper']} of {slips['paper']}{untold(hits['ours'], n, theirs)}"
+        state = "well" if hits["ours"] == n else "partly" if hits["ours"] else "badly"
+        rates = (
+            f"{METHODS[each]} {alarms[each] / minutes[each]:.2g} ({alarms[each]} in all)"
+            if alarms[each]
+            else f"{METHODS[each]} 0"
+            for each in listened
+        )
+        false = f"false alarms a minute: {', '.join(rates) or 'not counted'}"
+        verdict = f"our detector detects {hits['ours']} of {n} slips{beside}; {false}"
+        return found._replace(of=f"{hits['ours']} of {n} slips", verdict=verdict, state=state)
+    if "ours" not in listened:
         return None
-    a_minute = {method: f"{three(alarms[method] / t)} a minute" for method, t in minutes.items() if t}
+    a_minute = {each: f"{three(alarms[each] / minutes[each])} a minute" for each in listened}
     low, high = (three(end / minutes["ours"]) for end in poisson_interval(alarms["ours"]))
-    what, ours, rival = "false alarms of our detector", a_minute["ours"], a_minute.get("paper", "")
+    what, rival = "false alarms of our detector", a_minute.get("paper", "")
     return Headline(
         what,
-        ours,
+        a_minute["ours"],
         f"{alarms['ours']} in {three(60.0 * minutes['ours'])} s",
         rival,
         SAME_SAMPLES,
         f"{low} to {high} a minute",
-        f"{what}: {ours}" + f", the paper's {rival}" * bool(rival),
+        f"{what}: {a_minute['ours']}" + f", the paper's {rival}" * bool(rival),
         state="partly" if alarms["ours"] else "well",
     )
-
-
-Both = Mapping[str, Sequence[SensorScore]]
-"""The scores of each detector."""
-
-
-def _alarms_and_minutes(both: Both) -> tuple[Mapping[str, int], Mapping[str, float]]:
-    alarms = {method: sum(score["false_alarms"] for score in own) for method, own in both.items()}
-    return alarms, {method: sum(score.quiet_s for score in own) / 60.0 for method, own in both.items()}
-
-
-def _false_alarms(both: Both) -> str:
-    """`false alarms a minute: ours 1.4 (1 in all), the paper's 11 (10 in all)`."""
-    alarms, minutes = _alarms_and_minutes(both)
-    known = [method for method in ("ours", "paper") if minutes[method]]
-    said = (f"{METHODS[method]} {_rate(alarms[method], minutes[method])}" for method in known)
-    return f"false alarms a minute: {', '.join(said) or 'not counted'}"
-
-
-def _rate(alarms: int, minutes: float) -> str:
-    return f"{alarms / minutes:.2g} ({alarms} in all)" if alarms else "0"
 
 
 SAME_SAMPLES = "the paper's detector (same samples)"
