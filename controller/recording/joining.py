@@ -49,8 +49,8 @@ class EndedRun:
                 events.setdefault(json.loads(event)["trial"], []).append(event)
             index = RecordingIndex(folder.recordings)
             known = {path: topics(path) for path in folder.recordings}
-            if index.damage or cut:
-                raise ValueError(*index.damage[:1] or ["the last row is cut off"])
+            if damage := [*index.damage, *["the last row of trials.csv"] * cut]:
+                raise ValueError(damage[0])
             self.columns = header.rstrip("\n").split(",")
             self.trials: dict[int, EndedTrial] = {}
             for line, cells in zip(lines, rows, strict=True):

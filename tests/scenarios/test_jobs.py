@@ -23,6 +23,7 @@ from config.jobs import BATCH_S, DEATHS, Batch, Crew, JobsError, batches, cluste
 from config.profile import load_profile
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError
+from tests.refusals import check_refusal
 from tests.scenarios.conftest import InTurn, Script, change_manifest, run_of, run_once
 
 SETS = {"behavior.settle_s": "2.0", "trials.repeats": "1", "detectors.contact.threshold_sigma": "3.0"}
@@ -153,6 +154,23 @@ def test_a_merged_run_ends_as_its_worst_shard(verb, one, tmp_path, trial, status
     (shard / "trials.csv").write_text("".join([rows[0], f"{number},{trial},{more}", *rows[2:]]))
     assert verb("merge", shard, "--out", tmp_path / "merged")[0] == 0
     assert open_run(run_of(tmp_path / "merged")).manifest["exit"] == ended
+
+
+@pytest.mark.parametrize(
+    ("name", "end", "said"),
+    [
+        ("trials.csv", -3, "the last row of trials.csv"),
+        ("events.jsonl", -3, "line 1 column"),
+        ("recording.mcap", 60_000, "is not whole"),
+    ],
+)
+def test_a_shard_that_was_cut_off_is_to_be_resumed_first(verb, one, tmp_path, name, end, said):
+    shard = Path(shutil.copytree(one, tmp_path / "shard"))
+    (shard / name).write_bytes((shard / name).read_bytes()[:end])
+    code, _, err = verb("merge", shard, "--out", tmp_path / "merged")
+    assert code == 2
+    check_refusal(err, str(shard), "damaged or cut off", said, "resume it first")
+    assert not (tmp_path / "merged").exists()
 
 
 def test_what_was_done_by_hand_before_any_shards_trials_is_in_the_merged_manifest(verb, tmp_path):
