@@ -18,6 +18,9 @@ from controller.scales import scale_of
 WANTED_M = 0.0025
 """Largest error of centering that is aimed at here; ours, not the paper's."""
 
+SEEN_TO_STOP = ("seen_to_stop_left_s", "seen_to_stop_right_s")
+"""From the sample with which a finger saw the object to the arm's stop command."""
+
 Groups = Mapping[tuple[str, str, float], Trials]
 
 
@@ -34,7 +37,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "said": list(_said(pooled)),
         "errors": [],
         "grasps": [],
-        "stops": stop_times(runs, "audio.fingers", _waits_s),
+        "stops": stop_times(runs, "audio.fingers", *SEEN_TO_STOP, by_method=SearchFactors),
         "figure": _draw(pooled, figures),
         "pipe_alone": things == {"pipe"},  # the paper draws it alone
         "worst": quantity("error_m", WORST_CENTERING_M, 0),
@@ -97,15 +100,6 @@ def _said(groups: Groups) -> Iterator[dict[str, Any]]:
             "worse": False if worst_m is not None and worst_m > bound_m else None,
             "rival_m": _worst_m(groups.get((thing, "paper", speed_m_s), Trials())) if ours else None,
         }
-
-
-def _waits_s(runs: Sequence[Run]) -> Mapping[str, Sequence[float]]:
-    """From the sample with which a finger saw the object to the arm's stop command, by method."""
-    return {
-        METHODS[method]: waits_s
-        for (method,), own in Trials.of(runs, SearchFactors).by("method").items()
-        if (waits_s := [*own.values("seen_to_stop_left_s"), *own.values("seen_to_stop_right_s")])
-    }
 
 
 def _draw(groups: Groups, figures: Figures) -> str:

@@ -258,20 +258,28 @@ class Trials(list[Row]):
 def stop_times(
     runs: Sequence[Run],
     stream: str,
-    spans_s: Callable[[Sequence[Run]], Mapping[str, Sequence[float]]],
-    more: Callable[[Sequence[Run]], Row] = lambda _: {},
+    *columns: str,
+    by_method: type[Settings] | None = None,
+    way: str = "",
 ) -> list[dict[str, Any]]:
-    """From a deciding sample to the stop command, bench by bench and by what `spans_s` names; what `more` says of the
-    bench; samples of a stream lost."""
+    """From a deciding sample to the stop command, over some columns, bench by bench; samples of a stream lost.
+
+    Args:
+        by_method: Factors of trials whose methods stand apart.
+        way: Column of how far the mover went until it stood.
+    """
     found = []
     for bench in sorted({str(run.manifest.get("bench")) for run in runs}):
         own = [run for run in runs if str(run.manifest.get("bench")) == bench]
         lost = sum(int((run.manifest.get("loss") or {}).get(stream, 0)) for run in own)
-        for name, waits_s in spans_s(own).items():
-            line = {"bench": bench} | ({"method": name} if name else {}) | {"stops": len(waits_s)}
-            for head, p in (("p50", 50), ("p99", 99), ("max", 100)):
+        rows = Trials.of(own, by_method)
+        for key, each in rows.by(*["method"] * bool(by_method)).items():
+            waits_s = [wait_s for column in columns for wait_s in each.values(column)]
+            line = {"bench": bench, **({"method": METHODS[key[0]]} if key else {}), "stops": len(waits_s)}
+            for head, p in (("p50", 50), ("p99", 99), ("max", 100)) if waits_s else ():
                 line |= under("to_stop_s", float(np.percentile(waits_s, p)), head, 1)
-            found.append({**line, **more(own), "lost": lost})
+            line |= under("way_m", rows.median(way), digits=2) if way else {}
+            found += [line | {"lost": lost}] if waits_s else []
     return found
 
 

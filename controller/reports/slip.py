@@ -89,7 +89,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "reflex": _reflex,
         "conditions": [_of_condition(scores, condition) for condition in conditions],
         "frequencies": _frequencies(runs),
-        "stops": stop_times(runs, "arm.force", _waits_s, _way),
+        "stops": stop_times(runs, "arm.force", "slip_to_stop_s", way="stop_travel_m"),
         "drawn": list(_draw(runs, figures)),
         "disagreeing": [s.paper["id"] for s in plain if s.decided and s.verdict != s.paper["verdict"]],
         "too_slow": {
@@ -280,18 +280,6 @@ def _signal_scale(runs: Sequence[Run], sensor: str) -> tuple[str, float, str]:
     if abs(rate_hz / paper["rate_hz"] - 1.0) > SAME_RATE:
         return unit, factor, f"no: {rate_hz:.0f} Hz here, the paper {paper['rate_hz']:.0f} Hz"
     return unit, factor, "yes"
-
-
-def _waits_s(runs: Sequence[Run]) -> Mapping[str, Sequence[float]]:
-    """From the sample that showed slip to the arm's stop command."""
-    waits_s = Trials(row for run in runs for row in run.trials).values("slip_to_stop_s")
-    return {"": waits_s} if waits_s else {}
-
-
-def _way(runs: Sequence[Run]) -> Row:
-    """How far the tool went until it stood."""
-    way_m = Trials(row for run in runs for row in run.trials).median("stop_travel_m")
-    return under("way_m", way_m, digits=2)
 
 
 def _printed(run: Run) -> Mapping[str, Printed]:
