@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -207,15 +208,14 @@ def _smooth(values_n: Floats) -> Floats:
 
 
 def _shade(axes: Sequence[Any], entered_s: Mapping[str, float], last_s: float) -> None:
+    """Every other state, and their names above."""
     states = [state for state in ("CLOSING", *UP) if state in entered_s]
-    edges_s = [*(entered_s[state] for state in states), last_s]
-    for number, state in enumerate(states):
-        for each in axes:
-            if number % 2:
-                each.axvspan(edges_s[number], edges_s[number + 1], color=PAPER, alpha=0.08, lw=0)
-        place = 0.5 * (edges_s[number] + edges_s[number + 1]), 1.0
-        look: Any = {"ha": "center", "va": "bottom", "fontsize": 7.5}
-        axes[0].annotate(state.lower(), place, xycoords=("data", "axes fraction"), **look)
+    spans_s = pairwise([*(entered_s[state] for state in states), last_s])
+    for place, (state, span_s) in enumerate(zip(states, spans_s, strict=True)):
+        for each in axes if place % 2 else ():
+            each.axvspan(*span_s, color=PAPER, alpha=0.08, lw=0)
+        look: Any = {"ha": "center", "va": "bottom", "fontsize": 7.5, "xycoords": ("data", "axes fraction")}
+        axes[0].annotate(state.lower(), (0.5 * sum(span_s), 1.0), **look)
 
 
 def _say_where(

@@ -22,8 +22,6 @@ from controller.reports.section import Kind, Section, kind_of, told
 from controller.scales import scale_of
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from controller.recording.reader import Run
 
 FIGURES = {
@@ -101,29 +99,24 @@ def compared(paper: Mapping[str, str], own: BridgeCalibration, name: str) -> Com
 
 
 def _draw(figures: Figures, bridges: Sequence[Bridge]) -> str:
+    """All voltages of a load, less the empty bridge's, as a bar; the line through them; the paper's."""
     with figures.figure(2.7, columns=len(bridges)) as drawing:
-        for axes, bridge in zip(drawing.axes, bridges, strict=True):
-            _draw_line(axes, *bridge)
+        for axes, (paper, trials, found) in zip(drawing.axes, bridges, strict=True):
+            volts: dict[float, list[float]] = {}
+            for steps in trials:
+                for step in steps[1:]:
+                    if step.cycle >= 0 and step.load_n > 0.0:
+                        volts.setdefault(step.load_n, []).append(step.mean_v - steps[0].mean_v)
+            bars: Any = {"color": OURS, "lw": 2.2, "capstyle": "butt", "label": "data"}
+            axes.vlines(list(volts), [*map(min, volts.values())], [*map(max, volts.values())], **bars)
+            gain, ends_n = found.gain_v_n, np.array([0.0, found.top_n])
+            axes.plot(ends_n, gain.value * ends_n, color=OURS, lw=0.9, label="fitted line")
+            theirs: Any = {"color": PAPER, "lw": 0.9, "ls": (0, (4, 3)), "label": "paper"}
+            axes.plot(ends_n, float(paper["gain_v_n"]) * ends_n, **theirs)
+            axes.set_title(f"{paper['force']}: {gain.value:.4f} ± {(gain.high - gain.low) / 2.0:.4f} V/N")
+            symbol = f"V_{{g{paper['gauges']}}}"
+            axes.set(xlabel=f"force {paper['force']} (N)", ylabel=f"voltage ${symbol}$ (V)")
+            axes.set(xlim=(0.0, 1.04 * found.top_n))
+            axes.set_ylim(bottom=0.0)
         drawing.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 0.98))
         return drawing.save("fig_6_calibration")
-
-
-def _draw_line(
-    axes: Axes, paper: Mapping[str, str], trials: Sequence[Sequence[Step]], found: BridgeCalibration
-) -> None:
-    """All voltages of a load, less the empty bridge's, as a bar; the line through them; the paper's."""
-    volts: dict[float, list[float]] = {}
-    for steps in trials:
-        for step in steps[1:]:
-            if step.cycle >= 0 and step.load_n > 0.0:
-                volts.setdefault(step.load_n, []).append(step.mean_v - steps[0].mean_v)
-    bars: Any = {"color": OURS, "lw": 2.2, "capstyle": "butt", "label": "data"}
-    axes.vlines(list(volts), [min(v) for v in volts.values()], [max(v) for v in volts.values()], **bars)
-    gain, ends_n = found.gain_v_n, np.array([0.0, found.top_n])
-    axes.plot(ends_n, gain.value * ends_n, color=OURS, lw=0.9, label="fitted line")
-    axes.plot(ends_n, float(paper["gain_v_n"]) * ends_n, color=PAPER, lw=0.9, ls=(0, (4, 3)), label="paper")
-    symbol, half = f"V_{{g{paper['gauges']}}}", (gain.high - gain.low) / 2.0
-    axes.set_title(f"{paper['force']}: {gain.value:.4f} ± {half:.4f} V/N")
-    axes.set(xlabel=f"force {paper['force']} (N)", ylabel=f"voltage ${symbol}$ (V)")
-    axes.set(xlim=(0.0, 1.04 * found.top_n))
-    axes.set_ylim(bottom=0.0)
