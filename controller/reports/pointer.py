@@ -68,7 +68,8 @@ def read_sweeps(runs: Sequence[Run]) -> list[PointerSweep]:
         )
         if touches:
             path = "detectors", acting_of(run), "threshold"
-            value = row.get(".".join(path)) or setting_of(run, *path)
+            own_n = row.get(".".join(path))
+            value = setting_of(run, *path) if own_n is None else own_n
             force_n = float(value) if isinstance(value, int | float) else math.nan
             same = next((known for known in found if abs(known - force_n) <= SAME_FORCE * force_n), force_n)
             found.setdefault(same, []).append(touches)

@@ -66,7 +66,9 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         drawn += [
             (paper["name"], found, series)
             for _, row, recording in recorded(runs)
-            if row.get("condition") == name and len(series := series_of(recording, "accelerometer")) > 1
+            if row.get("condition") == name
+            and row.get("frequency_hz") is not None
+            and len(series := series_of(recording, "accelerometer")) > 1
         ][:1]
     # whether an amplitude falls from condition to condition
     falls, too = (
