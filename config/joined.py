@@ -56,7 +56,7 @@ class JoinedCampaign(Campaign):
         recorder = Recorder(folder, started, streams={}, factors=plan.factors, measures=plan.columns)
         end: Mapping[str, Any] = {"code": EXIT_DONE, "status": "done", "reason": ""}
         try:
-            self._console.campaign_started(plan.heading, plan.count, folder.path)
+            self._console.campaign_started(plan.manifest["profile"]["name"], plan.count, folder.path)
             with closing(self._parts(self._poll)) as parts:
                 for part in parts:
                     for manifest in part.manifests:
