@@ -51,6 +51,13 @@ class Arrivals:
         self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in sorted(streams)}
         self._held = {stream: held for stream, held in self._held.items() if stream in streams}
 
+    def move(self, t_s: float, moving: bool) -> None:
+        """Note whether anything moves in the turn at `t_s`, the first of those that are processed as one."""
+        if not moving:
+            self._moves_since_s = None
+        elif self._moves_since_s is None:
+            self._moves_since_s = t_s
+
     def check(
         self, t_s: float, blocks: Iterable[SampleBlock], moving: bool, late_s: float = 0.0
     ) -> Failed | None:
@@ -62,10 +69,7 @@ class Arrivals:
         Returns:
             Which device no longer sends what it should, and why; None while all arrives.
         """
-        if not moving:
-            self._moves_since_s = None
-        elif self._moves_since_s is None:
-            self._moves_since_s = t_s
+        self.move(t_s, moving)
         stuck = None
         for block in blocks:
             if len(block) and block.stream in self._seen_s:

@@ -376,10 +376,12 @@ class Loop:
         watched = self._guard.in_contact_from_start or self.account.outcome or trial.paused_s is not None
         if self._rig.ahead is None or not stride or watched:
             return False
+        first, rate_hz = self._next(stride), self._settings.rate_hz
+        self._guard.arrivals.move(first / rate_hz, bool(trial.moving))
         turns = self._rig.ahead(
-            self._next(stride),
+            first,
             stride,
-            self._settings.rate_hz,
+            rate_hz,
             until_s=trial.wake_s,
             changed=[self._guard, trial.behavior, *trial.signals.awake, *trial.listening()],
             look=self._look,
@@ -388,7 +390,7 @@ class Loop:
         )
         if not turns:
             return False
-        trial.turn = self._next(stride) + (turns - 1) * stride
+        trial.turn = first + (turns - 1) * stride
         self.account.turns += turns
         self._attend(self._clock.now())
         return True
@@ -424,15 +426,14 @@ class Loop:
         """Let the behavior handle events in order of time; the first one that anything follows from, or that the turns
         might have seen in another order, or None. Where there is one, who looks ahead puts the behavior back."""
         behavior = self._trial.behavior
-        state, plan, wake_s = behavior.state, behavior.plan, behavior.wake_s
+        stays = behavior.state, behavior.plan, behavior.wake_s
         for before, event in pairwise(events):
             sources = {getattr(each, "detector", "") for each in (before, event)}
             if len(sources) > 1 and event.t_s - before.t_s < UNORDERED_S:
                 return before
         for event in events:
-            if not isinstance(event, Sent | Detected) or behavior.handle(event):
-                return event
-            if (behavior.state, behavior.plan, behavior.wake_s) != (state, plan, wake_s):
+            commands = not isinstance(event, Sent | Detected) or behavior.handle(event)
+            if commands or (behavior.state, behavior.plan, behavior.wake_s) != stays:
                 return event
         return None
 

@@ -137,16 +137,18 @@ class Quiet:
 
 def test_looks_grow_while_nothing_happens_and_end_before_what_does():
     loop = Quiet()
-    assert loop.passed(4) == [0, 8, 64, 128]
-    loop.happens_s = 206.5 / 200.0
-    assert loop.passed(5) == [5, 0, 8, 64, 128], "turn 207 sees it"
+    assert loop.passed(4) == [0, 32, 399, 399], (
+        "from turn 1 on: the longest are those before two seconds are over"
+    )
+    loop.happens_s = 836.5 / 200.0
+    assert loop.passed(4) == [5, 0, 32, 399], "turn 837 sees it"
 
 
 def test_where_it_is_not_known_when_something_happens_looks_are_halved():
     loop = Quiet()
     loop.passed(2)
-    loop.happens_s = 72.5 / 200.0
-    assert loop.passed(1) == [32], "turn 73, the last of 64"
+    loop.happens_s = 431.5 / 200.0
+    assert loop.passed(1) == [199], "turn 432, the last of 399"
 
 
 def test_a_look_ends_before_what_is_known_to_come():
@@ -159,18 +161,18 @@ def test_a_trial_begins_with_single_turns():
     loop = Quiet()
     loop.passed(3)
     loop.ahead.restart()
-    assert loop.passed(2) == [0, 8]
+    assert loop.passed(2) == [0, 32]
 
 
 def test_a_fault_and_a_mover_that_must_be_polled_are_gone_through_turn_by_turn():
     fault = Fault(device="stage", kind="stall")
     assert Quiet([FaultSchedule([fault])]).passed(3) == [0, 0, 0]
     ends = Fault(device="stage", kind="silent", at_s=11 / 200.0, for_s=1.0)
-    assert Quiet([FaultSchedule([ends])]).passed(3) == [0, 8, 0], "a look ends before a fault begins"
+    assert Quiet([FaultSchedule([ends])]).passed(3) == [0, 9, 0], "a look ends before a fault begins"
     assert Quiet(blind_s=0.005, watched_until_s=0.0).passed(3) == [0, 0, 0]
     loop = Quiet(blind_s=0.006, watched_until_s=0.0)
-    assert loop.passed(2) == [0, 8]
-    assert loop.device.watched_until_s == 9 / 200.0
+    assert loop.passed(2) == [0, 32]
+    assert loop.device.watched_until_s == 33 / 200.0
 
 
 class Ring:
