@@ -1,7 +1,7 @@
 # Two commands set up everything: `make run` and `make test`.
 
-PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
-	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null && echo $$p && break; done)
+PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3 python; do \
+	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 
 .PHONY: run test lines wire others browser mutants check claims docs format bench recordings soak-test fuzz swarm lerobot franka lock diagrams clean
@@ -96,7 +96,7 @@ diagrams: .venv/run.stamp       ## the state diagrams in docs/, from the behavio
 	$(BIN)/python -m config.diagrams
 
 .venv/run.stamp: requirements/run.txt
-	@test -n "$(PYTHON)" || { echo "touchbench needs Python 3.11 or 3.12: install one, or say make PYTHON=/path/to/python3.12"; exit 2; }
+	@test -n "$(PYTHON)" || { echo "touchbench needs Python 3.11 to 3.13: install one, or say make PYTHON=/path/to/python3.12"; exit 2; }
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
 	touch $@

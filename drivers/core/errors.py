@@ -1,5 +1,6 @@
 """What can go wrong with a device. Each error is also the standard one that fits it."""
 
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -57,6 +58,10 @@ def first_line(error: Exception) -> str:
     return next(iter(said.splitlines()), type(error).__name__)
 
 
+WHEELS_TO = {"ur": (3, 12)}
+"""Extras whose library has no wheel for later Pythons (pyproject.toml leaves it out there)."""
+
+
 def lacking(library: str, extra: str) -> tuple[str, str]:
     """Reason and advice where a library is missing that is installed on demand.
 
@@ -64,6 +69,8 @@ def lacking(library: str, extra: str) -> tuple[str, str]:
         extra: Of touchbench, which brings it; "" where none does.
     """
     brings = f"'touchbench[{extra}]'" if extra else library
+    if sys.version_info[:2] > (last := WHEELS_TO.get(extra, sys.version_info[:2])):
+        return f"{library} has no wheel for this Python", f"use Python {last[0]}.{last[1]}"
     return f"{library} is not installed", f"install it: pip install {brings}"
 
 

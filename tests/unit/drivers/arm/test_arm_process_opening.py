@@ -14,7 +14,7 @@ from drivers.arm import process
 from drivers.arm.link import ArmRow, LinkError, Opened
 from drivers.arm.pipe import Pipe, Start
 from drivers.core.clock import WallClock
-from drivers.core.errors import ProtocolError, RefusedError, SilentError
+from drivers.core.errors import WHEELS_TO, ProtocolError, RefusedError, SilentError
 from simulator.wiring.bench_clock import BenchClock, ClockPage
 from tests.unit.drivers.arm.arm_process_bench import REST, SETTINGS, START, Arm, Deaf, EndError
 
@@ -166,3 +166,9 @@ def test_a_client_that_no_extra_brings_is_installed_by_its_own_name(begun, monke
     monkeypatch.setattr(MadeLink, "extra", "")
     sent, _ = begun(ModuleNotFoundError("No module named 'arm_client'"))
     assert sent.args[2] == "install it: pip install arm_client"
+
+
+def test_a_client_that_has_no_wheel_for_this_python_needs_an_earlier_one(begun, monkeypatch):
+    monkeypatch.setitem(WHEELS_TO, "some_arm", (3, 10))
+    sent, _ = begun(ModuleNotFoundError("No module named 'arm_client'"))
+    assert sent.args[2] == "use Python 3.10"
