@@ -58,7 +58,7 @@ def statements(node):
 def test_what_is_imported_is_named_and_what_is_named_is_imported():
     project = PROJECT["project"]
     wanted = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
-    named = {re.split(r"[<>=[]", each)[0] for each in wanted}
+    named = {re.split(r"[<>=[;]", each)[0] for each in wanted}
     ours = {"run", *(path.name for path in ROOT.iterdir() if (path / "__init__.py").exists())}
     files = [ROOT / "run.py", *(path for room in ours - NOT_INSTALLED for path in files_of(room))]
     trees = [messages.parsed(path) for path in files if path.suffix == ".py"]
