@@ -15,6 +15,7 @@ from controller.reports.counts import (
     Row,
     Trials,
     every,
+    is_number,
     larger,
     mean_of,
     over_rows,
@@ -44,10 +45,21 @@ BASELINE_S = "detectors.contact.baseline_s"
 """What the study of what the paper does not print varies."""
 
 
+WORDS = ("outcome", "location")
+"""Columns of text. In any other but settings, which have a dot, text is no number and counts as empty."""
+
+
 def read_approaches(runs: Iterable[Run]) -> Trials:
     """Every trial of the runs, by run and number; `run` is its run, `varied` the settings it varied, by path."""
     return Trials(
-        {**row, "run": run, "varied": varied_of(row)}
+        {
+            **{
+                k: None if isinstance(v, str) and k not in WORDS and "." not in k else v
+                for k, v in row.items()
+            },
+            "run": run,
+            "varied": varied_of(row),
+        }
         for run in runs
         for row in sorted(run.trials, key=lambda row: int(row["trial"] or 0))
     )
@@ -66,6 +78,12 @@ def unjudged(row: Row) -> bool:
 def place_of(row: Row) -> str:
     """Letter of Fig. 6."""
     return str(row.get("location") or "f")
+
+
+def speed_of(row: Row) -> float:
+    """Of the probe, m/s; NaN where it is not known."""
+    speed = row.get("speed_m_s")
+    return speed if is_number(speed) else math.nan
 
 
 class TableRow(NamedTuple):
@@ -99,18 +117,14 @@ def table_rows(approaches: Trials) -> list[TableRow]:
         place, paper = next(
             ((n, row) for n, row in enumerate(TABLE_1) if _belongs(each, row)), (len(TABLE_1), None)
         )
-        at = (
-            (paper["location"], paper["speed_m_s"])
-            if paper
-            else (place_of(each), float(each["speed_m_s"] or math.nan))
-        )
+        at = (paper["location"], paper["speed_m_s"]) if paper else (place_of(each), speed_of(each))
         found.setdefault((place, *at), TableRow(at[0], at[1], Trials(), paper)).approaches.append(each)
     return [found[key] for key in sorted(found)]
 
 
 def _belongs(approach: Row, paper: Row) -> bool:
-    speed = float(approach["speed_m_s"] or math.nan) / paper["speed_m_s"]
-    return bool(place_of(approach) == paper["location"] and abs(speed - 1.0) <= SPEED_TOLERANCE)
+    times = speed_of(approach) / paper["speed_m_s"]
+    return bool(place_of(approach) == paper["location"] and abs(times - 1.0) <= SPEED_TOLERANCE)
 
 
 class Bounded(NamedTuple):

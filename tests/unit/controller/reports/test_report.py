@@ -320,6 +320,21 @@ def small_runs(tmp_path_factory):
     ]
 
 
+def test_a_column_without_its_name_or_with_text_for_numbers_leaves_a_page(small_runs, undrawn):
+    for run in small_runs:
+        path = run.folder.path / "trials.csv"
+        whole = path.read_text()
+        columns, *rows = [line.split(",") for line in whole.splitlines()]
+        kept = [[*row[:3], *("abc" for _ in row[3:])] for row in rows]
+        spoiled = [[columns, *kept]]
+        for name in columns[2:]:
+            spoiled.append([[f"q{name[1:]}" if each == name else each for each in columns], *rows])
+        for lines in spoiled:
+            path.write_text("".join(f"{','.join(line)}\n" for line in lines))
+            assert build_report([open_run(run.folder.path)]).stat().st_size > 1000
+        path.write_text(whole)
+
+
 def test_a_run_without_one_finished_trial_has_a_report(tmp_path, undrawn):
     for run in (write_transient(tmp_path, ()), write_static(tmp_path, {})):
         assert build_report([run]).stat().st_size > 1000
