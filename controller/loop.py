@@ -428,8 +428,8 @@ class Loop:
         behavior = self._trial.behavior
         stays = behavior.state, behavior.plan, behavior.wake_s
         for before, event in pairwise(events):
-            sources = {getattr(each, "detector", "") for each in (before, event)}
-            if len(sources) > 1 and event.t_s - before.t_s < UNORDERED_S:
+            apart = _source(before) != _source(event)
+            if apart and event.t_s - before.t_s < UNORDERED_S:
                 return before
         for event in events:
             commands = not isinstance(event, Sent | Detected) or behavior.handle(event)
@@ -767,3 +767,8 @@ class Loop:
             self._trial.paused_s = None
             self._operator.state(self._trial.behavior.state, t_s)
             self._handle(Resumed(t_s))
+
+
+def _source(event: Event) -> tuple[str, str]:
+    """The detector or device that it comes from."""
+    return getattr(event, "detector", ""), getattr(event, "device", "")

@@ -23,6 +23,7 @@ from drivers.core.messages import (
     Reached,
     SampleBlock,
     Saturated,
+    Sent,
     Stalled,
     Standstill,
     Stop,
@@ -37,7 +38,9 @@ CONTACT = 800.0
 
 
 class Device:
-    """Reports what is due; what is asked of it is kept where time is not taken back."""
+    """Reports what is due, some of it late; what is asked of it is kept where time is not taken back."""
+
+    late_s = 0.0
 
     def __init__(self, name, clock):
         self.name, self.clock, self.reports = name, clock, []
@@ -50,7 +53,7 @@ class Device:
         return ()
 
     def poll(self):
-        ripe = [status for status in self.reports if status.t_s <= self.clock.now()]
+        ripe = [status for status in self.reports if status.t_s + self.late_s <= self.clock.now()]
         self.reports = [status for status in self.reports if status not in ripe]
         return ripe
 
@@ -182,6 +185,7 @@ class Bench:
     def __init__(self):
         self.clock = VirtualClock()
         self.stage, self.board = PredictingStage("stage", self.clock), Board("board", self.clock)
+        self.lamp = Device("lamp", self.clock)
         self.behavior, self.detector, self.sum = Approach(), LevelDetector(), Sum()
         self.rate = LoopSettings(rate_hz=RATE_HZ, idle_rate_hz=50.0)
         self.requests, self.shown, self.kept, self.skipped = [], [], [], []
@@ -217,7 +221,7 @@ class Bench:
         self.shown.append((name, t_s))
 
     def run(self, *, together=True, **detectors):
-        devices = {"stage": self.stage, "board": self.board, "lamp": Device("lamp", self.clock)}
+        devices = {"stage": self.stage, "board": self.board, "lamp": self.lamp}
         ahead = LookAhead(self.clock, SimpleNamespace(age=1), list(devices.values())) if together else None
         rig = Rig("mock", devices, self.clock, ahead=ahead and ahead.skip)
         infos = {
@@ -267,6 +271,10 @@ def lost(*times_s):
     return put(board={"reports": [Lost(at_s, "board", "board.force", 3) for at_s in times_s]})
 
 
+def sent(device, late_s=0.0):
+    return put(**{device: {"reports": [Sent(0.503, device, Stop("lamp"))], "late_s": late_s}})
+
+
 @pytest.mark.parametrize(
     ("cases", "looks"),
     [
@@ -279,6 +287,7 @@ def lost(*times_s):
         pytest.param([presses((0.6, 0.0), (0.601, 60.0))], 31, id="presses"),
         pytest.param([lost(0.503)], 18, id="loses samples"),
         pytest.param([lost(0.563, 0.503)], 21, id="loses samples twice"),
+        pytest.param([sent("board", 0.02), sent("lamp")], 18, id="hears two devices, the first of them late"),
         pytest.param([put(sum={"beyond_s": 0.477})], 9, id="leaves its range"),
         pytest.param([put(sum={"breaks_s": 0.3})], 18, id="cannot be used"),
         pytest.param([rests(0.7), presses(*LESS)], 14, id="is in contact from the start, less and less"),
