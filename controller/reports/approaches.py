@@ -15,7 +15,6 @@ from controller.reports.counts import (
     Row,
     Trials,
     every,
-    is_number,
     larger,
     mean_of,
     over_rows,
@@ -45,23 +44,12 @@ BASELINE_S = "detectors.contact.baseline_s"
 """What the study of what the paper does not print varies."""
 
 
-WORDS = ("outcome", "location")
-"""Columns of text. In any other but settings, which have a dot, text is no number and counts as empty."""
-
-
 def read_approaches(runs: Iterable[Run]) -> Trials:
     """Every trial of the runs, by run and number; `run` is its run, `varied` the settings it varied, by path."""
     return Trials(
-        {
-            **{
-                k: None if isinstance(v, str) and k not in WORDS and "." not in k else v
-                for k, v in row.items()
-            },
-            "run": run,
-            "varied": varied_of(row),
-        }
+        {**row, "run": run, "varied": varied_of(row)}
         for run in runs
-        for row in sorted(run.trials, key=lambda row: int(row["trial"] or 0))
+        for row in sorted(Trials.of([run], broken_off=True), key=itemgetter("trial"))
     )
 
 
@@ -82,8 +70,7 @@ def place_of(row: Row) -> str:
 
 def speed_of(row: Row) -> float:
     """Of the probe, m/s; NaN where it is not known."""
-    speed = row.get("speed_m_s")
-    return speed if is_number(speed) else math.nan
+    return math.nan if row.get("speed_m_s") is None else float(row["speed_m_s"])
 
 
 class TableRow(NamedTuple):

@@ -194,6 +194,10 @@ def is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def _misplaced(name: str, cell: object) -> bool:
+    return isinstance(cell, str) and bool(scale_of(name).unit)
+
+
 def _numbers_first(cell: object) -> tuple[int, float, str]:
     return (0, float(cell), "") if is_number(cell) else (1, 0.0, str(cell))
 
@@ -202,15 +206,19 @@ class Trials(list[Row]):
     """Some trials, row by row, as sections count and average them; empty cells count nothing."""
 
     @classmethod
-    def of(cls, runs: Iterable[Run], factors: type[Settings] | None = None) -> Trials:
-        """All trials that were measured; a factor that a trial does not vary is the behavior's default."""
+    def of(
+        cls, runs: Iterable[Run], factors: type[Settings] | None = None, *, broken_off: bool = False
+    ) -> Trials:
+        """All trials that were measured, or that were `broken_off` as well; a factor that a trial does not vary is the
+        behavior's default, and text in a column whose name has a unit an empty cell."""
         fields = factors.model_fields if factors else {}
         usual = {name: field.default for name, field in fields.items() if not field.is_required()}
         return cls(
-            usual | {name: cell for name, cell in row.items() if cell is not None or name not in usual}
+            usual | {name: cell for name, cell in known.items() if cell is not None or name not in usual}
             for run in runs
             for row in run.trials
-            if row.get("outcome") not in UNMEASURED
+            if broken_off or row.get("outcome") not in UNMEASURED
+            for known in [{name: None if _misplaced(name, cell) else cell for name, cell in row.items()}]
         )
 
     def known(self, *columns: str) -> Trials:
@@ -236,7 +244,7 @@ class Trials(list[Row]):
 
     def total(self, column: str) -> int:
         """Sum of a column."""
-        return int(sum(row.get(column) or 0 for row in self))
+        return int(sum(self.values(column)))
 
     def median(self, column: str) -> float | None:
         """Of a column; None where all its cells are empty."""

@@ -63,7 +63,7 @@ def with_spread(mean: Mean, factor: float) -> str:
 
 
 def _shown(rows: Trials, name: str) -> str:
-    return with_spread(mean_of(filter(is_number, (row.get(name) for row in rows))), scale_of(name).factor)
+    return with_spread(rows.mean(name), scale_of(name).factor)
 
 
 def _draw(figures: Figures, groups: Sequence[Trials], numbers: Sequence[str]) -> str:
@@ -71,7 +71,7 @@ def _draw(figures: Figures, groups: Sequence[Trials], numbers: Sequence[str]) ->
         for axes, name in zip(drawing.axes, numbers, strict=True):
             scale = scale_of(name)
             for place, own in enumerate(groups, start=1):
-                known = [float(row[name]) * scale.factor for row in own if is_number(row.get(name))]
+                known = [value * scale.factor for value in own.values(name)]
                 axes.plot([place] * len(known), known, ".", color=OURS, alpha=0.5, mew=0, ms=7.0)
                 mean = mean_of(known)
                 if mean.n > 1:

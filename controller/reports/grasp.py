@@ -61,7 +61,7 @@ GRIP = re.compile(r"Grip\(.*, ([0-9.e+-]+)\)")
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Outcomes, NIST's measures, told against true slips, and the timeline of one grasp."""
-    rows = Trials(row for run in runs for row in run.trials)
+    rows = Trials.of(runs, broken_off=True)
     content: dict[str, Any] = {
         "what": (
             "An object is found, gripped with the gripper's least force, lifted, shaken, loaded and tapped."
@@ -97,7 +97,7 @@ def _headline(runs: Sequence[Run]) -> Headline | None:
     known = [
         (row, setting_of(run, "behavior", "grip_force_n") or 0.0)
         for run in runs
-        for row in Trials(run.trials).known("grip_over_least", "grip_n")
+        for row in Trials.of([run], broken_off=True).known("grip_over_least", "grip_n")
     ]
     over = np.sort([float(row["grip_over_least"]) for row, least_n in known if row["grip_n"] > least_n])
     if not len(over):

@@ -128,12 +128,8 @@ class SensorScore:
     @cached_property
     def delays_s(self) -> Sequence[float]:
         """Of the slips that were detected: a row holds the median of its trial's one or two, which stands for each."""
-        name = self.method
-        return [
-            float(row[f"{name}_delay_s"] or 0.0)
-            for row in self.rows
-            for _ in range(row.get(f"{name}_detected") or 0)
-        ]
+        delay_s, detected = f"{self.method}_delay_s", f"{self.method}_detected"
+        return [float(row[delay_s] or 0.0) for row in self.rows for _ in range(Trials([row]).total(detected))]
 
     @property
     def median_s(self) -> float | None:
@@ -187,9 +183,9 @@ class SensorScore:
         return self.verdict in GRADES
 
 
-def measured_rows(run: Run) -> Sequence[Row]:
+def measured_rows(run: Run) -> Trials:
     """Trials that ran to their end in contact: one that an error or a pause cut off shows nothing about detectors."""
-    return [row for row in run.trials if row.get("outcome") == "contact" and row.get("slips") is not None]
+    return Trials.of([run]).where(outcome="contact").known("slips")
 
 
 def read_scores(runs: Sequence[Run]) -> list[SensorScore]:

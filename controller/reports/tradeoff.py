@@ -7,7 +7,7 @@ import numpy as np
 
 from controller.measures.tradeoff import LATER_S, METHODS, SOON_S, WHEN
 from controller.recording.reader import Run
-from controller.reports.counts import Row, decided, number, percent, quantity
+from controller.reports.counts import Row, Trials, decided, number, percent, quantity
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, RIVAL, Figures
 from controller.reports.section import Section, rated, told
 
@@ -30,7 +30,7 @@ Scores = Mapping[str, np.ndarray[Any, Any]]
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """A table of thresholds, and the curves."""
-    rows = [row for run in runs for row in run.trials]
+    rows = Trials.of(runs, broken_off=True)
     scores: dict[str, Scores] = {}
     for method in METHODS:
         own = [[row.get(f"{method}_{when}") for when in WHEN] for row in rows]

@@ -73,6 +73,14 @@ def test_slips_that_were_called_early_are_neither_detected_nor_missed(tmp_path):
     assert score.verdict == NOT_DECIDED, "one slip of six is no evidence"
 
 
+def test_text_for_numbers_counts_as_no_number(tmp_path, undrawn):
+    spoiled = dict.fromkeys(trial()[2], "abc")
+    run = write(tmp_path, [trial(), trial(**spoiled | {"slips": 1})])
+    score = scores_of(run)["fingertip", TABLE_1, "ours"]
+    assert (score.slips, score["missed"], score.quiet_s, list(score.delays_s)) == (2, 0, 100.0, [0.05])
+    assert "B1 fingertip ours 0 of 2" in text_of(build_report([run]))
+
+
 def test_a_share_missed_is_one_of_those_detected_or_missed(tmp_path, undrawn):
     rows = [
         *[trial()] * 72,

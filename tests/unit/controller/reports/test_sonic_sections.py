@@ -63,6 +63,14 @@ def approached(**cells):
     return row | {"delay_s_ours": 0.1} | cells
 
 
+def test_text_for_numbers_counts_as_no_number(tmp_path):
+    spoiled = dict.fromkeys(approached(), "abc") | {"side": "normal", "object": "pipe"}
+    run = write(tmp_path, "aura", [approached(), spoiled], behavior={"touch": True})
+    found = table(section_of(aura, run), "touches")["normal", "ours"]
+    assert found == ["1", "100.0 % (20.7 to 100.0)", "0.100", "1", "1", "0 of 1"]
+    assert build_report([run]).stat().st_size > 1000
+
+
 FELT = ("felt", "delay_s", "false", "held", "ended")
 TRUTH = ("touches", *(f"{name}_{method}" for name in FELT for method in ("paper", "ours")))
 
