@@ -27,7 +27,7 @@ from drivers.can_gripper.units import STROKE_M
 from simulator.physics.aura_settings import OBJECTS, SIX
 from simulator.physics.gripper_part import AuraBenchSettings
 
-SEED_TUNE, SEED_CALIBRATE, SEED_TEST, SEED_OBJECTS, SEED_SCATTER = 41_000, 42_000, 43_000, 44_000, 45_000
+SEED_TUNE, SEED_CALIBRATE, SEED_TEST, SEED_OBJECTS = 41_000, 42_000, 43_000, 44_000
 """Every part has its own noise and places; choices were made on the first."""
 
 SPEEDS_M_S = (0.01, 0.03)
@@ -45,14 +45,8 @@ CALIBRATIONS = 10
 CALIBRATION_GAP_M = 0.008
 """At this distance of the pipe."""
 
-LEVELS_FS = (0.0, 0.0005, 0.001, 0.0015, 0.002, 0.0025, 0.003, 0.004)
-"""Tried values of our amplitude."""
-
-SCATTERS_DB = (0.5, 1.0, 2.0)
-
-FULL, QUICK = (20, 3, 85, 1), (1, 1, 3, 17)
-"""Repeats of the 85, and of the side studies; searches for each object; and one in so many of the 85, half of these
-where settings are tried."""
+FULL, QUICK = (20, 85, 1), (1, 3, 17)
+"""Repeats of the 85; searches for each object; and one in so many of the 85."""
 
 Trial = Mapping[str, Any]
 """Factors of a search, and then its row."""
@@ -246,7 +240,7 @@ def _amplitude_fs(run: Run, row: Trial, side: int) -> float:
 
 def main(quick: bool = False) -> None:
     """Run the study, print the worst of the 85; writes results/centering.json."""
-    started_s, (repeats, aside, objects, one_in) = time.perf_counter(), QUICK if quick else FULL
+    started_s, (repeats, objects, one_in) = time.perf_counter(), QUICK if quick else FULL
     right, left = gains_of(MISMATCH_DB)
     calibrated = OURS.having("detectors.right_ours.gain", right).having("detectors.left_ours.gain", left)
     ways = [
@@ -265,31 +259,11 @@ def main(quick: bool = False) -> None:
                 for (name, method, db), v in product(ways, SPEEDS_M_S)
             },
         ),
-        "fingers_scatter": (
-            ("each_db", "speed_m_s"),
-            {
-                (db, v): repeated(aside, OURS.having(SCATTER, db), v, SEED_SCATTER, one_in)
-                for db, v in product(SCATTERS_DB, SPEEDS_M_S)
-            },
-        ),
         "objects": (
             ("object", "method", "speed_m_s"),
             {
                 (name, kind, v): with_object(name, objects, v, six[kind])
                 for name, kind, v in product(SIX, six, SPEEDS_M_S)
-            },
-        ),
-        "our_choices": (
-            ("level_fs", "run_up", "speed_m_s"),
-            {
-                (level_fs, up, v): repeated(
-                    1,
-                    OURS.finding("level_fs", level_fs).having("behavior.run_up", str(up).lower()),
-                    v,
-                    SEED_TUNE,
-                    2 * one_in,
-                )
-                for up, level_fs, v in product((False, True), LEVELS_FS, SPEEDS_M_S)
             },
         ),
     }

@@ -28,9 +28,6 @@ SCREEN: Any = {"width": 1280, "height": 800}
 WAIT_MS = 120_000
 """For a trial on the wire."""
 
-FLOOR = 2e-16
-"""Errors below this are drawn here: the spacing of doubles at 1."""
-
 SEED = 7
 """Of the passages that are shown."""
 
@@ -41,13 +38,11 @@ def main(names: Sequence[str]) -> None:
         pictures()
     if {"pictures", "timeline"} & set(names):
         timeline()
-    for figure in (physics, skipped, sides, undulations, grasp_front):
+    for figure in (skipped, sides, undulations, grasp_front):
         if names and figure.__name__ not in names:
             continue
         with TemporaryDirectory() as folder:
-            figures = Figures(
-                Path(folder), simulated="" if figure in (physics, skipped) else "simulated", also=("png",)
-            )
+            figures = Figures(Path(folder), simulated="" if figure is skipped else "simulated", also=("png",))
             name = figure(figures)
             (OUT / f"{name}.png").write_bytes((Path(folder) / f"{name}.png").read_bytes())
 
@@ -56,33 +51,6 @@ def saved(drawing: Drawing, name: str) -> str:
     """Write it under a name, which is returned."""
     drawing.save(name)
     return name
-
-
-def physics(figures: Figures) -> str:
-    """Run time against error, loop closed, a panel a scene; hollow where an event was missed or invented."""
-    saved_points = json.loads((FOLDER / "physics.json").read_text(encoding="utf-8"))["points"]
-    points = [point for point in saved_points if point["closed"]]
-    rivals = sorted({point["solver"] for point in points} - {"exact pieces"})
-    shades = np.linspace(0.0, 0.75, len(rivals))
-    with figures.figure(3.6, columns=3, sharex=True, sharey=True) as drawing:
-        for axes, scene in zip(drawing.axes, ("free", "bouncing", "full contact"), strict=True):
-            for place, solver in enumerate(["exact pieces", *rivals]):
-                look = LOOKS["ours"] if not place else {"color": mixed(RIVAL, shades[place - 1])}
-                here = [point for point in points if (point["scene"], point["solver"]) == (scene, solver)]
-                whole = [not point["off"]["missed"] and not point["off"]["invented"] for point in here]
-                look = {"marker": "o^v<>sDPXhd"[place], "ms": 4.0 if place else 7.0, **look}
-                errors = [max(point["off"]["theta_rad"], point["off"]["event_s"], FLOOR) for point in here]
-                costs = [point["us_per_s"] for point in here]
-                axes.plot(errors, costs, **look | {"marker": ""}, lw=0.9)
-                for error, cost, full in zip(errors, costs, whole, strict=True):
-                    axes.plot(error, cost, **look, mfc=look["color"] if full else "white")
-                axes.plot([], [], **look, label=f"{solver} (ours)" if not place else solver)
-            axes.axhline(1e6, color=FAINT, lw=0.8, ls=(0, (1, 2)))
-            axes.set(xscale="log", yscale="log", title=scene, xlabel="error of events (s), angle (rad)")
-        drawing.axes[0].text(FLOOR, 1.1e6, "real time", color=PAPER, fontsize=8, va="bottom")
-        drawing.axes[0].set_ylabel("processor time a simulated second (µs)")
-        below(drawing, 4)
-        return saved(drawing, "physics_closed_loop")
 
 
 def skipped(figures: Figures) -> str:
