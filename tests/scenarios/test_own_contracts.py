@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.refusals import check_refusal
-from tests.scenarios.test_own_kinds import DETECTOR
+from tests.scenarios.test_own_kinds import DETECTOR, SIGNAL
 
 PROFILE = """
 extends = "mock/transient"
@@ -144,59 +144,35 @@ def test_a_stream_that_nothing_sends_is_named(checked: Any) -> None:
     check_refusal(err, "scale.torque", "did you mean scale.force?")
 
 
-SIGNAL = """
-import numpy as np
-
-from touchbench import Settings, StreamInfo, StreamName
-
-
-class HalfSettings(Settings):
-    input: StreamName = "board.load_cell"
-
-
-class Half:
-    def __init__(self, name, settings):
-        self.name, self.inputs = name, (settings.input,)
-        self.info = StreamInfo(f"signals.{name}", ("force",), "N")
-        self.reset()
-
-    def reset(self):
-        self.count = 0
-
-    def push(self, block):
-        self.count += len(block)
-        values = 0.5 * block.physical
-        return [self.info.block(self.count - len(block), block.t0_s, values, times_s=block.times)]
-"""
-
-
 @pytest.mark.parametrize(
     ("right", "wrong", "named"),
     [
         ("", "", ()),
-        ("0.5 * block", "block.t0_s + block", ("blocks of 7", "other values")),
+        ("2.0 * block", "block.t0_s + block", ("blocks of 7", "other values")),
         ("        self.count = 0", "        pass\n    count = 0", ("after a reset", "numbers")),
         (
             "block.t0_s, values, times_s=block.times",
             "block.t0_s + 9.0, values, times_s=block.times + 9.0",
             ("later than its inputs",),
         ),
-        ('f"signals.{name}"', "name", ("signals.half", "give it")),
-        ("0.5 * block.physical", "np.nan_to_num(block.physical)", ("all nan",)),
-        ("values = 0.5", "values = 1 / 0", ("ZeroDivisionError", "half.py, line")),
+        ('f"signals.{name}"', "name", ("signals.double", "give it")),
+        ("2.0 * block.physical", "np.nan_to_num(block.physical)", ("all nan",)),
+        ("values = 2.0", "values = 1 / 0", ("ZeroDivisionError", "double.py, line")),
     ],
 )
 def test_what_a_signal_of_ones_own_breaks_is_one_line(
     verb: Any, tmp_path: Path, right: str, wrong: str, named: tuple[str, ...]
 ) -> None:
-    (tmp_path / "half.py").write_text(SIGNAL.replace(right, wrong))
-    (tmp_path / "own.toml").write_text('extends = "mock/transient"\n[signals.half]\nkind = "half:Half"\n')
+    (tmp_path / "double.py").write_text(SIGNAL.replace(right, wrong))
+    (tmp_path / "own.toml").write_text(
+        'extends = "mock/transient"\n[signals.double]\nkind = "double:Double"\n'
+    )
     code, out, err = verb("check", tmp_path / "own.toml")
     if not named:
         assert (code, err) == (0, "")
-        assert re.search(r"^ok +signals\.half: keeps the contract \(7 promises\)$", out, re.MULTILINE)
+        assert re.search(r"^ok +signals\.double: keeps the contract \(7 promises\)$", out, re.MULTILINE)
         return
     assert code == 2
-    lines = [line for line in err.splitlines() if "signals.half: " in line]
+    lines = [line for line in err.splitlines() if "signals.double: " in line]
     assert lines, err
-    check_refusal(lines[0], "signals.half", *named)
+    check_refusal(lines[0], "signals.double", *named)

@@ -91,10 +91,9 @@ def measure(evidence, settings, outcome):
 SIGNAL = '''
 """A stream times two."""
 
-from dataclasses import replace
+import numpy as np
 
-from drivers.core.messages import StreamInfo
-from drivers.core.settings import Settings, StreamName
+from touchbench import Settings, StreamInfo, StreamName
 
 
 class DoubleSettings(Settings):
@@ -102,15 +101,18 @@ class DoubleSettings(Settings):
 
 
 class Double:
-    def __init__(self, name: str, settings: DoubleSettings) -> None:
+    def __init__(self, name, settings):
         self.name, self.inputs = name, (settings.input,)
-        self.info = StreamInfo(f"signals.{name}", ("force",), "N", rate_hz=1000.0)
-
-    def push(self, block):
-        return [replace(block, stream=self.info.name, values=2.0 * block.physical, scale=1.0)]
+        self.info = StreamInfo(f"signals.{name}", ("force",), "N")
+        self.reset()
 
     def reset(self):
-        pass
+        self.count = 0
+
+    def push(self, block):
+        self.count += len(block)
+        values = 2.0 * block.physical
+        return [self.info.block(self.count - len(block), block.t0_s, values, times_s=block.times)]
 '''
 
 DEVICE = '''

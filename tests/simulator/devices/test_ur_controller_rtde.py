@@ -52,21 +52,6 @@ def test_another_protocol_version_is_not_accepted(session: RtdeSession) -> None:
     assert session.feed(bytes.fromhex("0005 56 0001")) == bytes.fromhex("0004 56 00")
 
 
-def test_a_size_without_room_for_its_own_header_is_no_package(session: RtdeSession) -> None:
-    with pytest.raises(PackageError):
-        session.feed(bytes.fromhex("0002 56"))
-
-
-def test_a_slower_stream_leaves_cycles_out(controller: UrController, session: RtdeSession) -> None:
-    session.feed(rtde.encode(PackageKind.OUTPUTS, struct.pack(">d", 125.0) + b"timestamp"))
-    session.feed(START)
-    rows = []
-    for _ in range(12):
-        controller.step()
-        rows.append(bool(session.step()))
-    assert rows == [False, False, False, True] * 3
-
-
 def test_an_input_has_one_writer_and_is_free_again_when_that_one_leaves(controller: UrController) -> None:
     taken: set[str] = set()
     first, second = RtdeSession(controller, taken), RtdeSession(controller, taken)

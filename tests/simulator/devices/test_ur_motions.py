@@ -11,7 +11,7 @@ from tests.simulator.devices.ur_desk import Desk, desk, down
 
 MOVE_J, MOVE_L, FORCE, END_FORCE, SPEED_J, SPEED_L = 1, 3, 6, 7, 9, 10
 SERVO_J, SPEED_STOP, SERVO_STOP = 11, 15, 16
-GAIN, HISTORY, PROTECTIVE_STOP, STOP_L, STOP_J, FREEDRIVE = 21, 27, 31, 33, 34, 52
+GAIN, HISTORY, PROTECTIVE_STOP, STOP_L, STOP_J, FIND_JOINTS, FREEDRIVE = 21, 27, 31, 33, 34, 46, 52
 
 PLANE_M = 0.17
 """A centimetre under the tool where it starts."""
@@ -128,6 +128,8 @@ def test_more_gain_makes_force_mode_quicker() -> None:
         (lambda one: one.write(STOP_J, [-1.0]), "acceleration -1.0"),
         (lambda one: one.write(SERVO_STOP, [float("nan")]), "acceleration nan"),
         (lambda one: one.write(HISTORY, flag=-100_000), "joints -100000 steps ago"),
+        (lambda one: one.write(FIND_JOINTS, [5.0, *[0.0] * 5]), "no joint angles put the tool there"),
+        (lambda one: one.write(SPEED_L, [float("nan"), *[0.0] * 5, 0.5, 0.002]), "protective stop: "),
     ],
 )
 def test_what_makes_no_sense_ends_the_program_with_a_reason_and_the_arm_at_rest(

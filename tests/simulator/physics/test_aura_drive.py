@@ -34,6 +34,7 @@ def test_commands_hold_from_their_instant_until_the_next() -> None:
     frequency_hz, level = drive.at(np.array([0.5, 1.0, 1.999, 2.0, 2.5, 3.0, 9.0]))
     assert frequency_hz.tolist() == [0.0, 40_000.0, 40_000.0, 39_000.0, 39_000.0, 0.0, 0.0]
     assert level.tolist() == [0.0, 0.5, 0.5, 0.25, 0.25, 0.0, 0.0]
+    assert drive.at(np.empty(0))[0].size == 0
 
 
 def test_a_later_order_at_the_same_instant_counts() -> None:
@@ -59,11 +60,3 @@ def test_a_sweeps_phase_is_the_integral_of_its_frequency() -> None:
     turned = np.diff(np.unwrap(drive.phase_rad(frames)))  # below half a turn a frame
     middle_hz, _ = drive.at((frames[:-1] + 0.5) / FRAME_HZ)
     assert turned == pytest.approx(2.0 * np.pi * middle_hz / FRAME_HZ, abs=1e-7)
-
-
-def test_a_restart_is_silent() -> None:
-    drive = AuraDrive()
-    drive.tone(1.0, 40_000.0, 0.5)
-    drive.restart()
-    assert drive.at(np.array([2.0]))[1].tolist() == [0.0]
-    assert drive.at(np.empty(0))[0].size == 0

@@ -190,24 +190,6 @@ def envelope(one: AuraPlant, numbers: NDArray[np.int64], speed_m_s: float = 0.01
     return one.envelope(moved, numbers, times_s, np.full(n, 40_000.0), np.full(n, 0.5))
 
 
-def test_noise_of_a_sample_is_the_same_whatever_else_is_computed() -> None:
-    one = plant()
-    whole = envelope(one, np.arange(3000))
-    assert (envelope(one, np.arange(1234, 1300)) == whole[1234:1300]).all()
-    assert (np.concatenate([envelope(one, np.arange(k, k + 1)) for k in range(40)]) == whole[:40]).all()
-    assert (envelope(plant(trial=2), np.arange(3000)) != whole).all()
-
-
-def test_one_finger_reads_the_same_when_the_other_is_not_computed() -> None:
-    one, numbers = plant(), np.arange(500)
-    n = len(numbers)
-    moved = motion(np.full(n, 0.02), speed_m_s=0.01)
-    given = (moved, numbers, numbers / 1000.0, np.full(n, 40_000.0), np.full(n, 0.5))
-    both, left = one.envelope(*given), one.envelope(*given, fingers=(LEFT,))
-    assert (left[:, LEFT] == both[:, LEFT]).all()
-    assert not left[:, RIGHT].any()
-
-
 def test_the_preamplifiers_noise_has_the_colour_and_size_that_were_set() -> None:
     quiet = {key: value for key, value in QUIET.items() if key != "noise_fs_rthz"}
     one = plant(None, noise_colour=0.24, **quiet)
