@@ -45,14 +45,6 @@ def test_the_threshold_alarms_as_often_on_the_recording_as_was_asked_for(verb, r
     assert len({int(alarm["t_s"]) for alarm in alarms}) == 9
 
 
-def test_a_recording_too_short_for_its_interval_is_reported_as_extrapolated(verb, rolling):
-    asked = "--detector slip --column fx_v --rate 1000 --false-alarm-interval 3600"
-    code, out, _ = verb("calibrate", rolling, *asked.split())
-    found = json.loads(out)
-    assert (code, found["extrapolated"]) == (0, True)
-    assert found["threshold_low"] < found["threshold"] < found["threshold_high"]
-
-
 def test_what_a_recording_cannot_carry_is_said_and_how_it_held_on_what_was_left_out(verb, rolling):
     given = ["--detector", "slip.paper", "--column", "ft_v", "--rate", 1000]
     _, out, err = verb("calibrate", rolling, *given, "--false-alarm-interval", 600)

@@ -4,7 +4,6 @@ import re
 import warnings
 from collections import defaultdict
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -90,24 +89,12 @@ def test_a_guard_that_would_watch_nothing_refuses_before_anything_moves(run):
         assert build_report([kept]).is_file(), "a trial without samples of the finger is drawn as nothing"
 
 
-def test_a_trial_that_its_behavior_cannot_run_is_refused_before_the_bench_is_opened():
-    profile: Any = load_profile("mock/touch", {"behavior.contact": "nix"})
-    with pytest.raises(ProfileError, match="contact = nix: no such detector to stop an approach"):
-        assemble.plan_campaign(profile, profile.trials(0), 0)
-
-
 def test_a_detector_that_a_behavior_listens_to_must_be_there():
     profile = load_profile("mock/centering", {})
     others = {name: entry for name, entry in profile.detectors.items() if name != "left_ours"}
     without = replace(profile, detectors=others)
     with pytest.raises(ProfileError, match="listens to a detector 'left_ours'"):
         assemble.plan_campaign(without, without.trials(0), 0)
-
-
-def test_an_acting_detector_that_is_not_there_is_a_mistake_of_the_profile():
-    for name in ("mock/pointer", "mock/transient"):
-        with pytest.raises(ProfileError, match="no detector 'nix'"):
-            load_profile(name, {"behavior.detector": "nix"})
 
 
 def test_signals_that_are_made_of_each_other_are_a_mistake_of_the_profile():

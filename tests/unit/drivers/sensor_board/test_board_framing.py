@@ -198,14 +198,6 @@ def test_channels_lie_side_by_side(board: Board) -> None:
     assert board.streams.push(frame, 1001.0)[0].values.tolist() == [[1, 2], [3, 4]]
 
 
-@pytest.mark.parametrize("missing", [1, 10, 65_536, 200_000])
-def test_a_lost_block_is_counted_exactly_even_when_the_counter_went_round(board: Board, missing: int) -> None:
-    board.force(0)
-    block, lost = board.force(10 + missing)
-    assert (lost, block.seq) == (missing, 10 + missing)
-    assert board.force(20 + missing)[1] is None
-
-
 def test_irregular_samples_keep_each_its_own_time_and_are_lost_by_the_counter(board: Board) -> None:
     board.start_us = 2**32 - 60_000
     block, _ = board.periods(65_530, [0.030, 0.0655, 0.101])
@@ -213,17 +205,6 @@ def test_irregular_samples_keep_each_its_own_time_and_are_lost_by_the_counter(bo
     assert block.times.tolist() == pytest.approx([1.030, 1.0655, 1.101], abs=1e-6)
     block, lost = board.periods(65_540, [0.9])
     assert (lost, block.seq) == (7, 65_540)
-
-
-def test_streams_share_the_clock_and_keep_their_own_counters(board: Board) -> None:
-    board.force(0)
-    board.periods(40_000, [0.005])
-    assert board.force(10)[1] is None
-    assert board.periods(40_001, [0.018])[1] is None
-    board.start_us, board.start_s = 0, 1011.0  # ten seconds later it began anew
-    assert board.force(0)[1] == 0
-    assert board.periods(0, [0.05])[1] == 0
-    assert board.streams.clock.restarts == 1
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from drivers.core.clock import VirtualClock
-from drivers.core.errors import CommandError, DeviceError, PortError, ProtocolError, SilentError
-from drivers.core.messages import Failed, Listen, Lost, MoveTo, Refused, Sent, Tare
+from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
+from drivers.core.messages import Failed, Lost, Refused, Sent, Tare
 from drivers.serial_lines.bota import BotaFormat
 from drivers.serial_lines.driver import SerialLines
 from drivers.serial_lines.settings import SerialLinesSettings
@@ -312,17 +312,6 @@ def test_tare_takes_the_mean_of_its_latest_samples_as_zero() -> None:
     crank.turn(1.0)
     assert values(crank).mean() == pytest.approx(0.0, abs=1e-9)
     assert crank.device.account()["offsets"] == {FORCE: [300.5]}
-
-
-def test_a_command_that_is_not_for_it_is_refused_in_one_line() -> None:
-    device = opened(Board(timed)).device
-    for command in (
-        MoveTo("uno", 0.0, 0.01),
-        Listen("uno", frozenset({"uno.torque"})),
-        Tare("uno", "uno.torque"),
-    ):
-        with refused(CommandError, "uno"):
-            device.apply(command)
 
 
 @pytest.mark.parametrize(

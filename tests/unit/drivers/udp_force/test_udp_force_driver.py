@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.core.clock import VirtualClock, WallClock
-from drivers.core.errors import CommandError, PortError, ProtocolError, RefusedError, SilentError
-from drivers.core.messages import Failed, Listen, Lost, MoveTo, Saturated, Sent, Tare
+from drivers.core.errors import PortError, ProtocolError, RefusedError, SilentError
+from drivers.core.messages import Failed, Listen, Lost, Saturated, Sent, Tare
 from drivers.udp_force.codec import ForceRecord, decode_request, encode_record
 from drivers.udp_force.driver import UdpForce, UdpForceSettings, open_udp
 from simulator.mocks.base import MemoryLine
@@ -196,13 +196,6 @@ def test_a_box_that_is_not_there_or_not_well_is_refused_at_open() -> None:
 
     with refused(ProtocolError, "ft", "datagrams that are no records", "another device"):
         driver(Stranger()).open()
-
-
-def test_a_command_that_is_not_for_it_is_refused_in_one_line() -> None:
-    device = opened(Box()).device
-    for command in (MoveTo("ft", 0.0, 0.01), Listen("ft", frozenset({"ft.x"})), Tare("ft", "ft.x")):
-        with refused(CommandError, "ft"):
-            device.apply(command)
 
 
 @pytest.fixture
