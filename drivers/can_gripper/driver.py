@@ -149,10 +149,11 @@ class CanGripper(WireDriver[CanLink]):
         )
 
     def _leave(self, link: CanLink, failure: str | None) -> None:
-        """Stop what moves, switch the watchdog off: what is held stays held."""
+        """Stop what moves, whatever has failed, and switch the watchdog off: what is held stays held. The watchdog of a
+        gripper that has failed stays on: it lets go of what nobody sees any more."""
+        if not self._outcome.resting:
+            self._write(link, *self._stopping())
         if failure is None:
-            if not self._outcome.resting:
-                self._write(link, *self._stopping())
             self._set_watchdog(link, 0.0)
 
     def _ask(self, link: CanLink, order: GripperMessage, kind: type[T]) -> T:
@@ -248,7 +249,9 @@ class CanGripper(WireDriver[CanLink]):
                 self._order = self._units.release(command, self._settings.release_force_n)
                 return (self._order,)
             case Stop():
-                return (POLL,) if self._outcome.resting else self._stopping()
+                if not self._outcome.resting:
+                    return self._stopping()
+                return (POLL,) if self._failure is None else ()  # a poll would feed the watchdog
         known = self._state is not None and self._state.calibrated
         if known and not self._outcome.faulty:
             return (POLL,)
@@ -272,6 +275,10 @@ class CanGripper(WireDriver[CanLink]):
             position = self._units.ahead(position, self._order, unseen_s)
         self._order = replace(self._order, position=position)
         return (self._order,)
+
+    def _fail(self, reason: str) -> None:
+        super()._fail(reason)
+        self._state = None  # where the jaws are by now, nobody knows
 
     def _set_watchdog(self, link: CanLink, period_s: float) -> None:
         """Set the gripper's own; 0 switches it off."""

@@ -12,6 +12,7 @@ from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentErr
 from drivers.core.messages import (
     Command,
     DeviceInfo,
+    Excite,
     Failed,
     Listen,
     Lost,
@@ -19,6 +20,7 @@ from drivers.core.messages import (
     SampleBlock,
     Sent,
     Status,
+    Stop,
     Tare,
 )
 
@@ -102,16 +104,19 @@ class Driver:
     def apply(self, command: Command) -> Command:
         """Queue a command; its outcome comes from `poll`. Returns it as it will be sent: too great a speed is clamped.
 
+        A device that has failed is told nothing any more, but what ends a motion or takes energy away: a `Stop`, and
+        `Excite` off, as long as its line stands.
+
         Raises:
             CommandError: not for this device, not finite or out of range. Nothing was sent.
         """
         if isinstance(command, Listen) and self._listens(command.streams):
             return command
         command = self._valid(command)
-        if self._failure is not None:
-            self._refuse(command, self._failure)
-        else:
+        if self._failure is None or (self._stands and _calms(command)):
             self._carry_out(command)
+        else:
+            self._refuse(command, self._failure)
         return command
 
     # for subclasses
@@ -128,8 +133,13 @@ class Driver:
         raise NotImplementedError
 
     def _carry_out(self, command: Command) -> None:
-        """Begin with a valid command; the device is open."""
+        """Begin with a valid command; the device is open. One that has failed gets a `Stop` and `Excite` off alone."""
         raise NotImplementedError
+
+    @property
+    def _stands(self) -> bool:
+        """Whether a device that has failed can still be told something."""
+        return False
 
     def _forget_session(self) -> None:
         """What an earlier session has left is nobody's: `open` begins without it."""
@@ -156,6 +166,11 @@ class Driver:
         if self._failure is None:
             self._failure = reason
             self._report(Failed(self._clock.now(), self.name, reason))
+
+
+def _calms(command: Command) -> bool:
+    """Whether a command only ends a motion, or takes energy away."""
+    return isinstance(command, Stop) or (isinstance(command, Excite) and not command.on)
 
 
 class WireDriver(Driver, Generic[LinkT]):
@@ -226,11 +241,15 @@ class WireDriver(Driver, Generic[LinkT]):
         raise NotImplementedError
 
     def _leave(self, link: LinkT, failure: str | None) -> None:
-        """Send the last messages to a device that was open; `failure` is why it has failed, or None."""
+        """Send the last messages to a device that was open, its stop first; `failure` is why it has failed, or None."""
 
     def _update(self, link: LinkT) -> str | None:
         """Process what has arrived, send what is due; what is wrong with the device, or None."""
         raise NotImplementedError
+
+    @property
+    def _stands(self) -> bool:
+        return self._link is not None and self._link.fault is None
 
     def _turn(self) -> None:
         link = self._link

@@ -125,9 +125,8 @@ class Robotiq(WireDriver[SerialLink]):
         return inquiry.ask(lambda: link.send(codec.encode_get(name)), parse)
 
     def _leave(self, link: SerialLink, failure: str | None) -> None:
-        """Stop what moves: what is held stays held."""
-        if failure is None and not self._outcome.resting:
-            link.send(codec.encode_set(GTO=0))
+        """Stop what moves, whatever has failed: what is held stays held."""
+        link.send(self._line(Stop(self.name)))
 
     def _listens(self, streams: frozenset[str]) -> bool:
         check_streams(self.name, Listen(self.name, streams), streams, (self._info.name,))

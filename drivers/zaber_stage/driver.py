@@ -11,7 +11,6 @@ from drivers.core.links import SerialLink, open_serial
 from drivers.core.messages import (
     Command,
     DeviceInfo,
-    Failed,
     Home,
     MoveAt,
     MoveTo,
@@ -104,17 +103,6 @@ class ZaberStage(WireDriver[SerialLink]):
         if failure is None:
             self._play(self._dialogue, self._procedures.put_back())
 
-    def apply(self, command: Command) -> Command:
-        """Queue a command; a `Stop` is on the wire when this returns. Too great a speed is clamped.
-
-        Raises:
-            CommandError: not for a stage, not finite or out of range. Nothing was sent.
-        """
-        if isinstance(command, Stop):  # whatever has failed before
-            self._write_stop(command)
-            return command
-        return super().apply(command)
-
     def _listens(self, streams: frozenset[str]) -> bool:
         self._listening = self._info.name in streams
         return True
@@ -124,8 +112,11 @@ class ZaberStage(WireDriver[SerialLink]):
 
     def _carry_out(self, command: Command) -> None:
         self._abandon()
-        self._waiting = command
-        self._turn()
+        if isinstance(command, Stop):
+            self._write_stop(command)
+        else:
+            self._waiting = command
+            self._turn()
 
     def read(self) -> Sequence[SampleBlock]:
         """Positions that have arrived since the last call."""
@@ -139,21 +130,17 @@ class ZaberStage(WireDriver[SerialLink]):
     # sending
 
     def _write_stop(self, command: Stop) -> None:
-        """Written ahead of everything: it awaits no answer, and ends an unfinished procedure."""
-        self._abandon()
-        reason = self._failure
-        if self._link is not None:
-            if self._halt is not None:
-                self._dialogue.withdraw(self._halt)
-            self._halt = self._dialogue.ask("stop")
-            self._since_s = self._halt.sent_s
-            self._stopping = command
-            reason = reason or self._dialogue.fault
-        if reason is None:
+        """Written ahead of everything: it awaits no answer."""
+        assert self._link is not None
+        if self._halt is not None:
+            self._dialogue.withdraw(self._halt)
+        self._halt = self._dialogue.ask("stop")
+        self._since_s = self._halt.sent_s
+        self._stopping = command
+        if self._link.fault is None:
             self._sent(command, self._since_s)
-        else:  # it may have been written, but the standstill cannot be observed
-            self._failure = reason
-            self._report(Failed(self._clock.now(), self.name, reason))
+        else:
+            self._fail(self._link.fault)
 
     def _abandon(self) -> None:
         for question in (self._question, self._renewal):

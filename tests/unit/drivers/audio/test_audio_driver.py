@@ -377,6 +377,17 @@ def test_a_source_that_has_failed_by_then_is_silenced_and_driven_no_more(bench, 
     assert len(bench.take(Sent)) == silenced
 
 
+def test_a_drive_is_switched_off_after_a_failure_too_and_nothing_else_is_played(bench):
+    bench.turn(2.0)
+    (failed,) = bench.take(Failed)
+    tone, off = Tone("audio", 40_000.0, 0.5), Excite("audio", False)
+    for drive in (tone, off):
+        bench.device.apply(drive)
+    assert [call for call in bench.source.calls if call in (tone, off)] == [off]
+    now_s = bench.clock.now()
+    assert bench.device._statuses == [Refused(now_s, "audio", tone, failed.reason), Sent(now_s, "audio", off)]
+
+
 # --- account and statuses ------------------------------------------------------------------------
 
 

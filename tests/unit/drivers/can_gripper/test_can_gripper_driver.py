@@ -106,8 +106,7 @@ def test_open_identifies_it_sets_the_watchdog_and_moves_nothing(make_bench: Make
 def test_open_stops_what_moves_where_it_is_with_little_force(bench: Bench) -> None:
     bench.device.apply(OPEN_SLOWLY)
     bench.turn(0.3)
-    bench.device._failure = "the program was killed"
-    assert bench.orders(bench.device.close) == []
+    bench.device._link = None  # the program was killed
     period, hold = bench.orders(bench.device.open)[-2:]
     assert period == watchdog(1000)
     assert hold == DriveOrder(position(bench), 0, STEADY_MA)
@@ -136,14 +135,39 @@ def test_closing_in_motion_holds_the_jaws_where_they_were_last_seen(bench: Bench
     assert bench.orders(bench.device.close) == [hold, watchdog(0)]
 
 
-def test_closing_a_gripper_that_has_failed_writes_nothing(bench: Bench) -> None:
-    """Its watchdog lets go by itself."""
+@pytest.mark.parametrize("how", ["stopped", "closed"])
+def test_jaws_that_move_on_as_their_gripper_fails_are_stopped_by_the_sleep_of_their_drive(
+    bench: Bench, how: str
+) -> None:
+    """Where they are is not known any more, and what hears the bus may still not be heard."""
     bench.device.apply(OPEN_SLOWLY)
+    bench.turn(0.3)
+    bench.device.apply(Grip("gripper", CLOSED_M, 0.01, 60.0))
     bench.bus.hush = lambda frame: None
-    bench.turn(1.0)
-    assert len(bench.take(Failed)) == 1
+    bench.until(Failed, 1.0)
+    assert bench.applied(GRIP, OPEN_SLOWLY, HOME) == [], "what has failed is not told to move"
+    bench.statuses.clear()
+    if how == "stopped":
+        assert bench.applied(STOP, STOP) == [SLEEP] * 2
+        assert [status.command for status in bench.device.poll() if isinstance(status, Sent)] == [STOP] * 2
+    else:
+        assert bench.orders(bench.device.close) == [SLEEP]
+        assert bench.bus.closed
+    stood_m = bench.drive.jaws.width_m
+    bench.bus.wait(0.3)
+    assert bench.drive.current_ma == 0.0
+    assert bench.drive.jaws.width_m == pytest.approx(stood_m, abs=0.5e-3), "2 mm less, were it not stopped"
+
+
+def test_what_a_gripper_holds_as_it_fails_stays_with_its_watchdog(bench: Bench) -> None:
+    hold_the_mug(bench)
+    bench.bus.hush = lambda frame: None
+    bench.until(Failed, 1.0)
+    assert bench.applied(STOP, STOP) == [], "no frame drops it, and none feeds the watchdog"
     assert bench.orders(bench.device.close) == []
-    assert bench.bus.closed
+    assert bench.drive.current_ma != 0.0
+    bench.bus.wait(1.0)
+    assert bench.drive.current_ma == 0.0
 
 
 @pytest.mark.parametrize(

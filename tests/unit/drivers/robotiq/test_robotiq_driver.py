@@ -57,6 +57,13 @@ def gripper(drive: JawsDrive, **settings: Any) -> tuple[GripperBench, Spoken]:
     return GripperBench(device, clock, lambda scene: scene(drive), opens=False), far
 
 
+def width_m(bench: GripperBench) -> float:
+    """Where the jaws really are."""
+    widths_m: list[float] = []
+    bench.change(lambda drive: widths_m.append(drive.jaws.width_m))
+    return widths_m[0]
+
+
 @pytest.fixture
 def opened() -> tuple[GripperBench, Spoken]:
     bench, far = gripper(calibrated_jaws())
@@ -186,6 +193,52 @@ def test_silence_and_another_answer_are_failures(
     bench.turn(0.3)
     far.says = says
     assert words in bench.until(Failed).reason
+
+
+def test_jaws_that_close_on_as_their_gripper_fails_are_stopped_again_and_again_and_at_the_end(
+    opened: tuple[GripperBench, Spoken],
+) -> None:
+    """The URCap hears again what it did not answer for a second: it has no watchdog that would stop them."""
+    bench, far = opened
+    bench.device.apply(Grip("gripper", 0.020, 0.02, 60.0))
+    bench.turn(0.1)
+    far.says = b""
+    bench.until(Failed)
+    far.says = None
+    moving_m = width_m(bench)
+    for stop in (Stop("gripper", id=7), Stop("gripper", id=8)):
+        bench.device.apply(stop)
+        assert [status.command_id for status in bench.device.poll()] == [stop.id]
+    bench.device.apply(Release("gripper", 0.1))
+    assert "no answer in 1 s" in bench.until(Refused).reason
+    assert far.orders()[1:] == ["SET GTO 0"] * 2
+    bench.device.close()
+    assert far.orders()[1:] == ["SET GTO 0"] * 3
+    bench.clock.rest(0.5)
+    far.step(bench.clock.now())
+    assert width_m(bench) == pytest.approx(moving_m, abs=0.5e-3), "10 mm less, were it not stopped"
+
+
+def test_what_is_held_as_the_gripper_fails_is_held_on(opened: tuple[GripperBench, Spoken]) -> None:
+    bench, far = opened
+    bench.place("mug")
+    bench.device.apply(Grip("gripper", 0.030, 0.1, 20.0))
+    bench.until(Gripped)
+    far.says = b""
+    bench.until(Failed)
+    bench.device.apply(Stop("gripper"))
+    bench.device.close()
+    assert far.orders()[1:] == []
+    assert bench.force_n() == pytest.approx(20.0, abs=1.0)
+
+
+def test_closing_during_an_activation_takes_the_power_of_the_drive_away() -> None:
+    bench, far = gripper(JawsDrive(CLOSED_M))
+    bench.device.open()
+    bench.device.apply(Home("gripper"))
+    bench.turn(0.3)
+    bench.device.close()
+    assert far.orders() == ["SET ACT 0", "SET ACT 1", "SET ACT 0"]
 
 
 def test_closing_stops_jaws_that_move(opened: tuple[GripperBench, Spoken]) -> None:

@@ -278,18 +278,18 @@ def test_a_stop_whose_end_cannot_be_seen_is_a_failure(seen: bool) -> None:
     reason = b.line.fault = "the port was taken away"
     if seen:
         reason = b.expect(Failed).reason
-    b.stage.apply(Stop("stage"))
-    gone = Failed(b.clock.now(), "stage", reason)
-    assert list(b.stage.poll()) == [gone]
-    move = MoveTo("stage", 0.001, 0.01)
+    stop, move, now_s = Stop("stage"), MoveTo("stage", 0.001, 0.01), b.clock.now()
+    b.stage.apply(stop)
+    answer = Refused(now_s, "stage", stop, reason) if seen else Failed(now_s, "stage", reason)
+    assert list(b.stage.poll()) == [answer]
     b.stage.apply(move)
-    assert list(b.stage.poll()) == [Refused(gone.t_s, "stage", move, gone.reason)]
+    assert list(b.stage.poll()) == [Refused(now_s, "stage", move, reason)]
 
 
 def test_a_stop_before_the_stage_is_open_says_that_it_is_not() -> None:
     stage = driver(MemoryLine(Wire(), VirtualClock()))
     stage.apply(Stop("stage"))
-    assert list(stage.poll()) == [Failed(0.0, "stage", "it is not open")]
+    assert list(stage.poll()) == [Refused(0.0, "stage", Stop("stage"), "it is not open")]
 
 
 def test_nothing_of_an_older_session_is_left_after_it_is_opened_again() -> None:
@@ -498,6 +498,11 @@ def test_silence_is_a_failure_that_names_what_went_on_and_the_port() -> None:
     assert reason == "no reply in 0.30 s while moving to 0.02 m; is the cable in /dev/stage?"
     b.stage.apply(MoveTo("stage", 0.0, 0.01))
     assert b.expect(Refused).reason == reason
+    for stop in (Stop("stage", id=3), Stop("stage", id=4)):  # it may hear what is not heard of it
+        b.stage.apply(stop)
+        assert b.expect(Sent).command_id == stop.id
+    assert b.wire.lines().count("stop") == 2
+    assert not b.wire.axis.moving(b.clock.now() + 0.1)
 
 
 @pytest.mark.parametrize(("command", "doing"), [(None, "standing"), (Home("stage"), "homing")])
