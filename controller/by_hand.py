@@ -421,7 +421,7 @@ def tare(session: HandSession, stream: str) -> tuple[HandResult, Sequence[Floats
 def unwatched(limits: GuardSettings) -> GuardSettings:
     """Limits that look at no stream, for what moves nothing."""
     none = ("force_n", "position_stream", "pose_stream", "workspace_min_m", "workspace_max_m")
-    return limits.model_copy(update={**dict.fromkeys(none), "movers": {}, "range_streams": ()})
+    return limits.model_copy(update={**dict.fromkeys(none), "movers": {}, "agree": {}, "range_streams": ()})
 
 
 PLACES = (

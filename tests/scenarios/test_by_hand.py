@@ -144,6 +144,18 @@ def test_a_tare_takes_the_level_away(session):
     assert after == pytest.approx(0.0, abs=0.2)
 
 
+@pytest.mark.parametrize("alone", ["stage", "board"])
+def test_what_moves_nothing_needs_no_second_sensor_of_a_device_that_is_not_open(alone):
+    pair = '{ streams = ["stage.position", "board.load_cell"], most = 1.0 }'
+    profile = load_profile("mock/transient", {"loop.rate_hz": "50.0", "limits.agree.both": pair})
+    with verbs.session_on(profile, [alone], Hand()) as one:
+        if alone == "stage":
+            limits = by_hand.unwatched(one.limits)
+            assert one.run(lambda event: None, "stage", limits=limits).reason == "", "as `stop` stops it"
+        else:
+            assert by_hand.tare(one, "board.load_cell")[0].reason == ""
+
+
 class Keyboard:
     """Keys at bench times, each held as a terminal repeats it."""
 
