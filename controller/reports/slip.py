@@ -25,7 +25,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import recorded, setting_of
-from controller.reports.section import Figure, Headline, Kind, Printed, Section, kind_of, rated, told, untold
+from controller.reports.section import Headline, Kind, Printed, Section, kind_of, rated, told, untold
 from controller.reports.slip_scores import (
     GRADES,
     PLAIN,
@@ -45,14 +45,6 @@ from drivers.core.messages import Floats
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-
-FIGURES = {
-    "fingertip": "Fig. 8, 10, 11. Strain-gauge fingertip: forces, angle, and the paper's statistic at each block.",
-    "flexible_finger": "Fig. 13. Flexible finger.",
-    "barrett_finger": "Fig. 15. BarrettHand finger torque.",
-    "wrist": "Fig. 17. Wrist force: the arm's own, in place of the JR3.",
-    "dsa": "Fig. 19. DSA matrix: the taxel that is loaded most, and the statistic of the one that decides.",
-}
 
 SAME_RATE = 0.01
 """Sample rates nearer than that give one vibration the same power: a block's power grows with its number of samples."""
@@ -128,43 +120,46 @@ def _headline(scores: Sequence[SensorScore]) -> Headline | None:
 
 def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
     """Slips that ours detects in time, beside the paper's detector on the same; without slips, both's false alarms."""
-    both = {method: [score for score in scores if score.method == method] for method in METHODS}
-    slips = {method: sum(score.slips - score.cut_short for score in own) for method, own in both.items()}
-    hits = {method: sum(len(score.delays_s) for score in own) for method, own in both.items()}
-    alarms = {method: sum(score["false_alarms"] for score in own) for method, own in both.items()}
-    minutes = {method: sum(score.quiet_s for score in own) / 60.0 for method, own in both.items()}
-    listened = [method for method in ("ours", "paper") if minutes[method]]
-    if n := slips["ours"]:
-        theirs = hits["paper"] / slips["paper"] if slips["paper"] else None
+    ours, paper = (
+        SensorScore(
+            "", TABLE_1, method, Trials(row for each in scores if each.method == method for row in each.rows)
+        )
+        for method in ("ours", "paper")
+    )
+    alarms = {score.method: score["false_alarms"] for score in (ours, paper)}
+    a_minute = {
+        score.method: 60.0 * score["false_alarms"] / score.quiet_s for score in (ours, paper) if score.quiet_s
+    }
+    if n := ours.slips - ours.cut_short:
+        hits, of = len(ours.delays_s), paper.slips - paper.cut_short
+        theirs = len(paper.delays_s) / of if of else None
         what = f"slips that our detector detects, within {VERDICTS['missed_after_s']:g} s of their beginning"
-        found = rated(what, hits["ours"], n, theirs, SAME_SAMPLES)
+        found = rated(what, hits, n, theirs, SAME_SAMPLES)
         beside = ""
         if theirs is not None:
             beside = f", {found.side} than" if found.side != "as" else ","
-            beside += f" the paper's {hits['paper']} of {slips['paper']}{untold(hits['ours'], n, theirs)}"
-        state = "well" if hits["ours"] == n else "partly" if hits["ours"] else "badly"
-        rates = (
-            f"{METHODS[each]} {alarms[each] / minutes[each]:.2g} ({alarms[each]} in all)"
-            if alarms[each]
-            else f"{METHODS[each]} 0"
-            for each in listened
-        )
+            beside += f" the paper's {len(paper.delays_s)} of {of}{untold(hits, n, theirs)}"
+        state = "well" if hits == n else "partly" if hits else "badly"
+        rates = [
+            f"{METHODS[method]} {value:.2g} ({alarms[method]} in all)" if value else f"{METHODS[method]} 0"
+            for method, value in a_minute.items()
+        ]
         false = f"false alarms a minute: {', '.join(rates) or 'not counted'}"
-        verdict = f"our detector detects {hits['ours']} of {n} slips{beside}; {false}"
-        return found._replace(of=f"{hits['ours']} of {n} slips", verdict=verdict, state=state)
-    if "ours" not in listened:
+        verdict = f"our detector detects {hits} of {n} slips{beside}; {false}"
+        return found._replace(of=f"{hits} of {n} slips", verdict=verdict, state=state)
+    if "ours" not in a_minute:
         return None
-    a_minute = {each: f"{three(alarms[each] / minutes[each])} a minute" for each in listened}
-    low, high = (three(end / minutes["ours"]) for end in poisson_interval(alarms["ours"]))
-    what, rival = "false alarms of our detector", a_minute.get("paper", "")
+    here, there = (f"{three(a_minute[each])} a minute" if each in a_minute else "" for each in alarms)
+    low, high = (three(60.0 * end / ours.quiet_s) for end in poisson_interval(alarms["ours"]))
+    what = "false alarms of our detector"
     return Headline(
         what,
-        a_minute["ours"],
-        f"{alarms['ours']} in {three(60.0 * minutes['ours'])} s",
-        rival,
+        here,
+        f"{alarms['ours']} in {three(ours.quiet_s)} s",
+        there,
         SAME_SAMPLES,
         f"{low} to {high} a minute",
-        f"{what}: {a_minute['ours']}" + f", the paper's {rival}" * bool(rival),
+        f"{what}: {here}" + f", the paper's {there}" * bool(there),
         state="partly" if alarms["ours"] else "well",
     )
 
@@ -182,35 +177,37 @@ def _of_condition(scores: Sequence[SensorScore], condition: Condition) -> Mappin
     reflex = f"; {_reflex(condition)}" * bool(condition.reflex)
     slips, alarms = [], []
     for score in own:
-        missed, verdict = NOTHING, f"{score.verdict}{' (too slow)' if score.too_slow else ''}"
-        if score.scored:
-            low, high = (number(end, 0, 100.0) for end in wilson(score["missed"], score.scored))
-            missed = f"{score['missed']} of {score.scored} ({low} to {high} %)"
-        if score.slips and not score.decided:
-            verdict = f"{score.verdict} (n = {score.scored} of {score.slips})"
         named = {"sensor": score.name, "detector": METHODS[score.method]}
-        line: dict[str, Any] = {
+        low, high = (number(end, 0, 100.0) for end in wilson(score["missed"], score.scored))
+        late_s = float(np.percentile(score.delays_s, 95)) if score.delays_s else None
+        of = " (too slow)" * score.too_slow if score.decided else f" (n = {score.scored} of {score.slips})"
+        line: Row = {
             **named,
             "early": f"{score['early']} of {score.slips}",
-            "missed (95 %)": missed,
+            "missed (95 %)": f"{score['missed']} of {score.scored} ({low} to {high} %)"
+            if score.scored
+            else NOTHING,
+            **under("delay_s", score.median_s, "median", 3),
+            **under("delay_s", late_s, "p95", 3),
+            "verdict": f"{score.verdict}{of}",
+            **({"the paper's": score.paper["verdict"]} if condition == TABLE_1 else {}),
         }
-        late_s = float(np.percentile(score.delays_s, 95)) if score.delays_s else None
-        line |= under("delay_s", score.median_s, "median", 3) | under("delay_s", late_s, "p95", 3)
-        line |= {"verdict": verdict} | (
-            {"the paper's": score.paper["verdict"]} if condition == TABLE_1 else {}
-        )
         slips += [line] if score.slips else []
-        n, quiet_s = score["false_alarms"], score.quiet_s
         line = {
             **named,
-            "false alarms": n,
-            "in": _minutes(quiet_s),
-            "mean interval (95 %)": interval(n, quiet_s),
+            "false alarms": score["false_alarms"],
+            "in": _minutes(score.quiet_s),
+            "mean interval (95 %)": interval(score["false_alarms"], score.quiet_s),
+            "at touches": f"{score['touch_alarms']} in {score.touches}" if score.touches else NOTHING,
         }
-        touches = f"{score['touch_alarms']} in {score.touches}" if score.touches else NOTHING
-        alarms.append(line | {"at touches": touches})
-    of = {"table_1": condition == TABLE_1, "under": nuisance + reflex, "cut": bool(condition.reflex)}
-    return of | {"slips": slips, "alarms": alarms}
+        alarms.append(line)
+    return {
+        "table_1": condition == TABLE_1,
+        "under": nuisance + reflex,
+        "cut": bool(condition.reflex),
+        "slips": slips,
+        "alarms": alarms,
+    }
 
 
 def _reflex(condition: Condition) -> str:
@@ -305,18 +302,12 @@ def _thresholds(score: SensorScore, runs: Sequence[Run]) -> list[float]:
 # --- figures -----------------------------------------------------------------------------------------
 
 
-def _draw(runs: Sequence[Run], figures: Figures) -> Iterator[Figure]:
-    """One figure a sensor, from its first recorded trial without other nuisance."""
-    shaded = (
-        " Shaded: from the first slip to the end of the last. Time is counted so that the tip touches at 2.43 s,"
-        " as in Fig. 8. Circles: our "
-    )
-    for sensor, caption in FIGURES.items():
+def _draw(runs: Sequence[Run], figures: Figures) -> Iterator[tuple[str, str]]:
+    """One figure a sensor, from its first recorded trial without other nuisance, and the fingertip's spectra."""
+    for sensor in SENSORS:
         for drawn in islice(_drawable(runs, sensor), 1):
-            if svg := draw_run(figures, *drawn, sensor):
-                yield Figure(svg, f"{caption}{shaded}detections; crosses: the paper's.")
-            if sensor == "fingertip" and (svg := draw_fingertip_spectra(figures, *drawn)):
-                yield Figure(svg, "Fig. 9. Power spectrum of Ft: before contact, rolling, slipping, at rest.")
+            yield sensor, draw_run(figures, *drawn, sensor)
+            yield "spectra", draw_fingertip_spectra(figures, *drawn) if sensor == "fingertip" else ""
 
 
 def _drawable(runs: Sequence[Run], sensor: str) -> Iterator[tuple[Run, Row, TrialRecording]]:
