@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from behaviors.lift import LIFTING
 from controller.recording.reader import Run
@@ -22,18 +21,15 @@ from controller.reports.counts import (
     median_within,
     percent,
     quantity,
-    rate,
     three,
     wilson,
 )
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, Figures
-from controller.reports.run_account import entered_s, recorded, setting_of
-from controller.reports.section import Figure, Headline, Result, Section, judged, kind_of
+from controller.reports.run_account import entered_s, recorded, series_of, setting_of
+from controller.reports.section import Headline, Section, told
 from controller.reports.trial_signals import key_of, said_of
 from controller.scales import NOTHING
 from drivers.core.messages import Floats
-
-NIST = "NIST SP 1227, Performance Metrics and Test Methods for Robotic Hands"
 
 UP = tuple(dict.fromkeys(state for row in LIFTING for state in row.sources if state != "LOWERING"))
 """States in which the object is held, in order."""
@@ -47,14 +43,6 @@ WANTED = {
 }
 """What is aimed at: column, quantile, bound. Ours."""
 
-SHOWN = Markup(
-    '<b><a href="?trial={key}" data-open="{key}">Trial {trial}</a></b>, the first in which a slip was told: {said}.'
-    " While it is held it is loaded, relieved and tapped."
-    " Above: the commanded grip, what the pad feels of it, and the least force that would hold it: the finger's"
-    " load over true friction. Below: that load; triangles are slips that were acted on."
-)
-"""What the timeline shows, of which trial."""
-
 GRIP = re.compile(r"Grip\(.*, ([0-9.e+-]+)\)")
 """A grip among an event's commands, and its force, N."""
 
@@ -62,33 +50,23 @@ GRIP = re.compile(r"Grip\(.*, ([0-9.e+-]+)\)")
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Outcomes, NIST's measures, told against true slips, and the timeline of one grasp."""
     rows = Trials.of(runs, broken_off=True)
+    over = rows.values("grip_over_least")
     content: dict[str, Any] = {
-        "what": (
-            "An object is found, gripped with the gripper's least force, lifted, shaken, loaded and tapped."
-            f" The measures' names are those of {NIST}."
-        ),
+        "rows": rows,
+        "over": over,
+        "met": decided(sum(each <= 1.2 for each in over), len(over), 0.5),
         "measures": [_measures(rows)],
         "told": _told(rows),
         "goals": list(_goals(rows)),
+        "timeline": "",
     }
-    told = (each for each in recorded(runs) if each[1].get("slips"))
-    if found := next(((svg, each) for each in told if (svg := _draw(figures, *each))), None):
-        svg, (run, row, _) = found
-        key, trial = key_of(figures.page or runs, run, int(row["trial"])), row["trial"]
-        content["timeline"] = Figure(svg, SHOWN.format(key=key, trial=trial, said=said_of(run, row)))
-    kind, over = kind_of(runs), rows.values("grip_over_least")
-    summary = [Result(kind, f"Held: {rate(len(rows.where(outcome='held')), len(rows))}.")]
-    if over:
-        text = f"Grip over least force: {three(float(np.median(over)))} in the median"
-        met = decided(sum(each <= 1.2 for each in over), len(over), 0.5)
-        summary.append(judged(kind, text, met, len(over), goal=True))
-    return Section(
-        "A grasp with little more than the least force (D1)",
-        content,
-        summary=summary,
-        shows_trials="timeline" not in content,
-        headline=_headline(runs),
-    )
+    slipped = (each for each in recorded(runs) if each[1].get("slips"))
+    if found := next(((svg, each) for each in slipped if (svg := _draw(figures, *each))), None):
+        content["timeline"], (run, row, _) = found
+        key = key_of(figures.page or runs, run, int(row["trial"]))
+        content |= {"key": key, "trial": row["trial"], "said": said_of(run, row)}
+    more: dict[str, Any] = {"shows_trials": not found, "headline": _headline(runs)}
+    return told(runs, "A grasp with little more than the least force (D1)", "grasp", content, **more)
 
 
 def _headline(runs: Sequence[Run]) -> Headline | None:
@@ -120,10 +98,10 @@ def _headline(runs: Sequence[Run]) -> Headline | None:
 def _measures(rows: Trials) -> Row:
     """One line in NIST's words."""
     known = rows.known("friction_true", "felt_n")
-    resistance_n = [float(row["friction_true"]) * float(row["felt_n"]) for row in known]
+    resisted = Trials({"most_n": row["friction_true"] * row["felt_n"]} for row in known)
     shown = {
         "touch sensitivity, N": rows.median("felt_n"),
-        "slip resistance of a finger then, N": float(np.median(resistance_n)) if resistance_n else None,
+        "slip resistance of a finger then, N": resisted.median("most_n"),
         "grasp efficiency: grip over least": rows.median("grip_over_least"),
         "cycle time, s": rows.median("cycle_s"),
     }
@@ -236,11 +214,10 @@ def _say_where(
         said = f"grip over least: {three(float(over))},\nmedian of this span"
         place = 0.5 * (held_s + last_s), 0.12
         top.annotate(said, place, xycoords=("data", "axes fraction"), va="bottom", **small)
-    pose = next((name for name in recording.streams if name.endswith(".pose")), "")
-    up_m = setting_of(run, "plant", "up_m")
-    if not run.simulated or not pose or up_m is None or "LOADING" not in entered_s:
+    series, up_m = series_of(recording, "pose"), setting_of(run, "plant", "up_m")
+    if not run.simulated or not len(series) or up_m is None or "LOADING" not in entered_s:
         return
-    series = recording.stream(pose).between(entered_s["LOADING"], last_s)
+    series = series.between(entered_s["LOADING"], last_s)
     up = np.flatnonzero(series.values[:, 2] >= series.values[:1, 2] + up_m)
     if not len(up):
         return
