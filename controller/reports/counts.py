@@ -240,7 +240,8 @@ class Trials(list[Row]):
 
     def values(self, column: str) -> list[float]:
         """A column's numbers."""
-        return [float(row[column]) for row in self if isinstance(row.get(column), int | float)]
+        cells = (row.get(column) for row in self)
+        return [float(cell) for cell in cells if isinstance(cell, int | float) and math.isfinite(cell)]
 
     def total(self, column: str) -> int:
         """Sum of a column."""

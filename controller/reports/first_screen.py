@@ -1,6 +1,7 @@
 """What a report opens with: a sentence of verdict and three numbers, by papers/headlines.csv."""
 
 import math
+import re
 import shlex
 import statistics
 from collections import Counter
@@ -9,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.reports.counts import (
     Row,
@@ -25,7 +25,7 @@ from controller.reports.counts import (
     within_all,
 )
 from controller.reports.papers import RECORDED, came_to, headlines
-from controller.reports.run_account import acting_of, setting_of
+from controller.reports.run_account import acting_of, experiment_in, setting_of
 from controller.reports.section import Headline, Result, rated
 from controller.reports.trial_signals import is_instant
 from controller.scales import Scale, scale_of
@@ -57,47 +57,39 @@ def headline_of(
 ) -> Headline:
     """The sentence and the numbers: what a section gives, else what papers/headlines.csv names, else, of an experiment
     of no paper, the first column that was measured."""
-    trials = [(run, row) for run in runs for row in run.trials]
-    rows = [row for _, row in trials if row.get("outcome") not in UNMEASURED]
-    good = sum(run.succeeded(row) for run, row in trials)
-    n = max(len(trials), sum(int(run.manifest.get("trials") or 0) for run in runs))
-    bad = Counter(title(str(row["outcome"])) for run, row in trials if not run.succeeded(row))
-    bad += Counter({"not run": n - len(trials)})
-    lines = headlines(experiment)
-    count = f"{good} of {n} {'trial' if n == 1 else 'trials'} {came_to(experiment)}"
-    named = {title(str(row["outcome"])) for run, row in trials if run.succeeded(row)}
-    count += (
-        f" ({named.pop()})" if len(named) == 1 and not lines else ""
-    )  # of an experiment that nobody knows
+    rows, lines, done = Trials.of(runs), headlines(experiment), came_to(experiment)
+    outcomes = [(title(str(row["outcome"])), run.succeeded(row)) for run in runs for row in run.trials]
+    n = max(len(outcomes), sum(int(run.manifest.get("trials") or 0) for run in runs))
+    good = [name for name, succeeded in outcomes if succeeded]
+    bad = Counter(name for name, succeeded in outcomes if not succeeded)
+    bad += Counter({"not run": n - len(outcomes)})
+    count = f"{len(good)} of {n} {'trial' if n == 1 else 'trials'} {done}"
+    # of an experiment that nobody knows
+    count += f" ({good[0]})" if len({*good}) == 1 and not lines else ""
     count += f" ({', '.join(f'{name}: {n}' for name, n in bad.most_common())})" if bad else ""
     found = given or listed(lines, rows, set(map(_kind, runs))) or _measured(runs, rows)
     if found is None and rows:
-        found = rated("trials that ended as meant", good, len(rows))._replace(verdict="")
+        found = rated("trials that ended as meant", len(good), len(rows))._replace(verdict="")
     found = found or Headline("trials that ended as meant", "none", "0 of 0")
     # where the trials only record, how many did says nothing
-    said = [] if came_to(experiment) == RECORDED and found.verdict and not bad else [count]
+    said = [] if done == RECORDED and found.verdict and not bad else [count]
     said += [found.verdict] if found.verdict else []
     if not found.paper:
         said.append("no paper prints this number" if lines else "there is no paper to compare with")
     if found.column == "delay_s" and any(setting_of(run, "behavior", "detector") for run in runs):
         found = found._replace(what=f"{found.what}, {_deciding(runs)}")
     marks = {result.mark for result in results}
-    judged = bool(found.side or found.state or marks & {"met", "missed"})
-    state = (
-        "broken"
-        if n > len(trials)
-        else _state(good, n, found, "missed" in marks, judged or came_to(experiment) != RECORDED)
-    )
+    # by trials, goals, and the number beside the paper's together
+    if n > len(outcomes):
+        state = "broken"
+    elif 2 * len(good) < n or not good or found.state == "badly":
+        state = "badly"
+    elif len(good) < MOSTLY * n or "missed" in marks or found.side == "worse" or found.state == "partly":
+        state = "partly"
+    else:
+        judged = done != RECORDED or found.side or found.state or "met" in marks
+        state = "well" if judged else ""
     return found._replace(verdict=f"{went(state, runs)}: {'; '.join(said)}{goals_of(results)}.", state=state)
-
-
-def _state(good: int, n: int, found: Headline, missed: bool, judged: bool) -> str:
-    """How it went, of `WENT`: by trials, goals, and the number beside the paper's together."""
-    if 2 * good < n or not good or found.state == "badly":
-        return "badly"
-    if good < MOSTLY * n or missed or found.side == "worse" or found.state == "partly":
-        return "partly"
-    return "well" if judged else ""
 
 
 def _deciding(runs: Sequence[Run]) -> str:
@@ -142,31 +134,22 @@ def listed(lines: Sequence[Row], rows: Sequence[Row], kinds: Iterable[str] = ())
     trials and the `detector` that it is of alone."""
     for line in lines:
         own = [row for row in rows if holds(line, row)]
-        others = [] if own else [row for row in rows if _meets(conditions(line)[0], row)] or rows
+        others = [] if own else [row for row in rows if holds(line, row, 1)] or rows
         foreign = line["detector"] and any(kind and not kind.startswith(line["detector"]) for kind in kinds)
         shown = line if own and not foreign else {**line, "paper": None}
-        if line["column"] and (found := _number(own or others, shown)):
+        if line["column"] and (found := _number(Trials(own or others), shown)):
             return found
     return None
 
 
-def conditions(line: Row) -> list[str]:
-    """Of which trials a line is: `object!=none`, `axis=x`."""
-    return str(line["where"] or "").split("&")
-
-
-def holds(line: Row, row: Row) -> bool:
-    """Whether a line is of a trial."""
-    return all(_meets(condition, row) for condition in conditions(line))
-
-
-def _meets(condition: str, row: Row) -> bool:
-    name, sign, value = condition.partition("!=") if "!=" in condition else condition.partition("=")
-    if not sign or name not in row:
-        return True
-    cell = row.get(name)
-    same = float(cell) == float(value) if is_number(cell) else str(cell) == value
-    return same == (sign == "=")
+def holds(line: Row, row: Row, conditions: int | None = None) -> bool:
+    """Whether a line is of a trial, by so many of its conditions (`object!=none`, `axis=x`), or by all."""
+    for name, sign, value in re.findall(r"([\w.]+)(!?=)([\w.]+)", line["where"] or "")[:conditions]:
+        cell = row.get(name)
+        same = float(cell) == float(value) if is_number(cell) else str(cell) == value
+        if name in row and same != (sign == "="):
+            return False
+    return True
 
 
 def _span_of_mean(known: Sequence[float]) -> tuple[float, float]:
@@ -183,16 +166,16 @@ OVER: Mapping[str, tuple[str, Callable[[Sequence[float]], float], Callable[[Sequ
 """How one number is made of those of the trials: its name, it, and its 95 % interval."""
 
 
-def _number(own: Sequence[Row], line: Row) -> Headline | None:
+def _number(own: Trials, line: Row) -> Headline | None:
     """One figure over some trials, with its 95 % interval, beside the paper's."""
     name, over, paper = str(line["column"]), str(line["over"]), line["paper"]
-    known = [float(row[name]) for row in own if is_number(row.get(name))]
+    known = own.values(name)
     source = f"the paper's ({line['source']})" if paper is not None else ""
     rows = "" if len(known) == len(own) else f"{name}>-1e300"
     if not known:
         return None
     if over in ("ratio", "share"):
-        of = sum(int(row.get(line["of"]) or 0) for row in own) if over == "ratio" else len(known)
+        of = own.total(line["of"]) if over == "ratio" else len(known)
         return rated(line["what"], int(sum(known)), of, paper, source, rows, name) if of else None
     made, value_of, span_of = OVER[over]
     value, n = value_of(known), len(known)
@@ -212,7 +195,8 @@ def _number(own: Sequence[Row], line: Row) -> Headline | None:
         side = "as" if low <= paper <= high or abs(value / paper - 1.0) < 0.005 else "apart"
         if side == "apart" and less:
             side = "better" if value < paper else "worse"
-        beside += f", {_against(side)} the paper's {theirs}"
+        how = {"as": "about", "apart": "beside"}.get(side, f"{side} than")
+        beside += f", {how} the paper's {theirs}"
         if side != "as" and (how := sized(value, paper, scale.unit)):
             beside += f" ({how})"
     spread = said(min(known), max(known)) if n > 1 and over != "worst" else ""
@@ -222,30 +206,24 @@ def _number(own: Sequence[Row], line: Row) -> Headline | None:
     )
 
 
-def _against(side: str) -> str:
-    """`better than`: how a number stands to the paper's."""
-    return {"as": "about", "apart": "beside"}.get(side, f"{side} than")
-
-
 def beside_each_other(before: Sequence[Run], after: Sequence[Run]) -> str:
     """Which of two is better, by the mean that both open with, or that no difference is told; "" where that is no mean
     of which less is better."""
-    lines = headlines(str(before[-1].manifest.get("experiment", "")))
+    lines = headlines(experiment_in(before[-1]))
     line = next((each for each in lines if each["column"] and each["over"] == "mean" and each["less"]), None)
     if line is None:
         return ""
-    name, what, own = str(line["column"]), line["what"], []
-    for each in (before, after):
-        own.append(Trials(row for run in each for row in run.trials if holds(line, row)).mean(name))
-    (one, other), unit = own, scale_of(name).unit
+    name, what = str(line["column"]), line["what"]
+    all_ = (Trials.of(each, broken_off=True) for each in (before, after))
+    one, other = (each.where(lambda row: holds(line, row)).mean(name) for each in all_)
     if not one.n or not other.n:
         return ""
     scale = fitting(name, one.mean, other.mean)
-    first, second = (f"{three(each.mean * scale.factor)} {scale.unit}".rstrip() for each in own)
+    first, second = (f"{three(each.mean * scale.factor)} {scale.unit}".rstrip() for each in (one, other))
     better = larger(one, other)
     if better is None:
         return f"No difference told: {what} {second}, the first run's {first}; the intervals overlap."
-    how = sized(other.mean, one.mean, unit)
+    how = sized(other.mean, one.mean, scale_of(name).unit)
     return f"The {'second' if better else 'first'} is better: {what} {second}, {how} than the first run's {first}."
 
 
@@ -256,7 +234,7 @@ def fitting(name: str, *values: float) -> Scale:
     return scale._replace(unit="ms", factor=1e3) if short else scale
 
 
-def _measured(runs: Sequence[Run], rows: Sequence[Row]) -> Headline | None:
+def _measured(runs: Sequence[Run], rows: Trials) -> Headline | None:
     """The first number that an experiment of no paper measured: no factor, no instant of the trial."""
     name = first_measured(runs, rows)
     line = {"column": name, "over": "mean", "paper": None, "what": scale_of(name).label, "source": ""}
@@ -266,9 +244,8 @@ def _measured(runs: Sequence[Run], rows: Sequence[Row]) -> Headline | None:
 def first_measured(runs: Sequence[Run], rows: Sequence[Row]) -> str:
     """Its column; "" for none."""
     factors = {"trial", "outcome", *(name for run in runs for name in run.factors)}
-    names = (name for row in rows for name, cell in row.items() if name not in factors and is_number(cell))
-    known = {*names}
-    ordered = dict.fromkeys(name for row in rows for name in row)
+    known = {name for row in rows for name, cell in row.items() if is_number(cell)} - factors
+    ordered = (name for row in rows for name in row)
     return next((name for name in ordered if name in known and not is_instant(name)), "")
 
 
@@ -277,9 +254,7 @@ def again(run: Run) -> str:
     profile = run.manifest.get("profile") or {}
     asked = profile.get("asked") or {}
     words = ["run.py", "run", str(asked.get("profile") or profile.get("name", "?"))]
-    for path, value in (asked.get("set") or {}).items():
-        words += ["--set", f"{path}={value}"]
-    for trial in asked.get("only") or ():
-        words += ["--only", str(trial)]
-    seed = run.manifest.get("seed")
-    return shlex.join([*words, *(["--seed", str(seed)] if seed else [])])
+    options = [("set", f"{path}={value}") for path, value in (asked.get("set") or {}).items()]
+    options += [("only", trial) for trial in asked.get("only") or ()]
+    options += [("seed", seed)] if (seed := run.manifest.get("seed")) else []
+    return shlex.join(words + [word for name, value in options for word in (f"--{name}", str(value))])

@@ -10,6 +10,7 @@ from controller.recording.series import DETECTOR, TrialRecording
 from controller.reports.counts import METHODS, Row, is_number
 from controller.reports.first_screen import first_measured, fitting, holds
 from controller.reports.papers import headlines
+from controller.reports.run_account import declared_of
 from controller.reports.trial_signals import Moments, factors_of, key_of, moments_of, said_of
 from controller.scales import displayed, scale_of
 
@@ -44,15 +45,11 @@ def hero_of(experiment: str, runs: Sequence[Run], page: Sequence[Run] = ()) -> l
     column = str(line["column"] or "")
     measured = any(is_number(row.get(column)) for run in runs for row in run.trials)
     method = next((each for each in METHODS if measured and column.startswith(f"{each}_")), "")
-    seen: list[tuple[Run, Row]] = []
-    missed: list[tuple[Run, Row]] = []
     recorded = {(id(run), trial) for run in runs for trial in run.recorded_trials}
     trials = [(run, row) for run in runs for row in run.trials if (id(run), row["trial"]) in recorded]
-    for run, row in trials:
-        if moments_of(run, row, method).decided_s is not None:
-            seen.append((run, row))
-        elif method and not is_number(row.get(column)):
-            missed.append((run, row))
+    decided = [(each, moments_of(*each, method).decided_s is not None) for each in trials]
+    seen = [each for each, was in decided if was]
+    missed = [each for each, was in decided if method and not was and not is_number(each[1].get(column))]
     column = column or first_measured(runs, [row for _, row in seen])
     measured = measured or (bool(column) and not headlines(experiment))
     seen = [each for each in seen if holds(line, each[1])] or seen
@@ -64,13 +61,13 @@ def hero_of(experiment: str, runs: Sequence[Run], page: Sequence[Run] = ()) -> l
     good = sorted((each for each in seen if each[0].succeeded(each[1])), key=size)
     bad = [each for each in seen if not each[0].succeeded(each[1])]
     chosen = [("typical", good[(len(good) - 1) // 2])] if good else []
+    counted = line["over"] in ("share", "ratio")  # of one trial it says yes or no
     if bad:
         chosen.append(("failed", bad[0]))
     elif good and missed:
         chosen.append(("missed", missed[0]))
-    elif len(good) > 1 and measured and line["over"] not in ("share", "ratio"):
+    elif len(good) > 1 and measured and not counted:
         chosen.append(("worst" if line["less"] else f"largest {scale_of(column).label}", good[-1]))
-    counted = line["over"] in ("share", "ratio")  # of one trial it says yes or no
     found = (_drawn(name, page or runs, *each, method, "" if counted else column) for name, each in chosen)
     return [drawn for drawn in found if drawn is not None]
 
@@ -86,18 +83,19 @@ def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row, method: str, colu
         if moments.zero_s is None or not heard:
             return None
         moments = moments._replace(detector=heard[0])
-    instants = [t for t in (moments.zero_s, moments.decided_s, moments.stood_s) if t is not None]
-    margin = max(0.5 * (max(instants) - min(instants)), LEAST_S / 2.0)
-    start, end = min(instants) - margin, min(max(instants) + margin, min(instants) + MOST_S)
     event_s = moments.zero_s if moments.zero_s != moments.decided_s else None
-    marks = {"zero": event_s, "decided": moments.decided_s, "stood": moments.stood_s}
+    looks = {"zero": event_s, "decided": moments.decided_s, "stood": moments.stood_s}
+    marks = {look: t_s for look, t_s in looks.items() if t_s is not None}
+    first_s, last_s = min(marks.values()), max(marks.values())
+    margin_s = max(0.5 * (last_s - first_s), LEAST_S / 2.0)
+    start, end = first_s - margin_s, min(last_s + margin_s, first_s + MOST_S)
     key = key_of(runs, run, trial)
     shown = {
         "key": key,
         "streams": _streams(run, recording, moments.detector),
         "span": [start, end],
         "zero": moments.zero_s or moments.decided_s or 0.0,
-        "marks": {look: t for look, t in marks.items() if t is not None and start <= t <= end},
+        "marks": {look: t_s for look, t_s in marks.items() if start <= t_s <= end},
     }
     name = f"{moments.zero} missed" if name == "missed" else name
     said = factors_of(run, row) if run.succeeded(row) else said_of(run, row)  # a success's name says no more
@@ -107,7 +105,7 @@ def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row, method: str, colu
 
 def _streams(run: Run, recording: TrialRecording, detector: str) -> list[str]:
     """What a detector hears, and what it compares; a force in place of what is heard in the statistic's unit."""
-    inputs = ((run.manifest.get("detectors") or {}).get(detector) or {}).get("inputs") or ()
+    inputs = declared_of(run, detector).get("inputs") or ()
     statistic = recording.stream(f"{DETECTOR}{detector}")
     unit = displayed(DETECTOR, np.ones((1, 2)), statistic.unit)[1]
     heard = [name for name in inputs if name in recording.streams][:1]

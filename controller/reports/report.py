@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +29,11 @@ from controller.reports.first_screen import (
 )
 from controller.reports.hero import Drawn, hero_of
 from controller.reports.papers import AUTHORS, CITATION, came_to, settings_in
-from controller.reports.run_account import early_end, facts_of, setting_of
+from controller.reports.run_account import early_end, experiment_in, facts_of, setting_of
 from controller.reports.section import (
     Comparing,
     Headline,
     Kind,
-    Printed,
     Result,
     Section,
     environment,
@@ -137,45 +137,38 @@ def _page(
     parts: list[SectionPart] = []
     apart: list[Sequence[Row]] = []
     kinds: dict[tuple[str, str], list[Run]] = {}
+    groups: Mapping[str, Sequence[Run]]
     for run in runs:
-        key = str(run.manifest.get("experiment", "")), str(run.manifest.get("bench", ""))
-        kinds.setdefault(key, []).append(run)
+        kinds.setdefault((experiment_in(run), str(run.manifest.get("bench", ""))), []).append(run)
     for (experiment, bench), members in kinds.items():
-        groups = _named(bench, by_settings(members, not _experiment(members[-1]).pooled))
         if comparing:
             groups = {name: [run] for name, run in zip(_told_apart(members), members, strict=True)}
+        else:
+            groups = _named(bench, by_settings(members, not _experiment(members[-1]).pooled))
+            apart += [differences(groups)] if len(groups) > 1 else []
         for number, (name, group) in enumerate(groups.items(), start=1):
-            alone = len(kinds) == len(groups) == 1
             folder = figures_path
-            if folder and not alone:
-                folder /= f"{experiment}_{bench}"
-                folder = folder / str(number) if len(groups) > 1 else folder
-            simulated = (
-                ("partly simulated" if group[0].measured_by else "simulated") if group[0].simulated else ""
-            )
-            figures = Figures(folder, simulated=simulated, prefix=f"s{len(parts)}", also=also, page=runs)
+            if folder and len(kinds) * len(groups) > 1:
+                folder = folder / f"{experiment}_{bench}" / (str(number) if len(groups) > 1 else "")
+            marked = "partly simulated" if group[0].measured_by else "simulated" * group[0].simulated
+            figures = Figures(folder, simulated=marked, prefix=f"s{len(parts)}", also=also, page=runs)
             whole = [run for run in members if run.folder.path in {part.folder.path for part in group}]
             parts.append(_part(experiment, name, group, missing(whole), figures))
-        if len(groups) > 1 and not comparing:
-            apart.append(differences(groups))
-    sections = [part.section for part in parts]
-    results = [result for part in parts for result in part.results]
+    papers = list(dict.fromkeys(part.section.paper for part in parts if part.section.paper))
     tables = [table for run in runs for table in run.resolved.get("devices", {}).values()]
     ours = [_OURS[driver] for table in tables if (driver := str(table.get("driver"))) in _OURS]
     ours += [text for part in parts for text in part.ours]
-    papers = [CITATION.get(each.paper, each.paper) for each in sections if each.paper]
     real = list(dict.fromkeys(name for run in runs for name in run.measured_by))
-    heading = setting_of(runs[0], "title") if len(runs) == 1 else None
+    heading = title or (setting_of(runs[0], "title") if len(runs) == 1 else "")
     facts: dict[str, Any] = {
-        "heading": title or heading or " and ".join(dict.fromkeys(section.title for section in sections)),
+        "heading": heading or " and ".join(dict.fromkeys(part.section.title for part in parts)),
         "contents": _contents(paper, parts),
-        "citations": list(dict.fromkeys(papers)),
-        "authors": list(dict.fromkeys(AUTHORS[each.paper] for each in sections if each.paper in AUTHORS)),
+        "citations": [CITATION.get(each, each) for each in papers],
+        "authors": [AUTHORS[each] for each in papers if each in AUTHORS],
         "simulated": any(run.simulated for run in runs),
         "all_simulated": all(run.simulated for run in runs) and not real,
         "real": ", ".join(real),
-        "kinds": any(result.kind not in (None, Kind.MEASURED) for result in results),
-        "papers_too": any(".paper" in str(setting_of(run, "detectors")) for run in runs),
+        "kinds": any(each.kind not in (None, Kind.MEASURED) for part in parts for each in part.results),
         "ours": list(dict.fromkeys(ours)),
         "parts": parts,
         "apart": apart,
@@ -200,24 +193,23 @@ def _verdict(parts: Sequence[SectionPart], comparing: bool = False) -> tuple[str
     heads = [part.headline for part in parts]
     if len(parts) == 1:
         return heads[0].verdict, heads[0].state
-    rows = [(run, row) for part in parts for run in part.runs for row in run.trials]
-    good = sum(run.succeeded(row) for run, row in rows)
-    states = {head.state for head in heads}
-    state = states.pop() if len(states) == 1 else "well" if states == {"well", ""} else "partly"
-    alike = len({head.what for head in heads}) == 1 and len(heads) <= MOST_ALIKE
     pair = [part.runs for part in parts] if comparing and heads[0].column == heads[1].column else []
     if pair and (said := beside_each_other(*pair)):
         return said, ""
-    ours = [head.ours for head in heads]
-    beside = f"; {heads[0].what}: {(' beside ' if len(ours) == 2 else ', ').join(ours)}" if alike else ""
-    words = {came_to(str(run.manifest.get("experiment", ""))) for run, _ in rows}
+    runs = [run for part in parts for run in part.runs]
+    good = sum(run.succeeded(row) for run in runs for row in run.trials)
+    states = {head.state for head in heads}
+    state = states.pop() if len(states) == 1 else "well" if states == {"well", ""} else "partly"
+    alike = len({head.what for head in heads}) == 1 and len(heads) <= MOST_ALIKE
+    ours = (" beside " if len(heads) == 2 else ", ").join(head.ours for head in heads)
+    beside = f"; {heads[0].what}: {ours}" if alike else ""
+    words = {came_to(experiment_in(run)) for run in runs if run.trials}
     done = words.pop() if len(words) == 1 else "ended as meant"
     results = [result for part in parts for result in part.results]
     agreement = agreement_of(results)
     papers = f"; of the paper's own results {agreement}" if agreement and not comparing else ""
-    count = f"{good} of {len(rows)} trials {done}, in {len(parts)} parts"
-    how = went(state, [run for part in parts for run in part.runs])  # of a run without a trial as well
-    return f"{how}: {count}{beside}{goals_of(results)}{papers}.", state
+    count = f"{good} of {sum(len(run.trials) for run in runs)} trials {done}, in {len(parts)} parts"
+    return f"{went(state, runs)}: {count}{beside}{goals_of(results)}{papers}.", state
 
 
 def _named(bench: str, groups: Sequence[Sequence[Run]]) -> dict[str, Sequence[Run]]:
@@ -266,27 +258,29 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     results = [Result(None, lost)] if lost else []
     results += [each._replace(met=None) if lost else each for each in section.summary]
     printed = {**settings_in(section.paper, runs[0]), **section.printed}
+    here = dict(flat(settings_of(runs[0])))
     body, ours = rendered(section, runs[0], not lost)
-    drawn = hero_of(experiment, runs, figures.page or runs) if section.shows_trials else []
-    pictures = [Markup(each) for each in FIGURE.findall(body)]
-    body = Markup(FIGURE.sub("", body))  # figures stand before what is said about them
-    headline = headline_of(experiment, runs, results, section.headline)
-    settings, differs = settings_table(runs[0], printed), _set_differently(runs[0], printed)
-    return SectionPart(name, runs, section, results, settings, body, ours, headline, drawn, pictures, differs)
-
-
-def _set_differently(run: Run, printed: Mapping[str, Printed]) -> list[Any]:
-    """Settings of a profile that differ from what the paper prints."""
-    ours = dict(flat(settings_of(run)))
-    return [
-        f"{path} is {shown(ours[path])} where the paper has {shown(paper.value)} ({paper.source})."
-        for path, paper in printed.items()
-        if path in ours and isinstance(paper.value, int | float) and ours[path] != paper.value
-    ]
+    return SectionPart(
+        name,
+        runs,
+        section,
+        results,
+        settings_table(runs[0], printed),
+        Markup(FIGURE.sub("", body)),  # figures stand before what is said about them
+        ours,
+        headline_of(experiment, runs, results, section.headline),
+        hero_of(experiment, runs, figures.page or runs) if section.shows_trials else [],
+        [Markup(each) for each in FIGURE.findall(body)],
+        [
+            f"{path} is {shown(here[path])} where the paper has {shown(paper.value)} ({paper.source})."
+            for path, paper in printed.items()
+            if path in here and isinstance(paper.value, int | float) and here[path] != paper.value
+        ],
+    )
 
 
 def _experiment(run: Run) -> ExperimentKind:
-    return experiment_of(str(run.manifest.get("experiment", "")), own_folders(run.manifest))
+    return experiment_of(experiment_in(run), own_folders(run.manifest))
 
 
 FIGURE = re.compile(r"<figure>.*?</figure>\s*", re.DOTALL)
@@ -368,10 +362,8 @@ def _rows(rows: Sequence[Row]) -> Iterator[str]:
     table = laid_out(rows)
     lines = [table.heads, *([str(cell) for cell in row] for row in table.rows)]
     widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
-    spans, place = [], 0
-    for name, count in table.groups:
-        spans.append(name.ljust(sum(widths[place : place + count]) + len(GAP) * (count - 1)))
-        place += count
+    each = iter(widths)
+    spans = [name.ljust(sum(islice(each, n)) + len(GAP) * (n - 1)) for name, n in table.groups]
     if spans:
         yield GAP.join(spans).rstrip()
     for line in lines:

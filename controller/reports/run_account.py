@@ -1,13 +1,13 @@
 """How a run was run: from its manifest, nothing left out."""
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from controller.outcomes import counted
 from controller.recording.reader import Run
 from controller.recording.series import Series, TrialRecording
-from controller.reports.settings import shown
+from controller.reports.counts import Trials
+from controller.reports.settings import flat, shown
 from controller.scales import scale_of
 
 _BENCH = {
@@ -26,36 +26,40 @@ _SHOWN_ELSEWHERE = ("format", "profile", "experiment", "bench", "clock", "exit",
 def facts_of(run: Run) -> list[tuple[str, str]]:
     """How a run was run, as pairs."""
     manifest = run.manifest
-    profile = manifest.get("profile") or {}
-    exit_ = manifest.get("exit") or {}
+    profile, exit_ = (manifest.get(name) or {} for name in ("profile", "exit"))
+    experiment, bench, clock = (str(manifest.get(name, "?")) for name in ("experiment", "bench", "clock"))
     status = str(exit_.get("status", "unknown"))
-    if status == "running":
-        status = "cut off: its end was not recorded"
-    reason = f" – {exit_['reason']}" if exit_.get("reason") else ""
+    status = "cut off: its end was not recorded" if status == "running" else status
     facts = [
         ("profile", f"{profile.get('name', '?')}, hash {str(profile.get('hash', '?'))[:12]}"),
-        ("experiment", str(manifest.get("experiment", "?"))),
-        ("bench", _BENCH.get(str(manifest.get("bench")), str(manifest.get("bench", "?")))),
-        ("clock", _CLOCK.get(str(manifest.get("clock")), str(manifest.get("clock", "?")))),
-        ("ended", status + reason),
+        ("experiment", experiment),
+        ("bench", _BENCH.get(bench, bench)),
+        ("clock", _CLOCK.get(clock, clock)),
+        ("ended", f"{status} – {exit_['reason']}" if exit_.get("reason") else status),
         ("outcomes", counted(manifest.get("outcomes") or {}, run.successes)),
         ("forecast", _foreseen(run)),
     ]
     rest = {name: value for name, value in manifest.items() if name not in _SHOWN_ELSEWHERE}
-    return facts + [(name, text) for name, text in _flat(rest) if text]
+    rest |= {"loss": rest["loss"] or "none"} if "loss" in rest else {}
+    lines = [(path.replace("_", " "), value) for path, value in flat(rest, joint=" · ", whole=_short)]
+    return facts + [
+        (name, text) for name, value in lines if value not in (None, []) and (text := shown(value))
+    ]
+
+
+def _short(table: Mapping[str, Any]) -> bool:
+    """Whether a table is one line: few values, none of them a table or a list."""
+    return len(table) <= 8 and not any(isinstance(each, Mapping | list) for each in table.values())
 
 
 def _foreseen(run: Run) -> str:
     """What was forecast of the approaches, and what they did; "none" where no stiffness or no force limit was known."""
-    foreseen = [event for event in run.events if event["event"] == "Forecast"]
-    did = [event for event in run.events if event["event"] == "Approached"]
+    foreseen, did = (Trials(run.events).where(event=name) for name in ("Forecast", "Approached"))
     if not foreseen or not did:
         return "none"
 
-    def most(events: Sequence[Mapping[str, Any]], key: str) -> str:
-        values = [event.get(key) for event in events]
-        known = [value for value in values if isinstance(value, int | float) and math.isfinite(value)]
-        scale = scale_of(key)
+    def most(events: Trials, key: str) -> str:
+        known, scale = events.values(key), scale_of(key)
         return f"{scale.factor * max(known):.3g} {scale.unit}" if known else "unknown"
 
     touch = f"at a touch {most(foreseen, 'most_n')} at the most, pressed {most(did, 'pressed_n')}"
@@ -83,15 +87,13 @@ class EarlyEnd(NamedTuple):
 def early_end(run: Run) -> EarlyEnd | None:
     """How a run ended before its end; None where it ended as planned, or was cut off without a record."""
     exit_ = run.manifest.get("exit") or {}
-    status = str(exit_.get("status"))
-    stops = []
-    for event in (event for event in run.events if event["event"] == "GuardStopped"):
-        when = f"Trial {event['trial']}, {event['t_s']:.3f} s after it began, in {event.get('state') or 'no state'}"
-        stops.append(f"{when}: {event.get('reason') or 'no reason was recorded'}.")
-    if status not in _ENDS and not stops:
-        return None
-    status = "guard" if stops else status
-    return EarlyEnd(run.folder.path.name, _ENDS[status], stops, str(exit_.get("reason") or ""))
+    stops = [
+        f"Trial {event['trial']}, {event['t_s']:.3f} s after it began, in {event.get('state') or 'no state'}:"
+        f" {event.get('reason') or 'no reason was recorded'}."
+        for event in Trials(run.events).where(event="GuardStopped")
+    ]
+    what = _ENDS.get("guard" if stops else str(exit_.get("status")))
+    return EarlyEnd(run.folder.path.name, what, stops, str(exit_.get("reason") or "")) if what else None
 
 
 def series_of(recording: TrialRecording, kind: str) -> Series:
@@ -107,6 +109,11 @@ def recorded(runs: Iterable[Run]) -> Iterator[tuple[Run, Mapping[str, Any], Tria
             recording = run.readable(int(row["trial"] or 0))
             if recording is not None:
                 yield run, row, recording
+
+
+def experiment_in(run: Run) -> str:
+    """What a run's manifest calls its experiment."""
+    return str(run.manifest.get("experiment", ""))
 
 
 def setting_of(run: Run, *path: str) -> Any:
@@ -128,36 +135,17 @@ def acting_of(run: Run) -> str:
     return str(setting_of(run, "behavior", "detector") or "contact")
 
 
-def statistic_of(run: Run, detector: str) -> tuple[str, str]:
-    """What a detector of the run compares with its threshold, and its unit: as it declared them."""
-    declared = (run.manifest.get("detectors") or {}).get(detector) or {}
-    return str(declared.get("statistic") or "statistic"), str(declared.get("unit") or "")
+def declared_of(run: Run, detector: str) -> Mapping[str, Any]:
+    """What a detector of the run declared: its inputs, and the name of the `statistic` that it compares with its
+    threshold, with its unit."""
+    return {"statistic": "statistic", **((run.manifest.get("detectors") or {}).get(detector) or {})}
 
 
 def criterion_of(run: Run, detector: str) -> str:
     """`the detector “ours” (resonance, on board.accelerometer) compares the … (σ) with its threshold`."""
-    name, unit = statistic_of(run, detector)
-    declared = (run.manifest.get("detectors") or {}).get(detector) or {}
-    kind = setting_of(run, "detectors", detector, "kind")
-    what = ", on ".join(filter(None, (str(kind or ""), " and ".join(declared.get("inputs") or ()))))
-    named, measured = (f" ({text})" if text else "" for text in (what, unit))
-    return f"the detector “{detector}”{named} compares the {name}{measured} with its threshold"
-
-
-def _flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    for name, item in value.items():
-        label = f"{prefix}{name}".replace("_", " ")
-        if isinstance(item, Mapping):
-            scalars = all(not isinstance(each, Mapping | list) for each in item.values())
-            if item and scalars and len(item) <= 8:
-                yield label, ", ".join(f"{key} {_said(each)}" for key, each in item.items())
-            elif item:
-                yield from _flat(item, f"{label} · ")
-            else:
-                yield label, "none" if name == "loss" else ""
-        else:
-            yield label, _said(item)
-
-
-def _said(value: object) -> str:
-    return "" if value is None or value == [] else shown(value)
+    declared, kind = declared_of(run, detector), setting_of(run, "detectors", detector, "kind")
+    what = ", on ".join(filter(None, (kind, " and ".join(declared.get("inputs") or ()))))
+    named, measured = (f" ({text})" if text else "" for text in (what, declared.get("unit")))
+    return (
+        f"the detector “{detector}”{named} compares the {declared['statistic']}{measured} with its threshold"
+    )

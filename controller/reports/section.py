@@ -13,21 +13,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from controller.recording.reader import Run
-from controller.reports.counts import (
-    Row,
-    mean_within,
-    number,
-    percent,
-    quantity,
-    rate,
-    share,
-    signed,
-    sized,
-    spread,
-    three,
-    title,
-    wilson,
-)
+from controller.reports import counts
+from controller.reports.counts import Row, percent, three, wilson
 from controller.scales import NOTHING
 
 
@@ -266,7 +253,8 @@ def _look(head: str, cells: Sequence[Any], first: bool) -> str:
 
 @cache
 def environment() -> Environment:
-    """The templates; what is put into a page is text, and bears a typesetter's apostrophes."""
+    """The templates, which may say what `counts` prints; what is put into a page is text, and bears a typesetter's
+    apostrophes."""
     templates = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,
@@ -275,12 +263,8 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters["breakable"] = _breakable
-    templates.filters["percent"] = percent
-    said = (mean_within, number, percent, quantity, rate, share, signed, sized, spread, three, title)
-    templates.globals |= {"laid_out": laid_out, "labelled": _labelled} | {
-        each.__name__: each for each in said
-    }
+    templates.filters |= {"breakable": _breakable, "percent": percent}
+    templates.globals |= vars(counts) | {"laid_out": laid_out, "labelled": _labelled}
     return templates
 
 

@@ -1,7 +1,7 @@
 """The settings behind a page: which runs may be averaged, what differs between the others, what the paper has."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -72,36 +72,41 @@ def differences(groups: Mapping[str, Sequence[Run]]) -> list[Row]:
 def settings_table(run: Run, printed: Mapping[str, Printed]) -> list[Row]:
     """Detectors, behavior and limits as (what, ours, the paper's): what the paper prints first, the rest by table."""
     settings = settings_of(run)
-    leaves = dict(flat(settings))
+    usual = dict(flat(settings))
+    leaves = dict(usual)
     for path in dict.fromkeys(name for row in run.trials for name in varied_of(row)):
-        base = leaves.get(path)
-        cells = [base if row.get(path) is None else row[path] for row in run.trials]
-        values = list(dict.fromkeys(map(shown, cells)))
+        base = usual.get(path)
+        values = [*dict.fromkeys(shown(varied_of(row).get(path, base)) for row in run.trials)]
         leaves[path] = values[0] if len(values) == 1 else f"{shown(base)} (varied: {', '.join(values)})"
     rows: list[Row] = [
         {"setting": path, "here": shown(leaves[path]), "the paper": f"{shown(paper.value)} ({paper.source})"}
         for path, paper in printed.items()
         if path in leaves
     ]
-    tables = {f"detectors.{name}": table for name, table in (settings.get("detectors") or {}).items()}
-    tables |= {name: settings.get(name) or {} for name in ("behavior", "limits")}
-    for name, table in tables.items():
-        own = [path for path, _ in flat(table) if f"{name}.{path}" not in printed]
+    for name in (*(f"detectors.{name}" for name in settings.get("detectors") or ()), "behavior", "limits"):
+        own = [path for path in usual if path.startswith(f"{name}.") and path not in printed]
         if own:
-            rest = ", ".join(f"{path} {shown(leaves[f'{name}.{path}'])}" for path in own)
+            rest = ", ".join(f"{path.removeprefix(f'{name}.')} {shown(leaves[path])}" for path in own)
             rows.append({"setting": name, "here": rest, **({"the paper": NOTHING} if printed else {})})
     return rows  # an experiment of no paper has nothing to stand beside
 
 
-def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Every setting by its dotted path; a list of tables by the number of each."""
+def flat(
+    value: Mapping[str, Any],
+    prefix: str = "",
+    joint: str = ".",
+    whole: Callable[[Mapping[str, Any]], bool] = lambda _: False,
+) -> Iterator[tuple[str, Any]]:
+    """Every setting by its dotted path; a list of tables by the number of each, and a table that stays `whole` as it
+    is."""
     for name, item in value.items():
         path = f"{prefix}{name}"
-        if isinstance(item, Mapping):
-            yield from flat(item, f"{path}.")
+        if isinstance(item, Mapping) and not whole(item):
+            yield from flat(item, f"{path}{joint}", joint, whole)
         elif isinstance(item, list) and item and all(isinstance(each, Mapping) for each in item):
             yield path, f"{len(item)} entries"
-            yield from flat({str(place): each for place, each in enumerate(item, start=1)}, f"{path}.")
+            numbered = {str(place): each for place, each in enumerate(item, start=1)}
+            yield from flat(numbered, f"{path}{joint}", joint, whole)
         else:
             yield path, item
 
@@ -112,4 +117,6 @@ def shown(value: object) -> str:
         return "–"
     if isinstance(value, float):
         return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {shown(each)}" for name, each in value.items())
     return ", ".join(map(shown, value)) or "none" if isinstance(value, list) else str(value)

@@ -3,7 +3,7 @@
 import base64
 import json
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
 from controller.reports.counts import is_number, title
 from controller.reports.papers import RECORDED, came_to
-from controller.reports.run_account import acting_of, setting_of, statistic_of
+from controller.reports.run_account import acting_of, declared_of, experiment_in, setting_of
 from controller.scales import Scale, displayed, scale_of, spaced
 from drivers.core.messages import Floats
 
@@ -107,7 +107,7 @@ def moments_of(run: Run, row: Mapping[str, Any], method: str = "") -> Moments:
     alarms = [event for event in events if _alarms(event) and str(event["detector"]).endswith(method)]
     if found:  # what is seen ahead is no answer to a touch
         alarms = [event for event in alarms if not event["event"].startswith("PreTouch")]
-    led = [event for event in alarms if event.get("next") != event.get("state")]
+    led = list(_leading(alarms))
     if found:
         slips = found[0] == "slip"  # a touch before it is no answer to it
         near = [e for e in led if (0.0 if slips else -NEAR_S) <= e["t_s"] - found[1] <= NEAR_S]
@@ -127,6 +127,11 @@ def _alarms(event: Mapping[str, Any]) -> bool:
     return event.get("detector") is not None and not event["event"].startswith("Baseline")
 
 
+def _leading(events: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Those that led to another state."""
+    return (event for event in events if event.get("next") != event.get("state"))
+
+
 def payload(runs: Sequence[Run], room: int, first: Collection[str] = ()) -> str:
     """Every trial's signals as JSON; in `room` bytes, or nearly; those of the keys `first` before all others,
     and whole.
@@ -142,8 +147,8 @@ def payload(runs: Sequence[Run], room: int, first: Collection[str] = ()) -> str:
         if recording is None:
             continue
         events = run.events_of(trial)
-        led = [event for event in events if _alarms(event) and event.get("next") != event.get("state")]
-        curves = list(_chosen(run, recording, {str(event["detector"]) for event in led} or {acting_of(run)}))
+        deciding = {str(event["detector"]) for event in _leading(filter(_alarms, events))}
+        curves = list(_chosen(run, recording, deciding or {acting_of(run)}))
         share = room / len(trials) / max(1, len(curves)) / BYTES_A_POINT
         key = key_of(runs, run, trial)
         points = POINTS if key in first else int(min(POINTS, max(LEAST_POINTS, share)))
@@ -163,11 +168,10 @@ def outliers_first(runs: Sequence[Run]) -> list[tuple[Run, int]]:
     ranks = [0 if not run.succeeded(row) else len(rows) for run, row in rows]
     factors = {"trial", *(name for run in runs for name in run.factors)}
     for name in dict.fromkeys(name for _, row in rows for name in row if not is_instant(name)):
-        cells = [(row.get(name), place) for place, (_, row) in enumerate(rows)]
-        known = [(float(value), place) for value, place in cells if is_number(value)]
+        known = sorted((row[name], place) for place, (_, row) in enumerate(rows) if is_number(row.get(name)))
         if name in factors or len({value for value, _ in known}) < 2:
             continue
-        for rank, (_, place) in enumerate(sorted(known)):
+        for rank, (_, place) in enumerate(known):
             last = len(known) - 1
             ranks[place] = min(ranks[place], rank, last - rank, abs(rank - last // 2))
     first = {(id(run), row["trial"]): rank for (run, row), rank in zip(rows, ranks, strict=True)}
@@ -230,7 +234,7 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
             cells.append((shown, exact))
         cells[1:1] = [(_DATE.sub("", run.folder.path.name), "")] if len(runs) > 1 else []
         why = _excluded(run, row)
-        good = "" if came_to(str(run.manifest.get("experiment", ""))) == RECORDED else "good"
+        good = "" if came_to(experiment_in(run)) == RECORDED else "good"
         state = "out" if why else good if run.succeeded(row) else "bad"
         rows.append(TrialRow(key_of(runs, run, int(row["trial"] or 0)), state, why, cells))
     columns = []
@@ -304,17 +308,23 @@ def _trial(
         if event.get("threshold") is not None and not event["event"].startswith("Baseline")
     }
     for stream, name, series, channel in curves:
-        values, unit = displayed(stream, series.values[:, channel], series.unit)
-        if stream.startswith(DETECTOR):
-            detector = stream.removeprefix(DETECTOR)
-            limits = displayed(stream, series.values[:, 1], series.unit)[0]
+        values, unit = displayed(stream, series.values, series.unit)
+        detector = stream.removeprefix(DETECTOR)
+        whose, label = "ours", f"{detector}, {unit}" if unit else detector
+        panel = panels.setdefault(stream, {"stream": stream, "label": label, "whose": whose, "curves": []})
+        decided_s: list[float] = []
+        if detector != stream:
+            decided_s = [event["t_s"] for event in events if event.get("detector") == detector]
+            limits = values[:, 1]
             if len(known := limits[np.isfinite(limits)]):
-                held[detector] = len(panels), float(known[-1]), unit
-            panels[stream] = _statistic(run, events, detector, series, points, close)
-            continue
-        label = f"{stream}, {unit}" if unit else stream
-        panel = panels.setdefault(stream, {"stream": stream, "label": label, "whose": "ours", "curves": []})
-        panel["curves"].append({"name": name, **_packed(*_measured(series.times_s, values), points, close)})
+                held[detector] = len(panels) - 1, float(known[-1]), unit
+            changes = np.flatnonzero(~np.isclose(limits, np.roll(limits, 1), rtol=1e-12, equal_nan=True))
+            places = np.union1d([0, len(limits) - 1], changes)
+            panel["title"] = f"{detector}: {declared_of(run, detector)['statistic']}"
+            panel["whose"] = _whose(run, detector)
+            panel["threshold"] = _packed(series.times_s[places], limits[places], points, close)
+        shown = _measured(series.times_s, values[:, channel], whole=detector != stream)
+        panel["curves"].append({"name": name, **_packed(*shown, points, close, decided_s)})
     return {
         "title": f"Trial {trial}: {said_of(run, row)}",
         "zero": [moments.zero or "the trial began", moments.zero_s or 0.0],
@@ -323,7 +333,7 @@ def _trial(
         "stood": moments.stood_s,
         "panels": list(panels.values()),
         "thresholds": [[number, name, value, unit] for name, (number, value, unit) in held.items()],
-        "states": [[e["t_s"], e["next"]] for e in events if e.get("next") != e.get("state")],
+        "states": [[e["t_s"], e["next"]] for e in _leading(events)],
         "marks": [
             [e["t_s"], f"{e['detector']}: {spaced(e['event'])}", _whose(run, e["detector"])]
             for e in events
@@ -345,31 +355,6 @@ def said_of(run: Run, row: Mapping[str, Any]) -> str:
 def factors_of(run: Run, row: Mapping[str, Any]) -> str:
     """Factors of a trial alone."""
     return ", ".join(scale_of(name).said(row[name]) for name in run.factors if row.get(name) is not None)
-
-
-def _statistic(
-    run: Run,
-    events: Sequence[Mapping[str, Any]],
-    detector: str,
-    series: Series,
-    points: int,
-    close: tuple[float, float],
-) -> dict[str, Any]:
-    """The panel of a detector's statistic and of its threshold, which is packed where it changes."""
-    values, unit = displayed(DETECTOR, series.values, series.unit)
-    decided_s = [event["t_s"] for event in events if event.get("detector") == detector]
-    times_s, shown = _measured(series.times_s, values[:, 0], whole=True)
-    limits = values[:, 1]
-    changes = np.flatnonzero(~np.isclose(limits, np.roll(limits, 1), rtol=1e-12, equal_nan=True))
-    places = np.union1d([0, len(limits) - 1], changes)
-    return {
-        "stream": f"{DETECTOR}{detector}",
-        "label": f"{detector}, {unit}" if unit else detector,
-        "title": f"{detector}: {statistic_of(run, detector)[0]}",
-        "whose": _whose(run, detector),
-        "curves": [{"name": "", **_packed(times_s, shown, points, close, decided_s)}],
-        "threshold": _packed(series.times_s[places], limits[places], points, close),
-    }
 
 
 def _whose(run: Run, detector: object) -> str:
