@@ -57,6 +57,19 @@ def approaching(approach: str, *, stopped: str, missed: str) -> Sequence[Row]:
     )
 
 
+def see_that_it_leads_on(start_m: float, approach_limit_m: float) -> None:
+    """The guard foresees and bounds the force of what goes farther along an axis, and lets go back what was stopped.
+
+    Raises:
+        ValueError: an approach would go back.
+    """
+    if approach_limit_m <= start_m:
+        raise ValueError(
+            f"approach_limit_m = {approach_limit_m:g} is not beyond start_m = {start_m:g}: positions grow towards the"
+            " object; turn the mover's axis round (a stage's forward, an arm's approach_axis)"
+        )
+
+
 class TipTrialSettings(Settings):
     """The arm, and how it goes down and up."""
 

@@ -1,10 +1,10 @@
 """The first touch on a new bench: slowly, a person's word before each motion."""
 
-import math
+from typing import Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from behaviors.approach import Approaching, approaching
+from behaviors.approach import Approaching, approaching, see_that_it_leads_on
 from behaviors.machine import StatePlan, from_mover, on, sent_by
 from drivers.core.messages import Ask, Command, Home, MoveTo
 from drivers.core.settings import DetectorName, DeviceName, Settings, StreamName
@@ -52,6 +52,11 @@ class FirstContactSettings(Settings):
     answer_timeout_s: float = Field(default=600.0, gt=0.0, le=3600.0)
     """Longest wait for the person. Assumption: ten minutes to look at a bench."""
 
+    @model_validator(mode="after")
+    def _leads_on(self) -> Self:
+        see_that_it_leads_on(self.start_m, self.approach_limit_m)
+        return self
+
 
 class FirstContactFactors(Settings):
     """What a trial varies: nothing."""
@@ -71,7 +76,7 @@ class FirstContact(Approaching):
         acting = frozenset({settings.detector})
         mover, speed_m_s = settings.mover, settings.speed_m_s
         way_m = settings.approach_limit_m - settings.start_m
-        nudged_m = settings.start_m + math.copysign(settings.nudge_m, way_m)
+        nudged_m = settings.start_m + settings.nudge_m
         start_mm, nudge_mm = 1e3 * settings.start_m, 1e3 * settings.nudge_m
         self._requests = {
             "READY_FOR_HOME": f"{mover} goes home at its own speed",
@@ -102,9 +107,9 @@ class FirstContact(Approaching):
                 "BASELINE": StatePlan(settings.baseline_timeout_s, acting, measured, prompt=False),
                 "APPROACH": self.approach(
                     settings.detector,
-                    math.copysign(speed_m_s, way_m),
+                    speed_m_s,
                     settings.approach_limit_m,
-                    abs(way_m),
+                    way_m,
                     StatePlan(settings.motion_timeout_s, acting, measured),
                 ),
             },

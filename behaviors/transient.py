@@ -1,11 +1,10 @@
 """A2: approach at constant speed until contact is detected, stop, retract (Backus and Dollar, III.C)."""
 
-import math
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from behaviors.approach import Approaching, approaching
+from behaviors.approach import Approaching, approaching, see_that_it_leads_on
 from behaviors.events import Detected
 from behaviors.finger import FingerTrial, FingerTrialSettings
 from behaviors.machine import StatePlan, concluding, from_mover, on
@@ -39,6 +38,11 @@ class TransientSettings(FingerTrialSettings):
 
     hold_s: float = Field(default=0.3, ge=0.0, le=60.0)
     """How long the contact is recorded after standstill, before the retraction."""
+
+    @model_validator(mode="after")
+    def _leads_on(self) -> Self:
+        see_that_it_leads_on(self.start_m, self.approach_limit_m)
+        return self
 
 
 class TransientFactors(Settings):
@@ -82,7 +86,6 @@ class Transient(FingerTrial, Approaching):
         motion = settings.motion_timeout_s
         limit_m = settings.approach_limit_m
         way_m = limit_m - settings.start_m
-        velocity_m_s = math.copysign(self.factors.speed_m_s, way_m)
         back = [MoveTo(settings.mover, settings.start_m, settings.position_speed_m_s)]
         return {
             "HOMING": StatePlan(settings.home_timeout_s),
@@ -90,7 +93,11 @@ class Transient(FingerTrial, Approaching):
             "SETTLING": StatePlan(settings.settle_s),
             "BASELINE": StatePlan(settings.baseline_timeout_s, detectors, measured, prompt=False),
             "APPROACH": self.approach(
-                settings.detector, velocity_m_s, limit_m, abs(way_m), StatePlan(motion, detectors, measured)
+                settings.detector,
+                self.factors.speed_m_s,
+                limit_m,
+                way_m,
+                StatePlan(motion, detectors, measured),
             ),
             "STOPPING": StatePlan(motion, frozenset(), measured),
             "HOLDING": StatePlan(settings.hold_s, frozenset(), measured, prompt=False),

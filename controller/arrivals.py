@@ -1,4 +1,5 @@
-"""Whether what is subscribed arrives: a stream that falls silent or sticks ends the trial, in motion and at rest."""
+"""Whether what is subscribed arrives: a stream that falls silent, sends what is no number or sticks ends the trial, in
+motion and at rest."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.errors import PROGRAM
-from drivers.core.messages import Failed, SampleBlock, StreamInfo
+from drivers.core.messages import Failed, Floats, SampleBlock, StreamInfo
 
 REST = 4.0
 """Times `limits.stale_s` that a stream may be silent where no motion depends on it. Assumption: buffers keep what comes
@@ -35,6 +36,7 @@ class Arrivals:
         """Begin a trial: nothing is subscribed."""
         self._seen_s: dict[str, float] = {}
         self._held: dict[str, tuple[NDArray[np.generic], float]] = {}
+        self._wrong: dict[str, Floats] = {}  # of each stream whose newest sample is no number, that sample
         self._urgent: frozenset[str] = frozenset()
         self._moves_since_s: float | None = None
 
@@ -74,7 +76,7 @@ class Arrivals:
         for block in blocks:
             if len(block) and block.stream in self._seen_s:
                 # A time stamp from the future keeps nothing alive.
-                last_s = max(self._seen_s[block.stream], min(block.last_s, t_s))
+                last_s = max(self._seen_s[block.stream], min(self._last_s(block), t_s))
                 self._seen_s[block.stream] = last_s
                 stuck = self._sticks(block, last_s) or stuck
         return self._silent(t_s, late_s) or stuck
@@ -89,7 +91,7 @@ class Arrivals:
         """
         arrived: dict[str, list[SampleBlock]] = {}
         for block in blocks:
-            if len(block):
+            if len(block) and self._in_numbers(block).all():
                 arrived.setdefault(block.stream, []).append(block)
         whole_s = math.inf
         for stream, seen_s in self._seen_s.items():
@@ -110,11 +112,31 @@ class Arrivals:
             since_s, limit_s, urgent = self._limit_s(stream, seen_s)
             if t_s - since_s - (0.0 if urgent else late_s) > limit_s:
                 reason = (
-                    f"{self.named(stream)} is silent for {t_s - seen_s:.3f} s, since {seen_s:.3f} s"
+                    f"{self.named(stream)} {self._fault(stream)} for {t_s - seen_s:.3f} s, since {seen_s:.3f} s"
                     f" (limits.stale_s = {self._stale_s:g}); {REMEDY}"
                 )
                 return Failed(t_s, self._device(stream), reason)
         return None
+
+    def _fault(self, stream: str) -> str:
+        wrong = self._wrong.get(stream)
+        return "is silent" if wrong is None else f"sends no numbers but {', '.join(map(str, wrong[:3]))}"
+
+    def _in_numbers(self, block: SampleBlock) -> NDArray[np.bool_]:
+        """Which samples (n,) are: all channels of a device's own stream. A signal has nothing to say at times."""
+        if block.values.dtype.kind != "f" or block.stream in self._sources:
+            return np.ones(1, dtype=bool)
+        return np.asarray(np.isfinite(block.values).all(axis=1))
+
+    def _last_s(self, block: SampleBlock) -> float:
+        """When the last sample in numbers was taken; before all time where there is none."""
+        numbers = self._in_numbers(block)
+        if numbers[-1]:
+            self._wrong.pop(block.stream, None)
+            return block.last_s
+        self._wrong[block.stream] = block.values[-1]
+        places = np.flatnonzero(numbers)
+        return float(block.times[places[-1]]) if len(places) else -math.inf
 
     def _patience_s(self, stream: str) -> float:
         """Longest silence at rest; a signal is silent where its sources are, and begins when it can."""

@@ -108,7 +108,8 @@ class Guard:
         # What pressed beyond the limit ever since the trial began; infinite before the first sample, then 0.
         self._start_contact_n = math.inf
         self._stopped_s: float | None = None
-        self._last: dict[str, Command] = {}  # each mover's last motion, the newest last
+        # each mover's last motion, the newest last, and whether it led back along its axis
+        self._last: dict[str, tuple[Command, bool]] = {}
         self._crushes = False
         self._approach, self._pressed_n, self._braked_m = ("", 0.0), 0.0, math.nan
         for followed in self._followed.values():
@@ -200,7 +201,9 @@ class Guard:
                     f"{what}: {command.force_n:.6g} N is outside 0 .. limits.grip_n = {limit_n:.6g}"
                 )
             self._remember(command)
-        elif isinstance(command, MOTION) and not isinstance(command, Home | Lead):
+        elif isinstance(command, Home | Lead):
+            self._remember(command)
+        elif isinstance(command, MOTION):
             raise GuardRefusal(f"{what}: no limit is known for this motion")
         return command
 
@@ -238,9 +241,9 @@ class Guard:
     def way_out(self) -> tuple[Command, float] | None:
         """What is to be sent after a stop that was not enough, and for how long, s: the way back of what moved last,
         once. None where the stop was enough, or no way back is known."""
-        last = next(reversed(self._last.values()), None)
+        last, went_back = next(reversed(self._last.values()), (None, False))
         crushes, self._crushes = self._crushes, False
-        if not crushes or last is None or _goes_back(last):
+        if not crushes or last is None or went_back:
             return None
         bounds = self._others.get(last.device, self._first).limits
         if isinstance(last, Grip):
@@ -248,9 +251,9 @@ class Guard:
         if not isinstance(last, MoveAt | MoveTo):
             return None
         speed_m_s = min(RETREAT_M_S, bounds.speed_m_s)
-        # Not beyond where approaches begin: a device may have no travel behind that.
-        begins = last.device in self._followed and self._followed[last.device].place_m > 0.0
-        end_m = 0.0 if begins else bounds.travel_min_m
+        # Not beyond where approaches begin, unless it is there already: a device may have no travel behind that.
+        behind = self._place_m(last.device) <= 0.0
+        end_m = bounds.travel_min_m if behind else 0.0
         back = MoveAt(last.device, -speed_m_s, end_m, blind_travel_m=bounds.blind_travel_m)
         return back, self.settings.retreat_m / speed_m_s
 
@@ -274,7 +277,7 @@ class Guard:
         """A mover's last motion, by which its way out is known."""
         if self._stopped_s is None:
             self._last.pop(command.device, None)
-            self._last[command.device] = command
+            self._last[command.device] = command, self._goes_back(command)
 
     def latch(self, t_s: float) -> None:
         """The trial was stopped at `t_s`, for whatever reason: until `reset` only what takes load away is admitted.
@@ -288,19 +291,33 @@ class Guard:
         """Whether a command adds no load, where a trial was stopped. What stopped a motion back along the axis may
         stand behind it: then there is no way but home."""
         if isinstance(command, MoveAt | MoveTo):
-            last = self._last.get(command.device)
-            return _goes_back(command) and not (last is not None and _goes_back(last))
+            _, went_back = self._last.get(command.device, (None, False))
+            return self._goes_back(command) and not went_back
         if isinstance(command, SetTendon):
             return command.position_m <= 0.0
         return isinstance(command, Home | Release) or not isinstance(command, MOTION)
 
     def _admit_direction(self, what: str, command: Command) -> None:
         """Where the trial began in contact, and still is: out of it alone."""
-        if self.in_contact_from_start and not _goes_back(command):
+        if self.in_contact_from_start and not self._goes_back(command):
             raise GuardRefusal(
                 f"{what}: the trial began in contact, at {self._start_contact_n:.3g} N still, beyond limits.force_n ="
                 f" {self.settings.force_n:g}; send Home first, or back along the axis"
             )
+
+    def _goes_back(self, command: Command) -> bool:
+        """Whether it leads back along its mover's axis, from where that was seen last; where it was not seen, only a
+        way to the axis' zero, or behind it, counts as one. What homes, goes back."""
+        if isinstance(command, MoveAt):
+            return command.velocity_m_s < 0.0
+        if isinstance(command, MoveTo):
+            place_m = self._place_m(command.device)
+            return command.position_m <= (0.0 if math.isnan(place_m) else place_m)
+        return isinstance(command, Home)
+
+    def _place_m(self, device: str) -> float:
+        """Where a mover was seen last; NaN where it was not, or where nothing follows it."""
+        return self._followed[device].place_m if device in self._followed else math.nan
 
     def _bounds_of(self, what: str, device: str) -> Bounds:
         """A mover's own limits; another mover's do not apply to it."""
@@ -402,17 +419,10 @@ class Guard:
 
 
 def _approaching_m_s(command: Command) -> float:
-    """Speed of a motion farther in along its mover's axis; 0 of any other command."""
-    if not isinstance(command, MoveAt | MoveTo) or _goes_back(command):
-        return 0.0
-    return abs(command.velocity_m_s) if isinstance(command, MoveAt) else command.speed_m_s
-
-
-def _goes_back(command: Command) -> bool:
-    """Whether it leads back along its mover's axis."""
-    return (isinstance(command, MoveAt) and command.velocity_m_s < 0.0) or (
-        isinstance(command, MoveTo) and command.position_m <= 0.0
-    )
+    """Speed of a motion beyond its mover's zero, along its axis; 0 of any other command."""
+    if isinstance(command, MoveAt):
+        return max(0.0, command.velocity_m_s)
+    return command.speed_m_s if isinstance(command, MoveTo) and command.position_m > 0.0 else 0.0
 
 
 __all__ = ["Guard", "GuardRefusal", "GuardSettings"]

@@ -28,6 +28,7 @@ from controller.rig import Rig, streams_of
 from controller.signals.protocol import Signal, Signals
 from controller.subscriptions import unknown_streams
 from drivers.core.clock import rest
+from drivers.core.errors import PROGRAM, DeviceError
 from drivers.core.messages import (
     ANSWERED,
     ANSWERS,
@@ -448,6 +449,10 @@ class Loop:
                 if request == "suspend":
                     self._operator.suspend()
                 rest(KEY_INTERVAL_S)
+                for status in self._gather()[1]:  # what is sent meanwhile is taken, and watchdogs are fed
+                    if isinstance(status, Failed | Stalled):
+                        advice = f"mend it, then: {PROGRAM} resume"
+                        raise DeviceError(status.device, "waiting for the operator", status.reason, advice)
                 request = self._request()
         if request == "abort":
             raise Aborted

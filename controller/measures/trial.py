@@ -68,8 +68,17 @@ class TrialEvidence:
         last_s = [t_s for _, t_s in self.visits[-1:]] + [event.t_s for event in self.events[-1:]]
         return max(last_s, default=math.inf)
 
-    def covered(self, stream: str, since_s: float = -math.inf, until_s: float = math.inf) -> Series:
+    def covered(
+        self,
+        stream: str,
+        since_s: float = -math.inf,
+        until_s: float = math.inf,
+        channels: slice = slice(None),
+    ) -> Series:
         """A whole stream, of which a span is to be used.
+
+        Args:
+            channels: Those that are. What a device sends in them that is no number is missing, too.
 
         Raises:
             MissingDataError: nothing of the span was subscribed, or samples are missing in what was.
@@ -78,7 +87,11 @@ class TrialEvidence:
         since_s, until_s = max(since_s, 0.0), min(until_s, self.ended_s)
         if until_s <= since_s:
             return series
-        hole = next(_holes(series, since_s, until_s, self._longest_s(stream), self._lost_s(stream)), None)
+        lost_s, times_s = self._lost_s(stream), series.times_s
+        if stream not in self.sources:  # a signal has nothing to say at times
+            wrong = ~np.isfinite(series.values[:, channels]).all(axis=1)
+            lost_s, times_s = [*lost_s, *times_s[wrong].tolist()], times_s[~wrong]
+        hole = next(_holes(series, times_s, since_s, until_s, self._longest_s(stream), lost_s), None)
         if hole is not None:
             raise MissingDataError(
                 f"{stream}: no samples from {hole[0]:.3f} to {hole[1]:.3f} s, which are measured; look at the cable,"
@@ -104,7 +117,7 @@ class TrialEvidence:
         """
         if stream is None:
             return np.empty(0), np.empty(0)
-        series = self.covered(stream, since_s, until_s)
+        series = self.covered(stream, since_s, until_s, slice(channel, channel + 1))
         wanted = (series.times_s >= since_s) & (series.times_s <= until_s)
         return series.times_s[wanted], series.values[wanted, channel]
 
@@ -178,7 +191,12 @@ def _matching(
 
 
 def _holes(
-    series: Series, since_s: float, until_s: float, longest_s: float, lost_s: Sequence[float]
+    series: Series,
+    times_s: Floats,
+    since_s: float,
+    until_s: float,
+    longest_s: float,
+    lost_s: Sequence[float],
 ) -> Iterator[tuple[float, float]]:
     """Where samples are missing in a span: no subscription, lost samples, a late start, a silence, an early end. Where
     a loss was noticed at `lost_s`, no sample is in transit; it is noticed when the next sample is read, which is up to
@@ -191,7 +209,7 @@ def _holes(
         yield since_s, until_s
     patience_s = max(longest_s, EDGE_S)
     for begin_s, end_s in subscribed:
-        inside = series.times_s[(series.times_s >= begin_s) & (series.times_s <= end_s)]
+        inside = times_s[(times_s >= begin_s) & (times_s <= end_s)]
         edges_s = np.concatenate(([begin_s], inside, [end_s] if math.isfinite(end_s) else []))
         for place in np.flatnonzero(np.diff(edges_s) > longest_s):
             from_s, to_s = float(edges_s[place]), float(edges_s[place + 1])

@@ -4,6 +4,7 @@ from typing import Any
 import pytest
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, GuardStopped, Resumed, Tick
+from behaviors.first_contact import FirstContactSettings
 from behaviors.flexion import Flexion
 from behaviors.machine import Behavior, StatePlan, on, trigger_of
 from behaviors.static import Static, StaticFactors, StaticSettings
@@ -268,3 +269,11 @@ def test_a_row_that_names_a_method_in_quotes_is_refused_with_its_place():
 
 def test_the_diagrams_in_the_docs_are_those_of_the_tables():
     assert PAGE.read_text(encoding="utf-8") == page(), "run: make diagrams"
+
+
+@pytest.mark.parametrize("settings", [TransientSettings, FirstContactSettings])
+@pytest.mark.parametrize("limit_m", [0.002, 0.001])
+def test_an_approach_that_would_go_back_is_refused(settings, limit_m):
+    with pytest.raises(ValueError, match=r"approach_limit_m = .* not beyond start_m = 0.002.*approach_axis"):
+        settings(start_m=0.002, approach_limit_m=limit_m)
+    assert settings(start_m=0.002, approach_limit_m=0.003).approach_limit_m == 0.003

@@ -100,6 +100,39 @@ def test_a_time_stamp_from_the_future_keeps_nothing_alive_and_an_older_block_mak
     assert arrivals.check(0.65, [], moving=False) is None
 
 
+def numbers(stream, t_s, *values):
+    raw = np.array(values, dtype=float).reshape(len(values), -1)
+    return SampleBlock(stream, 0, t_s - (len(raw) - 1) / 1000.0, raw, rate_hz=1000.0, unit="N")
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize("wrong", [(NAN,), (float("-inf"), 0.5)])
+def test_what_is_no_number_keeps_a_device_no_more_alive_than_silence_does(wrong):
+    arrivals = watching("board.load", urgent=["board.load"])
+    good = (0.5,) * len(wrong)
+    assert arrivals.check(0.05, [numbers("board.load", 0.05, good, good, wrong)], moving=True) is None
+    assert arrivals.check(0.14, [numbers("board.load", 0.14, wrong, wrong)], moving=True) is None
+    failed = arrivals.check(0.151, [numbers("board.load", 0.151, wrong)], moving=True)
+    assert failed is not None
+    said = ", ".join(str(value) for value in wrong)
+    assert failed.reason.startswith(f"board.load sends no numbers but {said} for 0.102 s, since 0.049 s")
+    arrivals.check(0.16, [numbers("board.load", 0.16, good)], moving=True)
+    failed = arrivals.check(0.27, [], moving=True)
+    assert failed is not None
+    assert "board.load is silent" in failed.reason
+
+
+def test_a_signal_may_have_nothing_to_say_and_turns_with_no_number_in_them_are_not_taken_as_one():
+    arrivals = watching("signals.tip", urgent=["signals.tip"])
+    for t_s in (0.05, 0.14, 0.23):
+        assert arrivals.check(t_s, [numbers("signals.tip", t_s, NAN)], moving=True) is None
+    arrivals = watching("board.load", urgent=["board.load"])
+    assert arrivals.whole_until_s(0.3, [numbers("board.load", 0.3, *[0.5] * 301)]) == np.inf
+    assert arrivals.whole_until_s(0.3, [numbers("board.load", 0.3, *[0.5] * 300, NAN)]) < 0.3
+
+
 def test_a_stream_that_stays_subscribed_is_as_old_as_it_was_and_one_that_left_is_forgotten():
     arrivals = watching("board.load", "board.period")
     arrivals.expect(frozenset({"board.load"}), 0.35)

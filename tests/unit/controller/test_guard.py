@@ -15,6 +15,7 @@ from drivers.core.messages import (
     Excite,
     Grip,
     Home,
+    Lead,
     MoveAt,
     MovePose,
     MoveTo,
@@ -385,7 +386,7 @@ def test_each_mover_has_its_own_limits_position_and_blind_travel():
 
 ONWARD = [
     MoveAt("stage", 0.01, 0.012),
-    MoveTo("stage", 0.005, 0.01),
+    MoveTo("stage", 0.0101, 0.01),
     Twist("stage", (-0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.1),
     MovePose("stage", (0.0,) * 6, 0.01),
 ]
@@ -400,7 +401,8 @@ def pressed(force_n=6.0, **changes):
 
 def test_a_trial_that_begins_in_contact_may_go_home_and_back():
     watched = pressed()
-    for command in (Home("stage"), MoveAt("stage", -0.01, 0.0), MoveTo("stage", 0.0, 0.01), Stop("stage")):
+    back = [MoveAt("stage", -0.01, 0.0), *(MoveTo("stage", place_m, 0.01) for place_m in (0.0, 0.005))]
+    for command in (Home("stage"), *back, Stop("stage")):
         assert watched.admit(command) == command
     command = MoveAt("stage", 0.01, 0.012)
     assert guard(quiet=False).admit(command) == command
@@ -502,7 +504,17 @@ def test_after_a_stop_nothing_else_moves_until_the_next_trial(command):
     assert watched.admit(command) == command
 
 
-@pytest.mark.parametrize("before", [MoveAt("stage", -0.01, 0.0), MoveTo("stage", 0.0, 0.01)])
+def test_after_a_stop_a_motion_to_a_place_leads_back_if_it_lies_behind_where_its_mover_was_seen():
+    for seen_m, back_m, on_m in ((0.006, 0.002, 0.007), (-0.02, -0.021, 0.0)):
+        watched = guard(travel_min_m=-0.03)
+        watched.check(0.9, [position([0.003, seen_m])], moving=True)
+        watched.latch(1.0)
+        assert watched.admit(MoveTo("stage", back_m, 0.01)).position_m == back_m
+        with pytest.raises(GuardRefusal, match="the trial was stopped"):
+            watched.admit(MoveTo("stage", on_m, 0.01))
+
+
+@pytest.mark.parametrize("before", [MoveAt("stage", -0.01, 0.0), MoveTo("stage", 0.0, 0.01), Home("stage")])
 def test_after_a_stop_on_the_way_back_there_is_no_way_but_home(before):
     watched = stopped(MoveAt("stage", 0.01, 0.012), before)
     with pytest.raises(GuardRefusal, match="the trial was stopped"):
@@ -598,19 +610,24 @@ def test_the_way_back_is_that_of_what_moved_last_within_its_own_limits_and_jaws_
     assert for_s == pytest.approx(0.15)
 
 
-def test_it_goes_back_no_farther_than_where_approaches_begin_where_its_place_is_known():
-    watched = guard(**TIERS, travel_min_m=-0.02)
+@pytest.mark.parametrize(
+    ("seen_m", "travel_min_m", "end_m"),
+    [([0.01], -0.02, 0.0), ([-0.001], -0.02, -0.02), ([], -0.0005, 0.0)],
+)
+def test_it_goes_back_no_farther_than_where_approaches_begin_unless_it_was_seen_behind_that(
+    seen_m, travel_min_m, end_m
+):
+    watched = guard(**TIERS, travel_min_m=travel_min_m)
     watched.admit(MoveAt("stage", 0.01, 0.012))
-    watched.check(0.04, [CRUSHED, position([0.01])], moving=True)
-    assert watched.way_out()[0].limit_m == 0.0
-    watched = arm(**TIERS, travel_min_m=-0.02)
-    watched.admit(MoveAt("arm", 0.01, 0.012))
-    watched.check(0.04, [CRUSHED], moving=True)
-    assert watched.way_out()[0].limit_m == -0.02
+    watched.check(0.04, [CRUSHED, position(seen_m)], moving=True)
+    assert watched.way_out()[0].limit_m == end_m
 
 
 def test_where_no_way_back_is_known_there_is_none():
-    for before in ([], [MoveAt("stage", -0.01, 0.0)], [Twist("stage", (0.01, 0, 0, 0, 0, 0), 0.1)]):
+    forward = MoveAt("stage", 0.01, 0.012)
+    for last in (MoveAt("stage", -0.01, 0.0), Home("stage"), Lead("stage")):
+        assert crushed(forward, last).way_out() is None
+    for before in ([], [Twist("stage", (0.01, 0, 0, 0, 0, 0), 0.1)]):
         assert crushed(*before, reach_m=0.1).way_out() is None
 
 

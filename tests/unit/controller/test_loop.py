@@ -15,6 +15,7 @@ from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.rig import Rig
 from drivers.core.clock import VirtualClock
+from drivers.core.errors import DeviceError
 from drivers.core.messages import (
     DeviceInfo,
     Excite,
@@ -34,6 +35,7 @@ from drivers.core.messages import (
     StreamInfo,
     Tare,
 )
+from tests.refusals import refused
 
 RATE_HZ = 200.0
 TURN_S = 1.0 / RATE_HZ
@@ -1155,6 +1157,19 @@ def test_a_pause_from_before_the_trial_is_kept_until_a_request_comes(bench, rest
         assert bench.shown[:2] == [("PAUSED", 0.0), ("REST", 0.0)]
     assert restless == [loop_module.KEY_INTERVAL_S] * 3
     assert bench.behavior.outcome == outcome
+
+
+@pytest.mark.parametrize("kind", [Failed, Stalled])
+def test_a_pause_from_before_the_trial_takes_what_devices_send_and_ends_where_one_fails(
+    bench, restless, kind
+):
+    bench.requests = [("pause", 0.0)]
+    bench.board.report(Lost, "board.force", 3)
+    bench.board.report(kind, "unplugged")
+    with refused(DeviceError, "board: unplugged while waiting for the operator", "resume"):
+        bench.run()
+    assert bench.sent(MoveTo) == []
+    assert len(restless) == 1
 
 
 def test_a_baseline_that_is_refused_says_of_which_streams(bench):

@@ -1,5 +1,6 @@
 """A measure gets no number from a span that is not covered."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -69,6 +70,22 @@ def test_what_was_lost_before_the_first_sample_is_a_hole_however_short(noticed_s
         evidence(FORCE, (0.55, 2.0), events=[lost]).stream("board.force", 0.5, 1.5)
     before = Lost(0.45, "board", "board.force", 50)
     assert len(evidence(FORCE, (0.55, 2.0), events=[before]).stream("board.force", 0.5, 1.5))
+
+
+def test_what_is_no_number_is_missing_in_the_channels_that_are_used_and_nothing_in_a_signal():
+    sent = part(FORCE, 0.0, 2.0)
+    sent = replace(sent, values=np.ones((len(sent), 2)))
+    sent.values[1000, 1] = np.nan
+    found = evidence(FORCE)
+    found.recording.add(sent)
+    assert len(found.series("board.force", 0.5, 1.5)[1]) == 1001
+    assert len(found.series("board.force", 1.001, 1.5, channel=1)[1]) == 500
+    for use in (found.stream, lambda *span: found.series(*span, channel=1)):
+        with pytest.raises(MissingDataError, match=r"0.999 to 1.001"):
+            use("board.force", 0.5, 1.5)
+    made = evidence(FORCE, sources={"board.force": ("board.raw",)})
+    made.recording.add(sent)
+    assert len(made.stream("board.force", 0.5, 1.5)) == 1000
 
 
 @pytest.mark.parametrize(("gap_s", "borne"), [(0.016, True), (0.03, False)])
