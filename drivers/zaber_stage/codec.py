@@ -56,6 +56,9 @@ FLAGS = {
 UNHOMED = frozenset({"WH", "WR"})
 """Flags of a device that does not know where it is."""
 
+NOT_HOME = UNHOMED | {"NC", "NI"}
+"""Flags with which a way home that was begun without them did not end at home: a knob or another master took over."""
+
 REJECTIONS = {
     "BADCOMMAND": "it does not know this command",
     "BADDATA": "a number is out of range",

@@ -253,8 +253,8 @@ class ZaberStage(WireDriver[SerialLink]):
         position_m = self._mounting.position_m(counts)
         if self._stopping is not None:
             self._report(Standstill(t_s, self.name, position_m, command_id=self._stopping.id))
-        elif self._motion is not None and self._way is None and self._flag in codec.UNHOMED:
-            self._stall(t_s, f"{codec.meaning(self._flag)} after homing ({self._flag})")
+        elif self._motion is not None and self._way is None and self._flag in codec.NOT_HOME:
+            self._stall(t_s, f"it came to rest on its way home: {codec.meaning(self._flag)} ({self._flag})")
         elif self._motion is not None and self._way is not None and self._way.target != counts:
             aim_m = self._mounting.position_m(self._way.target)
             reason = f"it stopped at {position_m:.6f} m on the way to {aim_m:.6f} m ({self._flag})"

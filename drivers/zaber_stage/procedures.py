@@ -145,6 +145,8 @@ class Procedures:
         warnings = yield from _accepted("warnings clear")
         if not isinstance(command, MoveAt | MoveTo):
             yield from _accepted("home")
+            if warnings.busy:  # the motion that this replaced was interrupted, and not the way home
+                yield from _accepted("warnings clear")
             return None
         if codec.UNHOMED.intersection(warnings.data.split()):
             raise RejectedError(NOT_HOMED)

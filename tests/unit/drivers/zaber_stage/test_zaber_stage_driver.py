@@ -473,7 +473,43 @@ def test_a_stage_that_is_homed_and_still_does_not_know_where_it_is_stalls() -> N
     b.begin(Home("stage", id=6))
     b.wire.device._homing = False
     stalled = b.expect(Stalled)
-    assert (stalled.command_id, stalled.reason) == (6, f"{meaning('WR')} after homing (WR)")
+    assert (stalled.command_id, stalled.reason) == (
+        6,
+        f"it came to rest on its way home: {meaning('WR')} (WR)",
+    )
+
+
+@pytest.mark.parametrize("homed", [True, False], ids=["homed before", "not homed before"])
+@pytest.mark.parametrize("by", ["a knob", "another master"])
+def test_a_way_home_that_something_interrupted_did_not_reach_home(homed: bool, by: str) -> None:
+    """NI: a movement was requested while another one was going on, which did not complete (Zaber ASCII)."""
+    b = Bench(homed=homed)
+    b.wire.axis.place(b.clock.now(), 0.01)
+    b.begin(Home("stage", id=6))
+    b.turn_until(lambda: b.stage._motion is not None)
+    if by == "a knob":
+        b.inject("interrupt")
+    else:
+        b.wire.receive(b"/1 1 move vel 8389\n" if homed else b"/1 1 stop\n", b.clock.now())
+    stalled = b.expect(Stalled)
+    flag = "NI" if homed else "WR"
+    assert (stalled.command_id, stalled.reason) == (
+        6,
+        f"it came to rest on its way home: {meaning(flag)} ({flag})",
+    )
+    b.begin(Home("stage", id=7))
+    assert b.expect(Reached).command_id == 7, "it is asked anew, and what was before does not count"
+
+
+def test_a_stage_that_is_sent_home_from_a_motion_of_ours_reaches_home() -> None:
+    """The way home interrupts that motion, and the device flags it (NI)."""
+    b = Bench()
+    b.begin(MoveAt("stage", 0.005, 0.02))
+    b.turn_until(lambda: b.wire.axis.position(b.clock.now()) > 0.001)
+    b.begin(Home("stage", id=6))
+    reached = b.expect(Reached)
+    assert (reached.command_id, reached.position_m) == (6, 0.0)
+    assert b.statuses == []
 
 
 def test_a_place_that_is_no_number_is_a_failure() -> None:
