@@ -305,10 +305,13 @@ jobs_options = options(
 """Where the trials of a simulated campaign are run."""
 
 
-def rate_option(help_text: str) -> Callable[[Any], Any]:
-    """The sample rate of a file."""
-    rates_hz = Finite(min=RATE_HZ[0], max=RATE_HZ[1])
-    return click.option("--rate", "rate_hz", type=rates_hz, metavar="HZ", help=help_text)
+rate_option = click.option(
+    "--rate",
+    "rate_hz",
+    type=Finite(min=RATE_HZ[0], max=RATE_HZ[1]),
+    metavar="HZ",
+    help="Sample rate of a file without times, or in place of them.",
+)
 
 
 def interval_option(**more: Any) -> Callable[[Any], Any]:
@@ -336,7 +339,7 @@ recording_options = options(
         help="Columns of a file by name; channels of a WAV file or a run's stream, from 0; TOPIC:FIELD of an "
         "MCAP file. Once for each input of the detector, in its order.",
     ),
-    rate_option("Sample rate of a file without times, or in place of them."),
+    rate_option,
     click.option(
         "--baseline",
         callback=span,

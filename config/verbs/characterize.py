@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.option(
     "--trial", type=click.IntRange(min=1), metavar="N", help="Of a run folder; its first otherwise."
 )
-@verbs.rate_option("Sample rate of a file without times, or in place of them.")
+@verbs.rate_option
 @verbs.many(
     "--quiet",
     callback=verbs.all_spans,

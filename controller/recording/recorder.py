@@ -102,7 +102,7 @@ class Recorder:
         self._quantities = quantities or {}
         self._disk.post(self._streams, self._streams.begin_trial, trial, dict(factors), offset_s, limits)
         text = ", ".join(f"{name} {value}" for name, value in factors.items())
-        self._log(0.0, "trial", f"trial {trial} begins: {text}", "INFO")
+        self._log(0.0, f"trial {trial} begins: {text}")
         return self.trial
 
     def record(self, blocks: Iterable[SampleBlock]) -> None:
@@ -180,7 +180,7 @@ class Recorder:
         row = {**self.trial.factors, **measures, "trial": self.trial.trial, "outcome": outcome}
         line = self._rows.line(row)
         self._disk.post(self._rows, self._rows.add, line)
-        self._log(self._now_s, "trial", f"trial {self.trial.trial} ends: {outcome}", "INFO")
+        self._log(self._now_s, f"trial {self.trial.trial} ends: {outcome}")
         self._disk.post(self._streams, self._streams.end_trial, length_s, self._rows.cells(line))
         self._disk.flush(sync=False)
         self._raise_failure()
@@ -223,8 +223,8 @@ class Recorder:
         if self.failure is not None:
             raise self.failure
 
-    def _log(self, t_s: float, name: str, text: str, level: str) -> None:
-        self._disk.post(self._streams, self._streams.log, t_s, name, text, level)
+    def _log(self, t_s: float, text: str) -> None:
+        self._disk.post(self._streams, self._streams.log, t_s, "trial", text, "INFO")
 
     # --- on the thread ---------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact
+from controller.detectors.calibration import Statistic, courses_of
 from controller.detectors.contract import ALARMS, CLAUSES, check_contract, trace
 from controller.detectors.protocol import NOTHING
 from controller.registry import KINDS, find
@@ -142,6 +143,20 @@ def test_the_clauses_are_tried_with_an_alarm_and_readings(kind):
     # a load is told as it is: no number exceeds a threshold
     assert (ALARMS | {"LoadChanged"}) & {type(event).__name__ for event in events}
     assert len(readings) > 10
+
+
+STATED = sorted(kind for kind in KINDS["detector"] if isinstance(made(kind), Statistic))
+
+
+@pytest.mark.parametrize("kind", STATED)
+def test_a_statistic_is_what_push_holds_against_the_threshold(kind):
+    """A threshold is set by it."""
+    alarm = next(each for each in trace(made(kind), INPUTS[kind]())[0] if type(each).__name__ in ALARMS)
+    course = courses_of(made(kind), INPUTS[kind]())[0]
+    first = int(np.argmax(np.nan_to_num(course.statistic) > alarm.threshold))
+    assert course.times_s[first] == alarm.t_s
+    # of `resonance` it is as rare as in a long baseline
+    assert course.statistic[first] == alarm.value or kind == "resonance"
 
 
 class Peak:

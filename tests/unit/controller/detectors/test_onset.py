@@ -103,13 +103,3 @@ def test_a_dead_sensor_is_refused_lost_samples_are_no_onset_and_a_long_gap_learn
     assert heard(5.0 + noise(10_000, seed=2), seq=12_000, listener=listener) == []
     (ready,) = heard(noise(10_000, seed=3), seq=90_000, listener=listener)
     assert isinstance(ready, BaselineReady)
-
-
-def test_the_statistic_passes_the_threshold_where_the_detector_does():
-    x = noise(20_000)
-    x[12_000:12_100] += noise(100, seed=2) * 30.0
-    (event,) = onsets(x)
-    statistic = OnsetDetector("knock", OnsetSettings()).statistic(x[:, None], RATE_HZ)
-    first = int(np.argmax(np.nan_to_num(statistic) > 40.0))
-    assert first / RATE_HZ == pytest.approx(event.t_s)
-    assert statistic[first] == pytest.approx(event.value)

@@ -199,16 +199,6 @@ def test_after_a_long_gap_or_a_stream_begun_anew_quiet_is_learned_anew(lost):
     assert after[1].t_s > after[0].t_s + 0.9
 
 
-def test_statistic_is_what_push_holds_against_the_threshold():
-    x = slip_after_quiet()
-    settings = SlipSettings(threshold=20.0)
-    statistic = SlipDetector("slip", settings).statistic(x[:, None], 1000.0)
-    started = events_of(SlipDetector("slip", settings), block(x))[0]
-    first = int(np.argmax(statistic > 20.0))
-    assert started.t_s == pytest.approx(first / 1000.0)
-    assert started.value == statistic[first]
-
-
 @pytest.mark.parametrize("size", [1, 10, 997])
 def test_a_slip_at_reset_is_reported_once_however_blocks_are_cut(size):
     x = 0.1 * np.random.default_rng(2).standard_normal(6000)

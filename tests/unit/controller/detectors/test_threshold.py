@@ -103,16 +103,6 @@ def test_a_tared_sensor_that_reads_more_than_the_threshold_at_rest_is_in_contact
     assert kind is BaselineReady or "in contact" in event.reason
 
 
-def test_its_statistic_is_what_is_held_against_the_threshold():
-    x = step(offset=3.0)
-    whole = detector(threshold=0.3)
-    contact = next(event for event in whole.push(block(x)) if isinstance(event, Contact))
-    found = detector(threshold=0.3).statistic(x if x.ndim == 2 else x[:, None], 1000.0)
-    first = int(np.argmax(np.nan_to_num(found) > 0.3))
-    assert contact.t_s == pytest.approx(first / 1000.0)
-    assert contact.value == pytest.approx(found[first])
-
-
 @pytest.mark.parametrize(("touch_n", "kind"), [(0.0, BaselineReady), (0.3, BaselineRefused)])
 @pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
 def test_a_threshold_from_the_noise_refuses_a_contact_within_its_baseline(part, touch_n, kind):
