@@ -2,7 +2,9 @@
 
 from typing import Any
 
-from drivers.core.messages import Listen, SampleBlock, Status
+import numpy as np
+
+from drivers.core.messages import Command, Listen, SampleBlock, Status
 
 TURN_S = 0.005
 """Time between two turns, as of a loop at 200 Hz."""
@@ -13,7 +15,7 @@ class Crank:
 
     Args:
         device: Closed.
-        clock: Its clock.
+        clock: Its clock; None is the one that it keeps.
         opens: Whether it is opened now.
 
     Attributes:
@@ -22,10 +24,10 @@ class Crank:
 
     turn_s = TURN_S
 
-    def __init__(self, device: Any, clock: Any, opens: bool = True) -> None:
+    def __init__(self, device: Any, clock: Any = None, opens: bool = True) -> None:
         self.device = device
         self.devices = [device]
-        self.clock = clock
+        self.clock = device._clock if clock is None else clock
         if opens:
             self.info = device.open()
         self.blocks: list[SampleBlock] = []
@@ -42,8 +44,23 @@ class Crank:
     def listen(self, *streams: str) -> None:
         self.device.apply(Listen(self.device.name, frozenset(streams)))
 
+    def answers(self, command: Command, seconds: float = 1.0) -> list[Any]:
+        """Sends a command, turns the crank; the statuses meanwhile."""
+        self.statuses.clear()
+        self.device.apply(command)
+        self.turn(seconds)
+        return list(self.statuses)
+
     def blocks_of(self, stream: str) -> list[SampleBlock]:
         return [block for block in self.blocks if block.stream == stream and len(block)]
+
+    def values(self, stream: str) -> Any:
+        """All samples of a stream, in its unit, shape (n, channels)."""
+        return np.concatenate([block.physical for block in self.blocks_of(stream)])
+
+    def times(self, stream: str) -> Any:
+        """The time of each, shape (n,)."""
+        return np.concatenate([block.times for block in self.blocks_of(stream)])
 
     def of(self, kind: type[Status]) -> list[Any]:
         return [status for status in self.statuses if isinstance(status, kind)]

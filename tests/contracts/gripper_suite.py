@@ -233,11 +233,10 @@ class GripperContract:
         bench.until(Gripped)
         bench.turn(0.1)
         for stream, value in expected.items():
-            blocks = [block for block in bench.blocks if block.stream == stream]
-            times_s = np.concatenate([block.times for block in blocks])
+            times_s = bench.times(stream)
             assert len(times_s) > 20
             assert (np.diff(times_s) > 0.0).all()
-            assert blocks[-1].physical[-1, 0] == pytest.approx(value, rel=0.01)
+            assert bench.values(stream)[-1, 0] == pytest.approx(value, rel=0.01)
         bench.device.apply(Listen("gripper", frozenset()))
         bench.turn(0.05)
         bench.blocks.clear()

@@ -54,8 +54,7 @@ def sensor(*faults: Fault) -> MockForceSensor:
 
 @pytest.fixture
 def bench() -> Crank:
-    device = sensor()
-    return Crank(device, device._clock)
+    return Crank(sensor())
 
 
 def test_a_new_serial_sensor_with_far_end_and_mock_costs_less_than_130_lines_of_its_own() -> None:
@@ -122,16 +121,14 @@ def test_samples_are_numbered_dated_and_scaled(bench: Crank) -> None:
 
 
 def test_lost_samples_are_reported() -> None:
-    device = sensor(Fault(device="scale", kind="lose", at_s=1.0, for_s=0.1))
-    bench = Crank(device, device._clock)
+    bench = Crank(sensor(Fault(device="scale", kind="lose", at_s=1.0, for_s=0.1)))
     bench.listen(FORCE)
     bench.turn(2.0)
     assert sum(lost.samples for lost in bench.of(Lost)) == pytest.approx(10, abs=1)
 
 
 def test_one_that_falls_silent_fails_once() -> None:
-    device = sensor(Fault(device="scale", kind="silent", at_s=1.0))
-    bench = Crank(device, device._clock)
+    bench = Crank(sensor(Fault(device="scale", kind="silent", at_s=1.0)))
     bench.listen(FORCE)
     bench.turn(3.0)
     (failed,) = bench.of(Failed)

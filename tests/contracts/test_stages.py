@@ -31,15 +31,8 @@ class StageBench(Crank):
     """A stage called `stage`, and where it really is."""
 
     def __init__(self, device: Any, axis: StageAxis) -> None:
-        super().__init__(device, device._clock)
+        super().__init__(device)
         self.axis = axis
-
-    def apply(self, command: Command, seconds: float = 0.0) -> list[Status]:
-        """Send a command, turn the crank; the statuses meanwhile."""
-        self.statuses.clear()
-        self.device.apply(command)
-        self.turn(seconds)
-        return list(self.statuses)
 
     @property
     def position_m(self) -> float:
@@ -74,7 +67,7 @@ def bench(request: pytest.FixtureRequest) -> StageBench:
 
 @pytest.fixture
 def homed(bench: StageBench) -> StageBench:
-    assert isinstance(bench.apply(Home("stage"), 1.0)[-1], Reached)
+    assert isinstance(bench.answers(Home("stage"), 1.0)[-1], Reached)
     return bench
 
 
@@ -83,8 +76,8 @@ def test_the_simulated_stage_says_for_how_long_it_may_be_left_alone_until_it_has
     stage = bench.device
     assert isinstance(stage, MockZaberStage)
     assert stage.alone_s == math.inf
-    bench.apply(Home("stage"), 1.0)
-    bench.apply(MoveTo("stage", 0.005, 0.01), 0.1)
+    bench.answers(Home("stage"), 1.0)
+    bench.answers(MoveTo("stage", 0.005, 0.01), 0.1)
     ends_s = bench.clock.now() + stage.alone_s
     bench.turn(1.0)
     assert [status.t_s for status in bench.statuses if isinstance(status, Reached)] == [pytest.approx(ends_s)]
@@ -93,10 +86,10 @@ def test_the_simulated_stage_says_for_how_long_it_may_be_left_alone_until_it_has
 
 @pytest.mark.parametrize("command", [MoveTo("stage", 0.005, 0.01, id=3), MoveAt("stage", 0.01, 0.005, id=3)])
 def test_no_motion_before_home(bench: StageBench, command: Command) -> None:
-    statuses = bench.apply(command, 1.0)
+    statuses = bench.answers(command, 1.0)
     assert [type(status) for status in statuses] == [Refused]
     assert statuses[0].command_id == 3
-    assert "it does not know where it is; send Home first" in statuses[0].reason  # type: ignore[attr-defined]
+    assert "it does not know where it is; send Home first" in statuses[0].reason
     assert bench.position_m == 0.0
 
 
@@ -104,7 +97,7 @@ def test_home_once_is_enough(homed: StageBench) -> None:
     homed.clock.restart()
     homed.axis.place(0.0, 0.0)
     getattr(homed.device, "restart", lambda: None)()
-    statuses = homed.apply(MoveTo("stage", 0.001, 0.01, id=3), 1.0)
+    statuses = homed.answers(MoveTo("stage", 0.001, 0.01, id=3), 1.0)
     assert [type(status) for status in statuses] == [Sent, Reached]
 
 
@@ -118,22 +111,22 @@ def test_home_once_is_enough(homed: StageBench) -> None:
 def test_too_great_a_speed_is_clamped_and_that_is_reported(
     homed: StageBench, command: Command, clamped: Command
 ) -> None:
-    (sent,) = homed.apply(command, 0.4)
+    (sent,) = homed.answers(command, 0.4)
     assert sent == Sent(sent.t_s, "stage", clamped)
     assert homed.speed_m_s == pytest.approx(0.025, rel=1e-3)
 
 
 def test_an_approach_from_beyond_its_limit_is_refused(homed: StageBench) -> None:
-    homed.apply(MoveTo("stage", 0.008, 0.02), 2.0)
+    homed.answers(MoveTo("stage", 0.008, 0.02), 2.0)
     for command in (MoveAt("stage", 0.01, 0.007), MoveAt("stage", -0.01, 0.009)):
-        (status,) = homed.apply(command, 0.5)
+        (status,) = homed.answers(command, 0.5)
         assert isinstance(status, Refused)
         assert status.reason == "it is beyond the limit already, at 0.008000 m"
     assert homed.position_m == pytest.approx(0.008, abs=MICROSTEP_M)
 
 
 def test_a_speed_that_the_blind_travel_does_not_bear_is_refused(homed: StageBench) -> None:
-    (status,) = homed.apply(MoveAt("stage", 0.02, 0.01, blind_travel_m=0.001), 0.5)
+    (status,) = homed.answers(MoveAt("stage", 0.02, 0.01, blind_travel_m=0.001), 0.5)
     assert isinstance(status, Refused)
     assert "limits.blind_travel_m is 0.001" in status.reason
     assert homed.position_m == 0.0
@@ -143,7 +136,7 @@ def test_a_speed_that_the_blind_travel_does_not_bear_is_refused(homed: StageBenc
 def test_a_stage_that_is_looked_at_moves_as_evenly_as_in_one_piece(
     homed: StageBench, command: Command
 ) -> None:
-    homed.apply(command, 0.2)
+    homed.answers(command, 0.2)
     while homed.position_m < 0.0115:
         assert homed.speed_m_s == pytest.approx(0.012, rel=1e-3)
         homed.turn(0.02)
@@ -157,8 +150,8 @@ def test_an_unsupervised_stage_halts_within_its_blind_travel_and_goes_on_when_se
     homed: StageBench, blind_m: float, towards: int
 ) -> None:
     from_m, to_m = (0.0, 0.02) if towards > 0 else (0.02, 0.0)
-    homed.apply(MoveTo("stage", from_m, 0.02), 3.0)
-    homed.apply(MoveAt("stage", towards * 0.012, to_m, blind_travel_m=blind_m), 0.3)
+    homed.answers(MoveTo("stage", from_m, 0.02), 3.0)
+    homed.answers(MoveAt("stage", towards * 0.012, to_m, blind_travel_m=blind_m), 0.3)
     seen_m = homed.position_m
     homed.clock.wait_until(homed.clock.now() + 5.0)
     homed.device.read()
@@ -204,7 +197,7 @@ def compared(statuses: list[Status]) -> list[tuple[Any, ...]]:
 def test_both_answer_any_commands_the_same_way(steps: list[tuple[Command, float]]) -> None:
     one, other = simulated(), emulated()
     for number, (command, seconds) in enumerate([(Home("stage"), 1.0), *steps], start=1):
-        statuses = [bench.apply(replace(command, id=number), seconds) for bench in (one, other)]
+        statuses = [bench.answers(replace(command, id=number), seconds) for bench in (one, other)]
         assert compared(statuses[0]) == compared(statuses[1])
         assert one.position_m == pytest.approx(other.position_m, abs=LAG_M)
         ends = [[s.position_m for s in side if isinstance(s, Reached)] for side in statuses]

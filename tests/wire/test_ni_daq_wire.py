@@ -134,10 +134,10 @@ def test_inputs_and_counters_come_by_name_number_and_the_device_s_clock(served: 
     ramp = numbers / (1000.0 * (1.0 + DRIFT_PPM * 1e-6))
     assert ramp[-1] > 0.43, "the counter of events, 1e10 a second, has been beyond its 32 bits"
     for stream, channels, step in ((FORCE, 1, 1e-9), (AXES, 2, 1e-9), (TRAVEL, 1, 0.6e-3), (EVENTS, 1, 1e-9)):
-        values = np.concatenate([block.physical for block in bench.blocks_of(stream)])
+        values = bench.values(stream)
         assert values.shape == (len(ramp), channels)
         assert values == pytest.approx(np.tile(ramp[:, None], channels), abs=step), stream
-    times_s = np.concatenate([block.times for block in force])
+    times_s = bench.times(FORCE)
     assert (np.diff(times_s) > 0.0).all(), (
         "while its clock is being learnt, times are squeezed, never in disorder"
     )
@@ -162,7 +162,7 @@ def test_a_tare_takes_the_latest_samples_for_zero(served: Served) -> None:
     bench.device.apply(Tare("daq", FORCE))
     bench.until(Sent)
     zero_n = -2.0 * (bench.device.account()["zeros"][FORCE][0] - 0.5)
-    latest = np.concatenate([block.physical[:, 0] for block in bench.blocks_of(FORCE)])
+    latest = bench.values(FORCE)[:, 0]
     assert zero_n in [pytest.approx(latest[end - 50 : end].mean()) for end in range(50, len(latest) + 1)]
     with refused(CommandError, "daq: ", "Stop", "Excite, Tone, Listen and Tare"):
         bench.device.apply(Stop("daq"))

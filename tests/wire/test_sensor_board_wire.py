@@ -38,10 +38,8 @@ class Bench(Wired, Crank):
 
     def lateness_s(self, stream: str) -> Any:
         """How much too late samples are dated in the middle: each holds the time at which it was taken."""
-        blocks = self.blocks_of(stream)
-        true_s = np.concatenate([block.physical[:, 0] for block in blocks])
-        origin_s = self.clock.from_monotonic(self.source.begin_s)
-        return np.median(np.abs(np.concatenate([block.times for block in blocks]) - (true_s + origin_s)))
+        true_s = self.values(stream)[:, 0] + self.clock.from_monotonic(self.source.begin_s)
+        return np.median(np.abs(self.times(stream) - true_s))
 
 
 def test_streams_come_whole_dated_by_the_board_and_a_closed_driver_leaves_nothing_on(serve: Serve) -> None:

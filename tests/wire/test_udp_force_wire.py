@@ -38,7 +38,7 @@ def test_a_push_on_the_tool_is_read_through_a_wrap_of_its_clock(serve: Serve) ->
     crank.listen("ft.force", "ft.normal")
     crank.turn(6.0)
     assert not crank.of(Lost)
-    times_s = np.concatenate([block.times for block in crank.blocks_of("ft.normal")])
+    times_s = crank.times("ft.normal")
     assert len(times_s) == pytest.approx(6000, rel=0.02)
     # in the first second the line under the arrivals settles
     assert np.diff(times_s)[1100:] == pytest.approx(1e-3, abs=2e-4)

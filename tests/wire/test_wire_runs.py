@@ -132,8 +132,7 @@ def test_the_arm_feels_what_the_load_cell_feels(bench):
     for name, stream in (("arm", "arm.force"), ("board", "board.load_cell")):
         bench.apply(Listen(name, frozenset({stream})))
     bench.turn(1.0)
-    felt = np.concatenate([block.values for block in bench.blocks_of("arm.force")]).mean(axis=0)
-    pressed_n = np.concatenate([block.physical for block in bench.blocks_of("board.load_cell")]).mean()
+    felt, pressed_n = bench.values("arm.force").mean(axis=0), bench.values("board.load_cell").mean()
     assert pressed_n > 0.15, "7 mm into the finger"
     # Five standard errors of 500 samples of 0.5 N. The tool moves downwards, and the finger presses it upwards.
     assert felt[:3] == pytest.approx([0.0, 0.0, pressed_n], abs=0.12)

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import RefusedError
-from drivers.core.messages import Answered, Ask, Command, Listen, Loaded, LoadWeight, Refused, Sent, Status
+from drivers.core.messages import Answered, Ask, Listen, Loaded, LoadWeight, Refused, Sent, Status
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.devices.operator import EmulatedPerson, HandSettings
 from simulator.mocks.operator import MockPerson, MockPersonSettings
@@ -37,19 +37,12 @@ def opened(*faults: Fault, tip: Fingertip | None = None, **settings: Any) -> tup
     bench: Any = tip or Fingertip()
     values = MockPersonSettings(**{"weight_error": 0.0, **settings})
     device = MockPerson("operator", values, VirtualClock(), bench, FaultSchedule(faults))
-    return Crank(device, device._clock), bench
-
-
-def statuses_after(person: Crank, command: Command, seconds: float = 1.0) -> list[Status]:
-    person.statuses.clear()
-    person.device.apply(command)
-    person.turn(seconds)
-    return list(person.statuses)
+    return Crank(device), bench
 
 
 def test_a_request_is_sent_and_answered_under_its_number() -> None:
     person, _ = opened()
-    sent, answered = statuses_after(person, Ask("operator", "wipe the tip", id=3))
+    sent, answered = person.answers(Ask("operator", "wipe the tip", id=3))
     assert (type(sent), sent.command_id) == (Sent, 3)
     assert (type(answered), answered.command_id) == (Answered, 3)
     assert answered.t_s - sent.t_s == pytest.approx(0.4, abs=0.005)
@@ -75,7 +68,7 @@ def test_a_weight_hangs_alone_and_is_reported_and_sampled() -> None:
         (LoadWeight("operator", "x", 2.0, id=4), {"x": 2.0, "y": 0.0, "t": 0.0}),
         (LoadWeight("operator", "t", 1.5, id=5), {"x": 0.0, "y": 0.0, "t": 1.5}),
     ):
-        sent, loaded = statuses_after(person, command)
+        sent, loaded = person.answers(command)
         assert (type(sent), type(loaded), loaded.command_id) == (Sent, Loaded, command.id)
         assert tip.hangs == hangs
     assert [block.values.tolist() for block in person.blocks] == [[[2.0, 0.0, 0.0]], [[0.0, 0.0, 1.5]]]
@@ -86,7 +79,7 @@ def test_a_newer_request_takes_an_older_one_s_place() -> None:
     person, tip = opened()
     person.device.apply(LoadWeight("operator", "x", 2.0, id=1))
     person.turn(0.2)
-    answers = statuses_after(person, Ask("operator", "wait", id=2))
+    answers = person.answers(Ask("operator", "wait", id=2))
     assert [(type(one), one.command_id) for one in answers][-1] == (Answered, 2)
     assert not [one for one in answers if isinstance(one, Loaded)]
     assert tip.hangs == {}
@@ -94,7 +87,7 @@ def test_a_newer_request_takes_an_older_one_s_place() -> None:
 
 def test_what_the_tip_does_not_bear_is_refused_with_the_reason() -> None:
     person, _ = opened()
-    refused = statuses_after(person, LoadWeight("operator", "y", 1.0, id=7))[-1]
+    refused = person.answers(LoadWeight("operator", "y", 1.0, id=7))[-1]
     assert isinstance(refused, Refused)
     assert (refused.command_id, refused.reason) == (7, "there is no bridge y; take another sensor")
 
@@ -105,7 +98,7 @@ def test_what_the_tip_does_not_bear_is_refused_with_the_reason() -> None:
 def test_a_person_who_refuses_or_does_not_answer(kind: Any, kinds: list[type[Status]]) -> None:
     person, _ = opened(Fault(device="operator", kind=kind, at_s=0.05))
     person.turn(0.1)
-    assert [type(one) for one in statuses_after(person, Ask("operator", "wipe the tip"))] == kinds
+    assert [type(one) for one in person.answers(Ask("operator", "wipe the tip"))] == kinds
 
 
 def test_what_was_asked_for_in_one_trial_is_not_done_in_the_next() -> None:

@@ -66,16 +66,7 @@ def driver(board: Any, **given: Any) -> SerialLines:
 
 
 def opened(board: Any, **given: Any) -> Crank:
-    device = driver(board, **given)
-    return Crank(device, device._clock)
-
-
-def values(crank: Crank, stream: str = FORCE) -> Any:
-    return np.concatenate([block.physical for block in crank.blocks_of(stream)])
-
-
-def times(crank: Crank, stream: str = FORCE) -> Any:
-    return np.concatenate([block.times for block in crank.blocks_of(stream)])
+    return Crank(driver(board, **given))
 
 
 def test_scale_offset_unit_and_rate_are_the_profiles_and_micros_may_wrap() -> None:
@@ -89,11 +80,11 @@ def test_scale_offset_unit_and_rate_are_the_profiles_and_micros_may_wrap() -> No
     crank.listen(FORCE)
     crank.turn(2.0)
     assert len(crank.of(Sent)) == 1
-    found = values(crank)[:, 0]
+    found = crank.values(FORCE)[:, 0]
     assert len(found) == 200
     assert np.diff(found) == pytest.approx(0.5)
     # at tick k it is k / 100 s, and half a newton for each tick
-    assert times(crank) == pytest.approx(found / 0.5 / 100.0, abs=1e-6)
+    assert crank.times(FORCE) == pytest.approx(found / 0.5 / 100.0, abs=1e-6)
     for before, after in pairwise(crank.blocks):
         assert after.seq == before.seq + len(before)
     assert not crank.of(Lost)
@@ -104,7 +95,7 @@ def test_a_sensor_that_is_mounted_the_other_way_round_has_a_negative_scale() -> 
     crank.listen(FORCE)
     crank.turn(0.1)
     assert crank.info.streams[FORCE].scale == 0.5
-    assert (values(crank) < -50.0).all()
+    assert (crank.values(FORCE) < -50.0).all()
 
 
 def test_streams_take_their_columns_of_the_same_line() -> None:
@@ -117,9 +108,9 @@ def test_streams_take_their_columns_of_the_same_line() -> None:
     assert crank.info.streams["uno.one"].channels == ("left",)
     crank.listen("uno.both", "uno.one")
     crank.turn(0.1)
-    assert (values(crank, "uno.both")[:, 0] == 7.0).all()
-    assert (values(crank, "uno.one")[:, 0] == 7.0).all()
-    assert times(crank, "uno.both").tolist() == times(crank, "uno.one").tolist()
+    assert (crank.values("uno.both")[:, 0] == 7.0).all()
+    assert (crank.values("uno.one")[:, 0] == 7.0).all()
+    assert crank.times("uno.both").tolist() == crank.times("uno.one").tolist()
     crank.listen("uno.one")
     crank.blocks.clear()
     crank.turn(0.1)
@@ -203,9 +194,9 @@ def test_lines_that_make_no_sense_are_counted_and_lost_and_the_rest_goes_on(garb
     crank.turn(1.0)
     assert 1 <= sum(lost.samples for lost in crank.of(Lost)) <= 2  # a half line spoils the next one
     assert not crank.of(Failed)
-    found = values(crank)[:, 0]
+    found = crank.values(FORCE)[:, 0]
     assert (np.diff(found) > 0).all()
-    assert times(crank) == pytest.approx(found / 0.5 / 100.0, abs=1e-6)
+    assert crank.times(FORCE) == pytest.approx(found / 0.5 / 100.0, abs=1e-6)
 
 
 def test_a_board_that_restarts_begins_a_new_segment() -> None:
@@ -216,7 +207,7 @@ def test_a_board_that_restarts_begins_a_new_segment() -> None:
     crank.listen(FORCE)
     crank.turn(2.0)
     assert [lost.samples for lost in crank.of(Lost)] == [0], "how many is unknown"
-    assert np.diff(times(crank)) == pytest.approx(0.01, abs=2e-3)
+    assert np.diff(crank.times(FORCE)) == pytest.approx(0.01, abs=2e-3)
 
 
 @pytest.mark.parametrize("modulus", [256, 65536, 2**32, 100])
@@ -242,8 +233,8 @@ def test_a_counter_alone_dates_and_counts() -> None:
     crank.listen(FORCE)
     crank.turn(5.0)
     assert [lost.samples for lost in crank.of(Lost)] == [1]
-    ticks = values(crank)[:, 0] / 0.5 + 100
-    assert times(crank) == pytest.approx(ticks / 100.0, abs=1e-6)
+    ticks = crank.values(FORCE)[:, 0] / 0.5 + 100
+    assert crank.times(FORCE) == pytest.approx(ticks / 100.0, abs=1e-6)
 
 
 def test_without_a_rate_each_sample_has_its_own_time_by_the_board() -> None:
@@ -256,10 +247,10 @@ def test_without_a_rate_each_sample_has_its_own_time_by_the_board() -> None:
     assert crank.info.streams[FORCE].longest_s == 0.5, "silence is a hole all the same"
     crank.listen(FORCE)
     crank.turn(2.0)
-    ticks = values(crank)[:, 0] / 0.5 + 100
+    ticks = crank.values(FORCE)[:, 0] / 0.5 + 100
     irregular_s = (10_000 * ticks + 700 * (ticks % 3)) * 1e-6
     # the line under the arrivals settles within the first samples
-    assert np.diff(times(crank))[10:] == pytest.approx(np.diff(irregular_s)[10:], abs=5e-5)
+    assert np.diff(crank.times(FORCE))[10:] == pytest.approx(np.diff(irregular_s)[10:], abs=5e-5)
     assert [lost.samples for lost in crank.of(Lost)] == [1]
 
 
@@ -268,8 +259,8 @@ def test_without_time_or_counter_samples_are_dated_by_arrival_and_lost_where_a_l
     assert crank.info.clock == "arrivals"
     crank.listen(FORCE)
     crank.turn(2.0)
-    ticks = values(crank)[:, 0] / 0.5 + 100
-    assert times(crank) == pytest.approx(ticks / 100.0, abs=1e-6)
+    ticks = crank.values(FORCE)[:, 0] / 0.5 + 100
+    assert crank.times(FORCE) == pytest.approx(ticks / 100.0, abs=1e-6)
     assert [lost.samples for lost in crank.of(Lost)] == [1]
 
 
@@ -284,14 +275,14 @@ def test_lines_that_arrive_at_once_have_times_that_rise() -> None:
     crank = opened(Board(lambda tick: b"%d\n%d\n" % (2 * tick, 2 * tick + 1)), **ARRIVALS)
     crank.listen(FORCE)
     crank.turn(1.0)
-    assert (np.diff(times(crank)) > 0.0).all()
+    assert (np.diff(crank.times(FORCE)) > 0.0).all()
 
 
 def test_a_value_that_is_none_arrives_as_such() -> None:
     crank = opened(Board(lambda tick: b"%d,nan\n" % (10_000 * tick) if tick == 80 else timed_from_zero(tick)))
     crank.listen(FORCE)
     crank.turn(1.0)
-    assert np.isnan(values(crank)).sum() == 1
+    assert np.isnan(crank.values(FORCE)).sum() == 1
     assert not crank.of(Lost)
 
 
@@ -306,11 +297,11 @@ def test_tare_takes_the_mean_of_its_latest_samples_as_zero() -> None:
     assert [refusal.reason for refusal in crank.of(Refused)] == ["no samples of it yet; listen to it first"]
     crank.listen(FORCE)
     crank.turn(1.0)
-    assert values(crank).mean() == pytest.approx(100.25)
+    assert crank.values(FORCE).mean() == pytest.approx(100.25)
     crank.device.apply(Tare("uno", FORCE))
     crank.blocks.clear()
     crank.turn(1.0)
-    assert values(crank).mean() == pytest.approx(0.0, abs=1e-9)
+    assert crank.values(FORCE).mean() == pytest.approx(0.0, abs=1e-9)
     assert crank.device.account()["offsets"] == {FORCE: [300.5]}
 
 
@@ -349,7 +340,7 @@ def test_frames_of_a_bota_sensor_are_read_from_the_middle_of_one_on_and_what_it_
     assert crank.info.model == "Bota Systems, serial"
     crank.listen(FORCE)
     crank.turn(1.0)
-    found = values(crank)[:, 0]
+    found = crank.values(FORCE)[:, 0]
     (none,) = np.flatnonzero(np.isnan(found))
     assert found[none + 1] == 81.0
     assert set(np.diff(found[none + 1 :])) == {1.0}

@@ -77,12 +77,7 @@ def driver(box: Box, **given: Any) -> UdpForce:
 
 
 def opened(box: Box, **given: Any) -> Crank:
-    device = driver(box, **given)
-    return Crank(device, device._clock)
-
-
-def values(crank: Crank, stream: str) -> Any:
-    return np.concatenate([block.physical for block in crank.blocks_of(stream)])
+    return Crank(driver(box, **given))
 
 
 def test_forces_torques_and_the_normal_are_scaled_numbered_and_dated_through_a_wrap() -> None:
@@ -97,9 +92,9 @@ def test_forces_torques_and_the_normal_are_scaled_numbered_and_dated_through_a_w
     crank.turn(1.0)
     assert box.requests == [("stop", 0), ("start", 1), ("start", 0)]
     k = np.arange(1, 1001)[:, None]
-    np.testing.assert_allclose(values(crank, "ft.force"), k * [1.0, 2.0, 3.0] / 1000.0)
-    np.testing.assert_allclose(values(crank, "ft.torque"), k * [4.0, 5.0, 6.0] / 500.0)
-    np.testing.assert_allclose(values(crank, "ft.normal"), -k * 3.0 / 1000.0)
+    np.testing.assert_allclose(crank.values("ft.force"), k * [1.0, 2.0, 3.0] / 1000.0)
+    np.testing.assert_allclose(crank.values("ft.torque"), k * [4.0, 5.0, 6.0] / 500.0)
+    np.testing.assert_allclose(crank.values("ft.normal"), -k * 3.0 / 1000.0)
     for before, after in pairwise(crank.blocks_of("ft.force")):
         assert after.seq == before.seq + len(before)
         assert after.t0_s == pytest.approx(before.last_s + 1e-3)
