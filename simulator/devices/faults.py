@@ -197,9 +197,9 @@ class FaultSchedule:
                 return fault
         return None
 
-    def active(self, t_s: float, kind: Kind) -> bool:
-        """Whether a fault of this kind is on at `t_s`."""
-        return bool(self._faults) and self.on(t_s, kind) is not None
+    def active(self, t_s: float, *kinds: Kind) -> bool:
+        """Whether a fault of one of these kinds is on at `t_s`; where several are, the first kind has been shown."""
+        return bool(self._faults) and any(self.on(t_s, kind) is not None for kind in kinds)
 
     def begun(self, t_s: float, kind: Kind) -> Fault | None:
         """A fault of this kind that has begun by `t_s`; each is returned once, one that comes again each time."""
@@ -444,7 +444,7 @@ def corrupted(faults: FaultSchedule, out: bytes, t_s: float, whole: bool = False
     """What arrives of the bytes that a device has sent at `t_s`; datagrams come `whole` or not at all."""
     if not out:
         return out
-    if faults.active(t_s, "silent") or faults.active(t_s, "lose"):
+    if faults.active(t_s, "silent", "lose"):
         return b""
     if faults.active(t_s, "corrupt"):
         if whole:

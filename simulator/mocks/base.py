@@ -167,7 +167,7 @@ class MockDriver(Driver):
 
     def _gone(self, now_s: float) -> bool:
         """Whether nothing passes its link."""
-        return self._faults.active(now_s, "silent") or self._faults.active(now_s, "unplug")
+        return self._faults.active(now_s, "silent", "unplug")
 
     def _unheard_of(self, stream: str, samples: int) -> None:
         """Samples that did not pass its link: their numbers are missing in what is heard next. One that was unplugged
@@ -183,7 +183,7 @@ class MockDriver(Driver):
 
     def _garbled(self, now_s: float) -> bool:
         """Whether nothing that it sends arrives whole."""
-        return self._faults.active(now_s, "lose") or self._faults.active(now_s, "corrupt")
+        return self._faults.active(now_s, "lose", "corrupt")
 
     def _passed(self, blocks: Sequence[SampleBlock], now_s: float) -> Sequence[SampleBlock]:
         """What of some blocks passes its link whole; what does not is lost."""

@@ -44,7 +44,7 @@ class DaqMemory(MemoryLine):
             first, values = self._device.next, self._device.take(due_s)
             if self.faults.active(t_s, "full_scale"):
                 values[:] = self._settings.range_v
-            if not any(self.faults.active(t_s, kind) for kind in ("silent", "lose", "corrupt")):
+            if not self.faults.active(t_s, "silent", "lose", "corrupt"):
                 blocks.append(DaqBlock(first, values, self._clock.monotonic_s() - (t_s - due_s)))
         return blocks
 

@@ -87,10 +87,6 @@ class FarEnd:
         """Disconnect; may be called twice."""
         raise NotImplementedError
 
-    def _lossy(self, trial_s: float) -> bool:
-        """Whether what is streamed is lost: by TCP bytes come whole or not at all, corrupt ones not."""
-        return self._faults.active(trial_s, "lose") or self._faults.active(trial_s, "corrupt")
-
 
 class Line(FarEnd):
     """A pty with an emulated device at its far end."""
@@ -182,9 +178,9 @@ class Network(FarEnd):
     def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         """See `FarEnd.exchange`."""
         self._fail(trial_s)
-        silent = self._faults.active(trial_s, "silent")
-        self._server.deaf = silent
-        self._server.streams = not (silent or self._lossy(trial_s))
+        self._server.deaf = silent = self._faults.active(trial_s, "silent")
+        # by TCP bytes come whole or not at all, corrupt ones not
+        self._server.streams = not (silent or self._faults.active(trial_s, "lose", "corrupt"))
         self._server.turn(now_s=t_s)
         return self._server.served
 
@@ -254,7 +250,7 @@ class UdpLine(FarEnd):
                 data, self._host = self._socket.recvfrom(READ_BYTES)
                 out = self._device.receive(data, t_s)
         out += self._device.step(t_s)
-        if self._faults.active(trial_s, "silent") or self._lossy(trial_s):
+        if self._faults.active(trial_s, "silent", "lose", "corrupt"):
             out = b""
         size = self._device.datagram
         for start in range(0, len(out), size):
@@ -302,7 +298,7 @@ class TcpLine(FarEnd):
         if self._listener in ready:
             self._clients.accept(self._listener)
         silent = self._faults.active(trial_s, "silent")
-        self._device.lossy = self._lossy(trial_s) or any(
+        self._device.lossy = self._faults.active(trial_s, "lose", "corrupt") or any(
             len(rest) > WAITING_BYTES for rest in self._clients.unsent.values()
         )
         out += self._device.step(t_s)

@@ -38,8 +38,8 @@ class Asked(FaultSchedule):
 
     kinds: set[str]
 
-    def active(self, t_s: float, kind: Kind) -> bool:
-        self.kinds.add(kind)
+    def active(self, t_s: float, *kinds: Kind) -> bool:
+        self.kinds |= set(kinds)
         return False
 
     def on(self, t_s: float, *kinds: Kind) -> None:
