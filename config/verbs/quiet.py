@@ -150,9 +150,10 @@ def drive_of(profile: Profile) -> Command | None:
 
 def _write(target: Path, profile: Profile, found: Sequence[Proposal], named: Sequence[str]) -> None:
     """Write the thresholds that are not set, stand in the file itself, or were asked for by name."""
-    from config.source import with_setting
+    from config.source import ProfileError, with_setting
+    from controller.recording.run_folder import replace_file
 
-    text, source = target.read_text(encoding="utf-8"), profile.source
+    text, source, written = target.read_text(encoding="utf-8"), profile.source, []
     for proposal in found:
         path = ("detectors", proposal.detector, KEY)
         settings = profile.detectors[proposal.detector].settings
@@ -168,8 +169,14 @@ def _write(target: Path, profile: Profile, found: Sequence[Proposal], named: Seq
             continue
         value = float(f"{proposal.found.threshold:.4g}")
         text = with_setting(text, path, value, f"quiet, {date.today()}: {proposal.evidence}")
-        verbs.say(f"{target}: [detectors.{proposal.detector}] {KEY} = {value:g}")
-    target.write_text(text, encoding="utf-8")
+        written.append(f"{target}: [detectors.{proposal.detector}] {KEY} = {value:g}")
+    try:
+        replace_file(target, text.encode())
+    except OSError as error:
+        reason = f"{target}: {error.strerror or error}; it is as it was"
+        raise ProfileError(f"{reason}: make room, or write access to its folder, or --dry-run") from None
+    for line in written:
+        verbs.say(line)
 
 
 VERBS = (quiet,)

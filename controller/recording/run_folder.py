@@ -8,6 +8,7 @@ import json
 import math
 import os
 import secrets
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -236,13 +237,16 @@ class RunFolder:
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Replace a file whole or not at all; may raise `OSError`."""
+    """Replace a file whole or not at all; its mode stays, and so does a link to it. May raise `OSError`."""
+    path = path.resolve()
     temporary = path.with_suffix(path.suffix + ".tmp")
     try:
         with temporary.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
+        with suppress(FileNotFoundError):  # it is a new one
+            shutil.copymode(path, temporary)
         temporary.replace(path)
     finally:
         with suppress(OSError):

@@ -1,5 +1,7 @@
 """Thresholds from a minute at rest on the bench, written into the lab's own profile."""
 
+import errno
+import stat
 import tomllib
 from datetime import date
 
@@ -74,6 +76,29 @@ def test_a_dry_run_shows_and_writes_nothing(verb, lab):
     assert "touch_fingertip: threshold = 0.0" in out
     assert "expected" in out
     assert lab.read_text() == LAB
+
+
+def test_a_disk_that_is_full_leaves_the_profile_as_it_was(verb, lab, monkeypatch):
+    def full(self, *_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("controller.recording.run_folder.os.fsync", full)
+    code, out, err = verb("quiet", lab, "--seconds", "12")
+    assert code == 2
+    check_refusal(err, str(lab), "No space left on device", "it is as it was")
+    assert f"{lab}: [detectors" not in out
+    assert lab.read_text() == LAB
+    assert [path.name for path in lab.parent.iterdir()] == [lab.name]
+
+
+def test_a_link_to_the_profile_stays_one_and_its_mode_too(verb, lab):
+    lab.chmod(0o640)
+    link = lab.with_name("link.toml")
+    link.symlink_to(lab.name)
+    assert verb("quiet", link, "--seconds", "12")[0] == 0
+    assert link.is_symlink()
+    assert stat.S_IMODE(lab.stat().st_mode) == 0o640
+    assert thresholds(lab)["touch_fingertip"] > 0.0
 
 
 def test_what_rest_alone_cannot_set_is_named_with_what_can(verb):
