@@ -182,7 +182,7 @@ def _trees() -> list[tuple[Path, ast.Module]]:
 
 @cache
 def messages() -> dict[str, set[tuple[str, str]]]:
-    """Symptom -> reason and remedy of each message; what varies is …; without a fixed word there is no entry."""
+    """Symptom -> reason and remedy of each message; what varies is …; a reason without a fixed word has no entry."""
     kinds = {name: symptom for symptom, names in SYMPTOMS.items() for name in names}
     found: dict[str, set[tuple[str, str]]] = {symptom: set() for symptom in SYMPTOMS}
     for path, tree in _trees():
@@ -195,9 +195,10 @@ def messages() -> dict[str, set[tuple[str, str]]]:
                 for names in _worlds(assigned, place):
                     for kind, said in _said(statement, names, reports, path.parts[-2:] in STOPS):
                         text = re.sub(r"…(?:…)+", "…", re.sub(r"\s+", " ", said).strip())
-                        if kind in kinds and re.search(r"[a-z]{3}", text) and " " in text.strip("… "):
-                            reason, _, remedy = text.replace("|", "\\|").partition("; ")
-                            found[kinds[kind]].add((reason, remedy))
+                        reason, _, remedy = text.replace("|", "\\|").partition("; ")
+                        fixed = re.search(r"[a-z]{3}", text) and " " in text.strip("… ")
+                        if kind in kinds and fixed and re.search(r"[a-z]", reason):
+                            found[kinds[kind]].add((reason, remedy if re.search(r"\w", remedy) else ""))
     return found
 
 
