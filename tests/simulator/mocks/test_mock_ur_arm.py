@@ -98,9 +98,6 @@ class Hand(Crank):
         (found,) = self.of(kind)
         return found
 
-    def samples(self, stream: str) -> np.ndarray:
-        return np.concatenate([block.values for block in self.blocks_of(stream)])
-
 
 class Finger(Hand):
     """The same on the finger's bench."""
@@ -148,7 +145,7 @@ def test_the_pose_is_the_start_pose_moved_and_turned_in_the_base_frame():
     hand.arm.apply(Listen("arm", frozenset({POSE})))
     offset = (0.01, -0.02, 0.03, 0.0, 0.3, 0.0)
     assert isinstance(hand.do(MovePose("arm", offset, 0.05)), Reached)
-    pose = hand.samples(POSE)[-1]
+    pose = hand.values(POSE)[-1]
     assert pose[:3] == pytest.approx(np.array(START[:3]) + offset[:3], abs=1e-15)
     assert rotation(pose[3:]) == pytest.approx(rotation(offset[3:]) @ rotation(START[3:]), abs=1e-12)
 
@@ -167,8 +164,8 @@ def test_a_move_to_the_axis_comes_back_to_it_and_to_the_start_s_orientation():
     reached = hand.do(MoveTo("arm", 0.01, 0.05))
     assert isinstance(reached, Reached)
     assert reached.position_m == 0.01
-    assert hand.samples(POSE)[-1] == pytest.approx([0.4, -0.1, 0.24, 0.0, 3.0, 0.5], abs=1e-12)
-    assert hand.samples(POSITION)[-1] == pytest.approx([0.01], abs=1e-12)
+    assert hand.values(POSE)[-1] == pytest.approx([0.4, -0.1, 0.24, 0.0, 3.0, 0.5], abs=1e-12)
+    assert hand.values(POSITION)[-1] == pytest.approx([0.01], abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -220,9 +217,9 @@ def test_the_tool_feels_all_six_components_of_the_bench_and_can_be_tared():
     hand.arm.apply(Listen("arm", frozenset({FORCE})))
     offset = (0.01, 0.02, 0.0, 0.1, 0.0, 0.2)
     hand.do(MovePose("arm", offset, 0.05))
-    assert hand.samples(FORCE)[-1] == pytest.approx(-SpringBench.STIFFNESS * offset, abs=1e-9)
+    assert hand.values(FORCE)[-1] == pytest.approx(-SpringBench.STIFFNESS * offset, abs=1e-9)
     hand.do(Tare("arm", FORCE), 0.1)
-    assert hand.samples(FORCE)[-1] == pytest.approx(np.zeros(6), abs=1e-12)
+    assert hand.values(FORCE)[-1] == pytest.approx(np.zeros(6), abs=1e-12)
 
 
 def test_poses_and_forces_are_the_same_bytes_however_often_they_are_read():
@@ -234,7 +231,7 @@ def test_poses_and_forces_are_the_same_bytes_however_often_they_are_read():
         hand.arm.apply(MovePose("arm", (0.0, 0.01, 0.0, 0.1, 0.0, 0.0), 0.05))
         hand.run(1.0, turn_s)
     for stream in (FORCE, POSE):
-        assert hands[0].samples(stream).tobytes() == hands[1].samples(stream).tobytes()
+        assert hands[0].values(stream).tobytes() == hands[1].values(stream).tobytes()
 
 
 def test_the_bench_is_notified_of_every_new_plan_when_it_begins():
@@ -285,7 +282,7 @@ def test_it_has_the_rate_and_the_tool_that_the_profile_states():
     assert details["not_stated_by_the_profile"] == ("tcp_offset", "payload_cog_m")
     hand.arm.apply(Listen("arm", frozenset({POSITION})))
     hand.run(0.4)
-    assert len(hand.samples(POSITION)) == 50
+    assert len(hand.values(POSITION)) == 50
     assert np.diff([t_s for block in hand.blocks for t_s in block.times]) == pytest.approx(0.008)
 
 
@@ -294,7 +291,7 @@ def test_the_noise_has_its_setting():
     hand.arm.apply(Listen("arm", frozenset({FORCE})))
     hand.run(2.0, 0.1)
     # 1000 samples: a standard deviation is known to 2.2 %.
-    assert hand.samples(FORCE).std(axis=0) == pytest.approx([0.5] * 3 + [0.02] * 3, rel=0.1)
+    assert hand.values(FORCE).std(axis=0) == pytest.approx([0.5] * 3 + [0.02] * 3, rel=0.1)
 
 
 def test_a_stall_is_a_protective_stop_that_home_ends():
@@ -321,7 +318,7 @@ def test_a_pulled_plug_is_a_failure_and_the_arm_stops_by_itself():
     hand.run(0.35)
     assert "the link is gone" in hand.only(Failed).reason
     assert not hand.arm.axis.moving(0.35)
-    assert 147 <= len(hand.samples(POSITION)) <= 150, "up to the last turn before it"
+    assert 147 <= len(hand.values(POSITION)) <= 150, "up to the last turn before it"
 
 
 def test_a_silent_arm_sends_and_receives_nothing():
@@ -362,4 +359,4 @@ def test_refused_motion_and_lost_rows_are_reported():
     lost = sum(status.samples for status in hand.statuses if isinstance(status, Lost))
     assert 47 <= lost <= 50
     assert hand.blocks[0].seq == lost
-    assert lost + len(hand.samples(POSITION)) == 100
+    assert lost + len(hand.values(POSITION)) == 100

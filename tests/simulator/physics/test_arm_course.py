@@ -105,30 +105,25 @@ def test_a_move_that_begins_in_motion_brakes_before_it_sets_out() -> None:
     assert arm.transform == pytest.approx(target, abs=1e-9)
 
 
-def test_a_tool_that_would_be_too_fast_stops_the_arm_instead() -> None:
+FAR_M = np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        lambda arm: ToolSpeed([2.0, 0.0, 0.0, 0.0, 0.0, 0.0], 100.0),
+        lambda arm: ToolMove(rigid.displaced(arm.transform, FAR_M), 1.0, 2.0),
+        lambda arm: ToolSpeed([math.nan, 0.0, 0.0, 0.0, 0.0, 0.0], 1.0),
+    ],
+    ids=["too fast", "out of reach", "no number"],
+)
+def test_what_the_arm_cannot_do_stops_it_and_leaves_its_joints_numbers(
+    motion: Callable[[Arm], ArmMotion],
+) -> None:
     arm = Arm(START)
-    arm.motion = ToolSpeed([2.0, 0.0, 0.0, 0.0, 0.0, 0.0], 100.0)
     with pytest.raises(LimitError):
-        for _ in range(100):
-            arm.step(DT_S)
+        list(moved(arm, motion(arm)))
     assert arm.resting
-
-
-def test_a_way_out_of_reach_stops_the_arm_instead() -> None:
-    arm = Arm(START)
-    arm.motion = ToolMove(rigid.displaced(arm.transform, np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0])), 1.0, 2.0)
-    with pytest.raises(LimitError):
-        for _ in range(5000):
-            arm.step(DT_S)
-    assert arm.resting
-    assert np.isfinite(arm.joints_rad).all()
-
-
-def test_a_speed_that_is_no_number_stops_the_arm_and_leaves_its_joints_numbers() -> None:
-    arm = Arm(START)
-    arm.motion = ToolSpeed([math.nan, 0.0, 0.0, 0.0, 0.0, 0.0], 1.0)
-    with pytest.raises(LimitError):
-        arm.step(DT_S)
     assert np.isfinite(arm.joints_rad).all()
 
 
