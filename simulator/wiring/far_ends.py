@@ -268,17 +268,16 @@ class TcpLine(FarEnd):
 
     Args:
         device: While its `lossy` is set it drops what it streams; it is told by `hang_up` that the host is gone.
-        scheme: What the port's address begins with, as the driver's setting has it.
     """
 
-    def __init__(self, device: Any, scheme: str = "tcp") -> None:
+    def __init__(self, device: Any) -> None:
         super().__init__()
         self._device = device
         self._t_s = 0.0
         self._clients = TcpClients(1, UNREAD_BYTES, lambda host, reason: device.hang_up(self._t_s))
         self._listener = self._clients.listen()
         host, port = self._listener.getsockname()
-        self.endpoint: Mapping[str, str] = {"port": f"{scheme}:{host}:{port}"}
+        self.endpoint: Mapping[str, str] = {"port": f"tcp:{host}:{port}"}
         self._netlink = socket.socket(socket.AF_NETLINK, socket.SOCK_DGRAM, SOCK_DIAG)
 
     def waited(self) -> Sequence[socket.socket]:
