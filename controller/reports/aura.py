@@ -73,7 +73,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "of_sides": list(_of_sides(hard)),
         "of_objects": list(_of_objects(papers, kind)),
         "of_touches": list(_of_touches(hard, kind)),
-        "passages": (hard.total("approaches"), {m: hard.median(f"distance_m_{m}") for m in METHODS}),
         "hard": hard,
         "unknown": list(_counts(unknown)),
         "nothing": list(_counts(nothing)) if nothing.total("approaches") else [],

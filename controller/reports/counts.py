@@ -348,10 +348,7 @@ def sized(ours: float, paper: float, unit: str = "") -> str:
 
 def signed(value: float, digits: int = 2, scale: float = 1.0) -> str:
     """A difference, with its sign."""
-    if math.isnan(value):
-        return NOTHING
-    text = f"{value * scale:+.{digits}f}"
-    return f"{0.0:.{digits}f}" if float(text) == 0.0 else text.replace("-", "−")
+    return "+" * (round(value * scale, digits) > 0.0) + number(value, digits, scale)
 
 
 def spread(mean: Mean, digits: int = 2, scale: float = 1.0) -> str:

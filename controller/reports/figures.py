@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
@@ -34,8 +35,15 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
 }
 """How each is drawn, in reports, benchmarks and README alike."""
 
-_NAMES = ("ours", "paper-s", "truth", "good", "rival", "ink", "faint")
-_THEMED = dict(zip((OURS, PAPER, FALSE, GOOD, RIVAL, INK, FAINT), _NAMES, strict=True))
+_THEMED = {
+    OURS: "ours",
+    PAPER: "paper-s",
+    FALSE: "truth",
+    GOOD: "good",
+    RIVAL: "rival",
+    INK: "ink",
+    FAINT: "faint",
+}
 """Colour → the page's name for it, which light and dark fill in."""
 
 WIDTH_IN = 7.16
@@ -46,7 +54,6 @@ _STYLE: Any = {
     "mathtext.fontset": "stix",
     "font.size": 9.5,
     "axes.titlesize": 9.5,
-    "axes.labelsize": 9.5,
     "xtick.labelsize": 8.5,
     "ytick.labelsize": 8.5,
     "legend.fontsize": 8.5,
@@ -57,7 +64,6 @@ _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.titlelocation": "left",
-    "xtick.direction": "out",
     "xtick.major.width": 0.7,
     "ytick.major.width": 0.7,
     "xtick.major.size": 3.0,
@@ -78,6 +84,7 @@ _STYLE: Any = {
 }
 
 
+@dataclass
 class Figures:
     """Saves figures into a run's `figures/` and hands each back as SVG for the page.
 
@@ -89,21 +96,13 @@ class Figures:
         page: The runs of the whole page, by which its trials are named; of a part of it alone, none.
     """
 
-    def __init__(
-        self,
-        folder: Path | None,
-        *,
-        simulated: str = "",
-        prefix: str = "s",
-        also: Sequence[str] = (),
-        page: Sequence[Run] = (),
-    ) -> None:
-        self.page = page
-        self._also = also
-        self._prefix = prefix
-        self._folder = folder
-        self._simulated = simulated
-        self._count = 0
+    folder: Path | None
+    _: KW_ONLY
+    simulated: str = ""
+    prefix: str = "s"
+    also: Sequence[str] = ()
+    page: Sequence[Run] = ()
+    _count: int = field(default=0, init=False)
 
     @contextmanager
     def figure(self, height_in: float, rows: int = 1, columns: int = 1, **layout: Any) -> Iterator[Drawing]:
@@ -129,36 +128,36 @@ class Figures:
         """Write it; returns the SVG element, with identifiers that no other figure has."""
         from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-        if self._simulated:
+        if self.simulated:
             # A line of small print above the axes, where no legend is that makes room for it.
             strip = 0.0 if figure.legends else 0.17 / figure.get_size_inches()[1]
             figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - strip))
             look: Any = {"fontsize": 8, "color": FALSE, "style": "italic", "alpha": 0.9}
-            figure.text(1.0, 1.0, self._simulated, ha="right", va="top", **look)
+            figure.text(1.0, 1.0, self.simulated, ha="right", va="top", **look)
         # drawn in memory first: a full disk is then one plain error, not one from the inside of a writer
         buffer = io.StringIO()
         # the canvas lays out and draws once, where `savefig` does it twice
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
         text = buffer.getvalue()
-        if self._folder:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            for kind in self._also:
+        if self.folder:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            for kind in self.also:
                 picture, dates = io.BytesIO(), {"CreationDate": None} if kind == "pdf" else None
                 figure.savefig(picture, format=kind, dpi=300, metadata=dates)
-                (self._folder / f"{name}.{kind}").write_bytes(picture.getvalue())
-            (self._folder / f"{name}.svg").write_text(text, "utf-8")
+                (self.folder / f"{name}.{kind}").write_bytes(picture.getvalue())
+            (self.folder / f"{name}.svg").write_text(text, "utf-8")
         self._count += 1
-        return _inline(text, f"{self._prefix}f{self._count}-")
+        return _inline(text, f"{self.prefix}f{self._count}-")
 
 
+@dataclass
 class Drawing:
     """A figure being drawn."""
 
-    def __init__(self, figures: Figures, figure: Figure, axes: Sequence[Axes]) -> None:
-        self._figures = figures
-        self.figure = figure
-        self.axes = axes
-        self.columns = 1
+    figures: Figures
+    figure: Figure
+    axes: Sequence[Axes]
+    columns: int = 1
 
     def label_outside(self, x: str, y: str) -> None:
         """Name the axes of panels that have no other below or on their left."""
@@ -179,7 +178,7 @@ class Drawing:
                 title = axes.get_title(loc="left") or axes.get_title()
                 axes.set_title("", loc="center")
                 axes.set_title(rf"$\bf{{{letter}}}$  {title}".rstrip(), loc="left")
-        return self._figures.save(self.figure, name)
+        return self.figures.save(self.figure, name)
 
 
 def _inline(text: str, prefix: str) -> str:

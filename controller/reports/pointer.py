@@ -93,7 +93,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "worst": max(sweeps, key=lambda sweep: sweep.errors.largest, default=None),
         "degrees": DEGREES,
         "errors": errors,
-        "trials": sum(len(run.trials) for run in runs),
         "figure_11": _draw(figures, sweeps) if sweeps else "",
     }
     heading = "Angle of the contact (B7)"

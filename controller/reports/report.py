@@ -285,18 +285,16 @@ def _experiment(run: Run) -> ExperimentKind:
 
 FIGURE = re.compile(r"<figure>.*?</figure>\s*", re.DOTALL)
 
-MARKS = {"met": "✓", "missed": "✗", "same": "=", "better": "▲", "worse": "▼", "apart": "≠", "neither": "·"}
-
-MEANINGS = {
-    "same": "as the paper",
-    "better": "better than the paper",
-    "worse": "worse than the paper",
-    "apart": "not as the paper",
-    "met": "goal met",
-    "missed": "goal missed",
-    "neither": "not judged",
+MARKS = {
+    "same": "= as the paper",
+    "better": "▲ better than the paper",
+    "worse": "▼ worse than the paper",
+    "apart": "≠ not as the paper",
+    "met": "✓ goal met",
+    "missed": "✗ goal missed",
+    "neither": "· not judged",
 }
-"""What the marks mean, for a terminal; the page has it beside its summary."""
+"""Marks and what they mean, for a terminal; the page has it beside its summary."""
 
 GAP = "  "
 """Between two columns."""
@@ -340,10 +338,10 @@ def terminal_lines(part: SectionPart) -> Iterator[str]:
     if part.section.terminal:
         yield from _rows(part.section.terminal)
     for result in part.results:
-        yield f"{MARKS[result.mark]} {result.text}"
-    used = [mark for mark in MEANINGS if any(result.mark == mark for result in part.results)]
-    if used != ["neither"] and used:
-        yield f"({', '.join(f'{MARKS[mark]} {MEANINGS[mark]}' for mark in used)})"
+        yield f"{MARKS[result.mark][0]} {result.text}"
+    used = {result.mark for result in part.results}
+    if used - {"neither"}:
+        yield f"({', '.join(said for mark, said in MARKS.items() if mark in used)})"
 
 
 def guard_lines(runs: Sequence[Run]) -> Iterator[str]:

@@ -295,7 +295,7 @@ def told(
             found.append(judged(kind, text, met, n, goal, better))
         return ""
 
-    content = {"kind": kind_of(runs), **content}
+    content = {"kind": kind_of(runs), "trials": sum(len(run.trials) for run in runs), **content}
     _module(template, content, runs[0], judged=True).results(result)
     return Section(heading, content, template, summary=found, **more)
 

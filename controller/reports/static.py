@@ -77,8 +77,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         else None
         for name in ("amplitude_m", "amplitude_m_s2")
     )
-    content = {"trials": sum(len(run.trials) for run in runs), "at_rest": rows, "said": said, "means": means}
-    content |= {"falls": falls, "too": too, "figure_4": _draw(figures, drawn) if drawn else ""}
+    content = {"at_rest": rows, "said": said, "means": means, "falls": falls, "too": too}
+    content |= {"figure_4": _draw(figures, drawn) if drawn else ""}
     return told(runs, "Static contact (A1)", "static", content, paper="backus")
 
 

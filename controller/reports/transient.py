@@ -38,6 +38,9 @@ from controller.reports.section import ROWS, Section, rows_where, told
 from controller.reports.settings import shown
 from controller.scales import NOTHING, scale_of
 
+OVER = ("here, rows", "here, approaches", "paper, rows")
+"""What `trends` correlates over."""
+
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Tables and figures of all approaches of some runs of equal settings on one kind of bench."""
@@ -45,12 +48,11 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     contacts, plain = approaches.where(stopped), approaches.where(varied={})
     rows = table_rows(approaches)
     acting, scores = acting_of(run), score_detectors(plain)
-    settings = setting_of(run, "detectors") or {}
     others = [name for name in scores if name != acting]
-    kinds = {name: setting_of(run, "detectors", name, "kind") for name in others}
-    other = next((name for name in others if kinds[name] != "resonance.paper"), next(iter(others), ""))
+    ours = (name for name in others if setting_of(run, "detectors", name, "kind") != "resonance.paper")
+    other = next(ours, next(iter(others), ""))
     outcomes = Counter(str(each["outcome"]) for each in approaches).most_common()
-    own = settings.get(acting, {})
+    own = setting_of(run, "detectors", acting) or {}
     content = {
         "detector_kind": own.get("kind"),
         "fitted": [quantity("speed_m_s", row["speed_m_s"], 3) for row in TABLE_1 if row["fitted"]],
@@ -74,18 +76,11 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "bounded": [each for each in compare_columns(approaches, rows) if each.worst is not None],
         "trends": [
             {"force at detection against": name}
-            | {
-                head: f"{signed(rho)} (n = {n})"
-                for head, (rho, n) in zip(
-                    ("here, rows", "here, approaches", "paper, rows"), found, strict=True
-                )
-            }
+            | {head: f"{signed(rho)} (n = {n})" for head, (rho, n) in zip(OVER, found, strict=True)}
             for name, found in (trends(rows) if rows else {}).items()
         ],
         "alarmed": share(plain.total("false_contacts"), len(plain) - len(plain.where(unjudged))),
-        "baseline": own
-        if own.get("baseline_s") and own.get("average_samples") and own.get("sample_hz")
-        else None,
+        "baseline": own if all(map(own.get, ("baseline_s", "average_samples", "sample_hz"))) else None,
         "scores": scores,
         "place_of": place_of,
         "detectors": [
@@ -112,23 +107,27 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 def _table_row(row: TableRow, other: str, terminal: bool = False) -> Row:
     """A row of Table I, with another detector on its approaches beside it; in a terminal without spreads."""
-    paper = row.paper
-    line: dict[str, Any] = {"where": f"{paper['side'] if paper else ''} {row.location}".strip()}
+    paper = row.paper or {}
+    line: dict[str, Any] = {"where": f"{paper.get('side', '')} {row.location}".strip()}
     line[ROWS] = rows_where(row.approaches[0], "location", "speed_m_s")
-    if not terminal:
-        line |= under("position_m", paper and paper["micrometer_m"], digits=2)
+    line |= {} if terminal else under("position_m", paper.get("micrometer_m"), digits=2)
     line |= under("speed_m_s", row.speed_m_s, "" if terminal else None, 2 if terminal else 3)
     line |= {"n": len(row.contacts), "false": row.approaches.total("false_contacts")}
     for bound in BOUNDS:
-        column, digits, here = bound["column"], int(bound["decimals"]), row.mean(bound["column"])
-        theirs = Mean(paper[column], paper[f"{column}.sd"], 0) if paper else Mean(math.nan, math.nan, 0)
-        factor = scale_of(column).factor
+        column, digits, factor = bound["column"], int(bound["decimals"]), scale_of(bound["column"]).factor
+        here = row.mean(column)
+        theirs = Mean(paper.get(column, math.nan), paper.get(f"{column}.sd", math.nan), 0)
         off = signed(here.mean - theirs.mean, digits, factor) + " *" * row.fitted(bound)
-        texts = {"here": spread(here, digits, factor), "paper": spread(theirs, digits, factor), "Δ": off}
-        if terminal:
-            texts = {"here": number(here.mean, digits, factor), "paper": number(theirs.mean, digits, factor)}
-        line[_heading(bound)] = texts
+        line[_heading(bound)] = {
+            "here": _said(here, terminal, digits, factor),
+            "paper": _said(theirs, terminal, digits, factor),
+            **({} if terminal else {"Δ": off}),
+        }
     return line | _other(row.approaches, other, terminal)
+
+
+def _said(mean: Mean, terminal: bool, digits: int = 2, factor: float = 1.0) -> str:
+    return number(mean.mean, digits, factor) if terminal else spread(mean, digits, factor)
 
 
 def _heading(bound: Row) -> str:
@@ -139,18 +138,15 @@ def _other(approaches: Trials, other: str, terminal: bool = False) -> dict[str, 
     score = score_detectors(approaches).get(other)
     cells: Row = dict.fromkeys(("n", "false", "s"), NOTHING)
     if score is not None:
-        delay = number(score.delay_s.mean) if terminal else spread(score.delay_s)
-        cells = {"n": score.true, "false": score.false, "s": delay}
+        cells = {"n": score.true, "false": score.false, "s": _said(score.delay_s, terminal)}
     return {f"detector {other}": cells} if other else {}
 
 
 def _foot(plain: Trials, other: str) -> Row:
     foot: dict[str, Any] = {"where": "all true contacts"}
     for bound in BOUNDS:
-        mean = plain.where(stopped).mean(bound["column"])
-        foot[_heading(bound)] = {
-            "here": spread(mean, int(bound["decimals"]), scale_of(bound["column"]).factor)
-        }
+        mean, factor = plain.where(stopped).mean(bound["column"]), scale_of(bound["column"]).factor
+        foot[_heading(bound)] = {"here": spread(mean, int(bound["decimals"]), factor)}
     return foot | _other(plain, other)
 
 

@@ -219,6 +219,7 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
     declared = {name: meaning for run in runs for name, meaning in meanings_of(run).items()}
     instants = {name for name in names if is_instant(name, declared.get(name, ""))}
     scales = {name: shown_as(name, [row.get(name) for _, row in trials]) for name in names}
+    scales |= {name: scales[name]._replace(unit="ms") for name in instants}
     rows = []
     for run, row in trials:
         zero_s = moments_of(run, row).zero_s
@@ -237,10 +238,7 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
         good = "" if came_to(experiment_in(run)) == RECORDED else "good"
         state = "out" if why else good if run.succeeded(row) else "bad"
         rows.append(TrialRow(key_of(runs, run, int(row["trial"] or 0)), state, why, cells))
-    columns = []
-    for name in names:
-        scale = scales[name]._replace(unit="ms") if name in instants else scales[name]
-        columns.append(TrialColumn(name, scale.heading, declared.get(name, "")))
+    columns = [TrialColumn(name, scale.heading, declared.get(name, "")) for name, scale in scales.items()]
     columns[1:1] = [TrialColumn("run", "run", "")] if len(runs) > 1 else []
     return columns, rows
 

@@ -58,7 +58,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "kind": kind_of(runs, Kind.FITTED),
         "said": said,
         "known": sorted({float(setting_of(run, "behavior", "weight_uncertainty") or 0.0) for run in runs}),
-        "trials": sum(len(run.trials) for run in runs),
         "calibrated": rows,
         "figure_6": _draw(figures, bridges) if bridges else "",
         "sigma": DETECTED_SIGMA,
