@@ -218,10 +218,8 @@ def _named(bench: str, groups: Sequence[Sequence[Run]]) -> dict[str, Sequence[Ru
     if len(set(names)) < len(names):
         numbered = {f"settings {number}": group for number, group in enumerate(groups, start=1)}
         own = [row for row in differences(numbered) if row["setting"] != "runs"]
-        names = list(numbered)
-        if len(own) == 1:
-            names = [f"{scale_of(own[0]['setting']).label} {own[0][name]}" for name in names]
-        names = [f"{bench}, {name}" for name in names]
+        label = f"{scale_of(own[0]['setting']).label} " if len(own) == 1 else ""
+        names = [f"{bench}, {label}{own[0][name]}" if label else f"{bench}, {name}" for name in numbered]
     return dict(zip(names if len(groups) > 1 else [bench], groups, strict=True))
 
 
@@ -239,14 +237,14 @@ def _contents(paper: Sequence[Mapping[str, str]], parts: Sequence[SectionPart]) 
     """A paper's tables and figures, with links to the parts of the page that repeat each."""
     rows: list[Row] = []
     for item in paper:
-        links = [
+        links = Markup(", ").join(
             Markup('<a href="#part{}">{}</a>').format(number, part.section.title)
             for number, part in enumerate(parts, start=1)
             if item["part"] in map(_profile, part.runs)
-        ]
-        here = Markup(", ").join(links) or ("not run" if item["part"] else NOTHING)
-        line = {"paper": item["item"], "what it shows": item["shows"], "here": here}
-        rows.append(line | {"why ours differs": item["differs"]})
+        )
+        here = links or ("not run" if item["part"] else NOTHING)
+        heads = ("paper", "what it shows", "here", "why ours differs")
+        rows.append(dict(zip(heads, (item["item"], item["shows"], here, item["differs"]), strict=True)))
     return rows
 
 

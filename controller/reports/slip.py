@@ -63,9 +63,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "ids": ids,
         "verdicts": VERDICTS,
         "plain": plain,
-        "kinds": {
-            score.sensor: Kind(score.paper["kind"]) if runs[0].simulated else Kind.MEASURED for score in plain
-        },
+        "kinds": {score.sensor: kind_of(runs, Kind(score.paper["kind"])) for score in plain},
         "assumed": kind_of(runs, Kind.ASSUMED),
         "better": {
             s.sensor: GRADES.index(s.verdict) > GRADES.index(s.paper["verdict"]) for s in plain if s.decided

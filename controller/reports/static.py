@@ -21,7 +21,7 @@ from controller.reports.counts import (
 from controller.reports.figures import FAINT, OURS, Figures
 from controller.reports.papers import table
 from controller.reports.run_account import recorded, series_of, setting_of
-from controller.reports.section import Kind, Section, told
+from controller.reports.section import Kind, Section, kind_of, told
 from controller.scales import NOTHING
 
 WINDOW_S = 0.6
@@ -39,7 +39,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             continue
         means[name] = found
         beside = Comparison(ours.mean, aim_hz, near(ours, aim_hz, paper["tolerance_hz"]))
-        kind = Kind(paper["kind"]) if runs[0].simulated else Kind.MEASURED
+        kind = kind_of(runs, Kind(paper["kind"]))
         place_m = setting_of(runs[0], "behavior", f"{name}_m")
         said.append({"name": paper["name"], "kind": kind, "beside": beside, "n": ours.n, "place_m": place_m})
         shown = {
@@ -77,8 +77,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         else None
         for name in ("amplitude_m", "amplitude_m_s2")
     )
-    content = {"at_rest": rows, "said": said, "means": means, "falls": falls, "too": too}
-    content |= {"figure_4": _draw(figures, drawn) if drawn else ""}
+    figure = _draw(figures, drawn) if drawn else ""
+    content = {"at_rest": rows, "said": said, "means": means, "falls": falls, "too": too, "figure_4": figure}
     return told(runs, "Static contact (A1)", "static", content, paper="backus")
 
 

@@ -37,8 +37,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     deep = _numbered(full, DEPTH)
     printed = {row["stiffness_n_m"]: row for row in table("backus_model")}
     # free, the base's inertia was fitted to what the paper measured, 28 Hz, and not to its model
-    usual = kind_of(runs)
-    kinds = {n_m: usual if n_m == 10000.0 or usual is Kind.MEASURED else Kind.FITTED for n_m in printed}
+    kinds = {n_m: kind_of(runs, Kind.PREDICTED if n_m == 10000.0 else Kind.FITTED) for n_m in printed}
     ends = [places[end].mean("ring_hz") for end in ("d", "h") if end in places]
     forces = sorted((own.mean("force_n").mean, own.mean("frequency_hz")) for own in deep.values())
     return told(

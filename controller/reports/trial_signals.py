@@ -68,7 +68,6 @@ NAMES = {
     "stop_travel_m": "travel to stop",
     "force_n": "force then",
     "force_peak_n": "largest force",
-    "truth_n": "true force",
     "baseline_hz": "learned",
     "seen_to_stop_left_s": "left finger to stop",
     "seen_to_stop_right_s": "right finger to stop",

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 from controller.reports.counts import Trials
 from controller.reports.grasp import GRIP, _goals, _headline, _measures, _told
+from controller.reports.section import Section, rendered
 
 
 def row(outcome="held", **about):
@@ -35,6 +36,21 @@ def test_a_goal_is_met_where_so_many_trials_decide_it_and_slips_in_the_air_where
     goals = found([row(), *[row(arrested_m=0.0015)] * 73, *[row(arrested_m=0.0005)] * 10])
     assert goals["slip in the air until held, median"][1] is False
     assert goals["slip in the air until held, 95 of 100"][1] is True
+
+
+def test_where_trials_are_missing_no_goal_is_called_met():
+    rows = Trials([row()] * 381)
+    content = {
+        "rows": rows,
+        "over": [],
+        "goals": list(_goals(rows)),
+        "measures": [],
+        "told": [],
+        "timeline": "",
+    }
+    run = SimpleNamespace(simulated=True, manifest={})
+    pages = [rendered(Section("", content, "grasp"), run, judged)[0] for judged in (True, False)]
+    assert ["✓ met" in page for page in pages] == [True, False]
 
 
 def test_what_was_told_stands_against_what_was_and_the_measures_are_those_of_nist():
