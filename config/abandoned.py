@@ -12,27 +12,29 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivers.core.errors import DeviceError
+
 if TYPE_CHECKING:
+    from behaviors.events import Event
     from config.profile import Profile
+    from controller.by_hand import HandSession
     from controller.certify import Mover
-    from drivers.core.protocols import Device
+    from drivers.core.messages import Command
 
 BEGIN_S = 120.0
 """Longest time until it creeps: its start, the device's opening and the way to where it begins."""
 
 
 @contextmanager
-def abandoned(
-    profile: Profile, endpoints: Mapping[str, Any] | None, mover: Mover, frozen: bool
-) -> Iterator[float]:
+def abandoned(profile: Profile, session: HandSession, mover: Mover, frozen: bool) -> Iterator[float]:
     """Let a program begin to creep, and end it; gives where the mover was seen last, in m.
 
     Args:
-        endpoints: Of the emulator that serves the bench; None on a real one.
+        session: The bench that it has meanwhile, and the limits that its guard admits and watches by; closed here.
         frozen: Whether the program and the process of its arm are frozen while this lasts, and not killed.
 
     Raises:
-        EOFError: it ended by itself, before it crept.
+        EOFError: it ended by itself, before it crept; why, as far as it said.
         TimeoutError: it does not come that far.
     """
     context = get_context("spawn")
@@ -41,8 +43,8 @@ def abandoned(
         profile.name,
         profile.resolved,
         profile.source.folders,
-        endpoints,
-        pickle.dumps(mover),
+        session.rig.endpoints,
+        pickle.dumps((mover, {*session.rig.devices}, session.limits, session.scene)),
         there,
     )
     program = context.Process(target=_creep, args=arguments)
@@ -53,6 +55,8 @@ def abandoned(
         if not here.poll(BEGIN_S):
             raise TimeoutError(f"the program that is to be killed does not creep within {BEGIN_S:g} s")
         place_m = here.recv()
+        if isinstance(place_m, str):
+            raise EOFError(place_m)
         assert program.pid is not None
         victims = [program.pid, *(_children(program.pid) if frozen else ())]
         for pid in reversed(victims):
@@ -78,30 +82,31 @@ def _creep(
     packed: bytes,
     told: Connection,
 ) -> None:
-    """The program: creep, say where the mover is, and go on until killed."""
-    from config.assemble import build_rig
+    """The program: creep in the loop and under the guard, say where the mover is, and go on until killed."""
+    from config.assemble import build_rig, make_signals
     from config.profile import load_resolved
-    from controller.certify import RUN_S
-    from drivers.core.messages import Listen, Reached
+    from controller.by_hand import HandSession, scripted
+    from controller.certify import Wrong
+    from controller.console import Console
 
     profile = load_resolved(name, resolved, folders)
     # only now is the class of its settings found, which may stand beside the profile
-    mover: Mover = pickle.loads(packed)
-    rig = build_rig(profile, endpoints, devices={mover.name})
-    device: Device = rig.devices[mover.name]
-    device.open()
-    rig.clock.restart()
-    device.apply(Listen(mover.name, frozenset({mover.shown})))
-    commands, place_m, creeps_s = [mover.drive, mover.start, mover.ready], 0.0, float("inf")
-    device.apply(commands.pop())
-    while True:
-        rig.clock.rest(0.005)
-        for block in device.read():
-            place_m = float(block.physical[-1, 0])
-        for status in device.poll():
-            if isinstance(status, Reached) and commands:
-                device.apply(commands.pop())
-                creeps_s = rig.clock.now() if not commands else creeps_s
-        if rig.clock.now() - creeps_s > RUN_S:
-            creeps_s = float("inf")
-            told.send(place_m)
+    mover, devices, limits, scene = pickle.loads(packed)
+    own = profile.for_trial(profile.trials(0)[0])
+    rig = build_rig(own, endpoints, devices=devices)
+    session = HandSession(rig, limits, Console(), own.loop, lambda: make_signals(own), scene)  # type: ignore[arg-type]
+    wrong = Wrong()
+    creeping = scripted(mover.creeping(wrong, BEGIN_S))
+
+    def steer(event: Event) -> Sequence[Command] | None:
+        crept = wrong.begun
+        commands = creeping(event)
+        if wrong.begun and not crept:
+            told.send(float(session.latest.values(mover.shown)[-1, 0]))
+        return commands
+
+    try:
+        with session:
+            told.send(session.run(steer, mover.name, {mover.shown}, deadline_s=BEGIN_S).reason)
+    except DeviceError as error:
+        told.send(str(error))

@@ -136,9 +136,8 @@ def certifier_of(
         )
 
     certifier = Certifier(session, settings, consent)
-    rig = certifier.session.rig
-    if rig.kind != "mock":
-        certifier.abandoned = partial(abandoned, profile, rig.endpoints)
+    if certifier.session.rig.kind != "mock":
+        certifier.abandoned = partial(abandoned, profile, certifier.session)
     return certifier
 
 
