@@ -67,9 +67,6 @@ class LoadDetector(OnStream[LoadSettings]):
         self._mean, self._resting = RunningMean(), RunningMean()
         self._told = 0.0
 
-    def _channels(self) -> Sequence[int]:
-        return (self.settings.channel,)
-
     def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
         self._mean.restart()
         self._resting.restart()

@@ -165,9 +165,6 @@ class OnsetDetector(OnStream[OnsetSettings]):
             np.zeros(1),
         )
 
-    def _channels(self) -> Sequence[int]:
-        return (self.settings.channel,)
-
     def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
         if not 0 <= lost <= self.settings.max_gap_s * rate_hz:
             self.reset()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from statistics import NormalDist
-from typing import TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -43,18 +42,6 @@ class SlipStreamSettings(Settings):
     """Which of its channels; None uses all of them."""
 
 
-T = TypeVar("T", bound=SlipStreamSettings)
-
-
-class OnForce(OnStream[T]):
-    """A detector on the channels of a force sensor."""
-
-    doing = "detecting slip"
-
-    def _channels(self) -> Sequence[int] | None:
-        return None if self.settings.channel is None else (self.settings.channel,)
-
-
 class SlipPaperSettings(SlipStreamSettings):
     """The paper's criterion."""
 
@@ -65,7 +52,7 @@ class SlipPaperSettings(SlipStreamSettings):
     """Peak x frequency that means slip, the input's unit squared x Hz (4.3: 10, 5.1: 0.25)."""
 
 
-class SlipPaperDetector(OnForce[SlipPaperSettings]):
+class SlipPaperDetector(OnStream[SlipPaperSettings]):
     """Slip while the peak of a block's power spectrum times the peak's frequency exceeds a threshold.
 
     Every N samples: DFT without its DC term, power |Phi(k)|^2 / N, the largest k. Of several channels the one with
@@ -83,6 +70,7 @@ class SlipPaperDetector(OnForce[SlipPaperSettings]):
         0.063
     """
 
+    doing = "detecting slip"
     quantity = Quantity("spectral product", "")
 
     def reset(self) -> None:
@@ -215,7 +203,7 @@ class SlipSettings(SlipStreamSettings):
     changed."""
 
 
-class SlipDetector(OnForce[SlipSettings]):
+class SlipDetector(OnStream[SlipSettings]):
     """Slip when knocks come faster than bumps do, or when the whole spectrum rises at once; an impact is none.
 
     Three opinions on one scale, nats; the evidence is the largest of knocks, vibration and vibration that lasts.
@@ -247,6 +235,7 @@ class SlipDetector(OnForce[SlipSettings]):
         ('board.tangential',)
     """
 
+    doing = "detecting slip"
     quantity = Quantity("evidence of slip", "nat")
 
     def reset(self) -> None:

@@ -55,8 +55,9 @@ class OnStream(ABC, Generic[S]):
         return [*events, *self._decide(values, block.times, rate_hz)]
 
     def _channels(self) -> Sequence[int] | None:
-        """Which channels are used; None: all."""
-        return None
+        """Which channels are used: the setting's `channel`, where there is one; None: all."""
+        channel: int | None = getattr(self.settings, "channel", None)
+        return None if channel is None else (channel,)
 
     def _chosen(self, values: Floats) -> Floats:
         return channels_of(values, self._channels(), self.settings.input, self.doing)
