@@ -55,22 +55,20 @@ class Surroundings(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class StiffPlane:
-    """A plane that pushes back along its normal, without friction or damping.
+    """A level plane that pushes back upwards, without friction or damping.
 
     Attributes:
-        height_m: Distance of the plane from the base's origin along `normal`.
-        normal: Unit vector out of the plane, base frame.
+        height_m: Of the plane above the base's origin.
         stiffness_n_m: Force per depth (assumption: a stiff pad on a table).
     """
 
     height_m: float = -math.inf
-    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     stiffness_n_m: float = 10_000.0
 
     def wrench(self, pose: Array, twist: Array, t_s: float) -> Array:
         """See `Surroundings.wrench`."""
-        depth_m = max(0.0, self.height_m - float(np.dot(self.normal, pose[:3])))
-        return np.concatenate((self.stiffness_n_m * depth_m * np.asarray(self.normal), np.zeros(3)))
+        depth_m = max(0.0, self.height_m - float(pose[2]))
+        return np.array([0.0, 0.0, self.stiffness_n_m * depth_m, 0.0, 0.0, 0.0])
 
 
 class ArmMotion(ABC):
