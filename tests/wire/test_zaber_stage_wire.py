@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from drivers.core.errors import SilentError
-from drivers.core.messages import Failed, Stop
+from drivers.core.messages import Failed, Refused, Stop
 from drivers.zaber_stage.driver import ZaberStage
 from drivers.zaber_stage.mounting import ZaberStageSettings
 from tests.unit.drivers.zaber_stage.stage_bench import StageBench, Wire
@@ -25,14 +25,15 @@ def test_after_a_failed_opening_the_port_is_free_again(serve: Any) -> None:
     stage.close()
 
 
-def test_a_pulled_plug_is_a_failure_and_a_stop_after_it_says_so_again(serve: Any) -> None:
+def test_a_pulled_plug_is_a_failure_and_a_stop_after_it_is_refused_for_it(serve: Any) -> None:
     wire = Wire(homed=True)
     port = serve(wire)
     # Patient, for a machine with other work: a reply that is late by half a second is no loss here.
     settings = ZaberStageSettings(port=port, retry_s=0.5, reply_timeout_s=5.0)
     b = StageBench(ZaberStage("stage", settings, serve.clock), serve.clock, wire)
     serve.unplug(port)
-    assert "taken away" in b.expect(Failed).reason
+    reason = b.expect(Failed).reason
+    assert "taken away" in reason
     b.stage.apply(Stop("stage"))
-    b.expect(Failed)
+    assert b.expect(Refused).reason == reason
     b.stage.close()
