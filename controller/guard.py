@@ -243,6 +243,7 @@ class Guard:
         once. None where the stop was enough, or no way back is known."""
         last, went_back = next(reversed(self._last.values()), (None, False))
         crushes, self._crushes = self._crushes, False
+        self._start_contact_n = math.inf  # on the way back what presses falls from here
         if not crushes or last is None or went_back:
             return None
         bounds = self._others.get(last.device, self._first).limits
@@ -263,15 +264,12 @@ class Guard:
         watched = self.settings.retreat_n is not None and self._stopped_s is not None
         return 2.0 * self.settings.force_median_s if watched else 0.0
 
-    def see_braking(self, blocks: Iterable[SampleBlock]) -> None:
-        """What comes while everything brakes: it may press ever more, until a stop is not enough."""
-        for block in blocks:
-            if (
-                block.stream == self.settings.force_stream
-                and len(block)
-                and self.settings.force_n is not None
-            ):
-                self._force(block)
+    def see_braking(self, blocks: Iterable[SampleBlock]) -> str | None:
+        """What comes while everything brakes: it may press ever more, until a stop is not enough; on the way back it
+        may only fall. Returns why not, where it does not."""
+        forces = [block for block in blocks if block.stream == self.settings.force_stream and len(block)]
+        reasons = [self._force(block) for block in forces] if self.settings.force_n is not None else []
+        return next(filter(None, reasons), None)
 
     def _remember(self, command: Command) -> None:
         """A mover's last motion, by which its way out is known."""

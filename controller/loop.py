@@ -293,8 +293,9 @@ class Loop:
         try:
             self._send(command)
             self._record_aside(Retreated(self._clock.now(), command.device), (command,))
-            self._see({command.device}, for_s)
+            grows = self._see({command.device}, for_s, falls=True)
             self.account.reason += f"{what}: {command.device} was sent back"
+            self.account.reason += f", until {grows}" if grows else ""
         except Exception as error:
             self.account.reason += f"{what}, and {command.device} could not be sent back: {error}"
         self._stop_and_see()
@@ -306,10 +307,19 @@ class Loop:
         self._see(pending, STANDSTILL_TIMEOUT_S, least_s, STOP_AGAIN_S)
         self.account.not_at_rest += sorted(pending)
 
-    def _see(self, pending: set[str], for_s: float, least_s: float = 0.0, again_s: float = math.inf) -> None:
+    def _see(
+        self,
+        pending: set[str],
+        for_s: float,
+        least_s: float = 0.0,
+        again_s: float = math.inf,
+        *,
+        falls: bool = False,
+    ) -> str | None:
         """Look at the devices until those pending have answered their last command, or for a while.
 
         Args:
+            falls: Look no longer than what presses falls; returns why it does not.
             again_s: How often a stop that is not answered is sent again, under its number: whatever answers it, the
                 mover stands.
         """
@@ -325,7 +335,9 @@ class Loop:
             for name, device in self._rig.devices.items():
                 with suppress(Exception):
                     blocks, _ = self._perceive(device.read())
-                    self._guard.see_braking(blocks)
+                    grows = self._guard.see_braking(blocks)
+                    if falls and grows:
+                        return grows
                 with suppress(Exception):
                     for status in device.poll():
                         self._note(status)
@@ -335,6 +347,7 @@ class Loop:
                         elif isinstance(status, Failed) and name in pending:
                             pending.discard(name)
                             self.account.not_at_rest.append(name)
+        return None
 
     # time
 

@@ -101,7 +101,8 @@ class Sensor(Device):
         super().read()
         end = round(self.bench.clock.now() * 1000)
         seq, self._sent = self._sent, end
-        values = np.arange(seq, end, dtype=np.float64).reshape(-1, 1) * self.bench.slope
+        numbers = np.arange(seq, end, dtype=np.float64).reshape(-1, 1)
+        values = np.minimum(numbers, 2.0 * self.bench.top - numbers) * self.bench.slope
         names = sorted(self.listening - {self.mute}) if end > seq else []
         return [SampleBlock(name, seq, seq / 1000, values, 1000.0, unit="N") for name in names]
 
@@ -251,7 +252,7 @@ class Bench:
 
     def __init__(self, behavior=None, **limits):
         self.clock, self.log = VirtualClock(), []
-        self.slope = 0.001
+        self.slope, self.top = 0.001, math.inf
         self.stage, self.other, self.board = Mover("stage", self), Mover("other", self), Sensor("board", self)
         self.behavior = behavior or Approach()
         self.detector, self.guard = LevelDetector(), ScriptedGuard(**limits)
@@ -1182,10 +1183,19 @@ def test_a_baseline_that_is_refused_says_of_which_streams(bench):
 # --- beyond the second tier of force, and what was forecast
 
 
-def crushing():
-    """The force grows by 0.3 N a millisecond, through 50 N and, while the movers brake, through 55 N."""
+def crushing(*, falls=True):
+    """The force grows by 0.3 N a millisecond, through 50 N and, while the movers brake, through 55 N; on the way back
+    it falls by as much."""
     bench = Bench(retreat_n=55.0, retreat_m=0.001)
     bench.guard.real, bench.slope = True, 0.3
+    apply = bench.stage.apply
+
+    def turned(command):
+        if isinstance(command, MoveAt) and falls:
+            bench.top = 1000.0 * bench.clock.now()
+        apply(command)
+
+    bench.stage.apply = turned
     return bench
 
 
@@ -1207,6 +1217,15 @@ def test_what_pressed_too_hard_is_sent_back_after_its_stop_and_stopped_again(bac
     reason = bench.loop.account.reason
     assert "beyond limits.force_n" in reason
     assert reason.endswith("; it pressed beyond limits.retreat_n: stage was sent back")
+
+
+def test_a_way_back_on_which_it_presses_more_ends():
+    bench = crushing(falls=False)
+    bench.run()
+    ((sent_s, _),) = bench.sent(MoveAt)
+    stops_s = [t_s for t_s, command in bench.stops if command.device == "stage"]
+    assert stops_s[-1] <= sent_s + 0.05, "5 N more, and the median"
+    assert ": stage was sent back, until board.load is at " in bench.loop.account.reason
 
 
 def test_one_that_cannot_be_sent_back_is_named(bench):
