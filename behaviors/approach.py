@@ -66,7 +66,7 @@ def see_that_it_leads_on(start_m: float, approach_limit_m: float) -> None:
     if approach_limit_m <= start_m:
         raise ValueError(
             f"approach_limit_m = {approach_limit_m:g} is not beyond start_m = {start_m:g}: positions grow towards the"
-            " object; turn the mover's axis round (a stage's forward, an arm's approach_axis)"
+            " object; turn the stage round, or an arm's approach_axis"
         )
 
 

@@ -83,8 +83,8 @@ class FirstContact(Approaching):
             "READY_FOR_START": f"{mover} goes to {start_mm:g} mm at {1e3 * speed_m_s:g} mm/s",
             "READY_FOR_NUDGE": f"{mover} goes {nudge_mm:g} mm towards the object; nothing touches yet",
             "READY_FOR_TOUCH": (
-                f"has {mover} come nearer? (if not, decline: its forward or approach_axis is reversed) It approaches"
-                f" until contact, at most to {1e3 * settings.approach_limit_m:g} mm"
+                f"has {mover} come nearer? (if not, decline: the stage, or the arm's approach_axis, is the wrong way"
+                f" round) It approaches until contact, at most to {1e3 * settings.approach_limit_m:g} mm"
             ),
             "READY_TO_LEAVE": f"{mover} goes back",
         }

@@ -3,7 +3,7 @@
 For driver and mock alike."""
 
 import math
-from typing import Literal, Self
+from typing import Self
 
 from pydantic import Field, model_validator
 
@@ -26,8 +26,8 @@ ROUNDING = 1e-6
 class StageLimits(AxisLimits):
     """How a stage is mounted, how far and how fast it may go: the same for a real one and a simulated one.
 
-    Positions are on the approach axis, which grows towards the object: `origin_m` from the home end is its
-    zero, `forward` its direction.
+    Positions are on the approach axis, which grows away from the home end, towards the object: `origin_m` from that
+    end is its zero. The other way round `Home`, which takes load away, would press the object.
     """
 
     microstep_m: float = Field(default=codec.MICROSTEP_M, gt=0.0, le=1e-4)
@@ -35,8 +35,6 @@ class StageLimits(AxisLimits):
     travel_m: float = Field(default=0.0254, gt=0.0, le=3.0)
     """Length of the rail in metres (data sheet: a stage of one inch). A real stage whose own limit disagrees is
     refused, for its microstep is another one."""
-    forward: Literal[1, -1] = 1
-    """1 where the approach axis points away from the home end, -1 where it points towards it."""
     origin_m: float = Field(default=0.0, ge=0.0, le=3.0)
     """Distance in metres from the home end to zero on the approach axis; rounded to a whole microstep."""
     travel_min_m: float = Field(default=0.0, ge=-3.0, le=3.0)
@@ -48,18 +46,16 @@ class StageLimits(AxisLimits):
 
     @model_validator(mode="after")
     def _on_the_rail(self) -> Self:
-        keys = ("travel_min_m", "travel_max_m")
-        ends_m = {key: self.origin_m + self.forward * getattr(self, key) for key in keys}
-        first, last = sorted(keys, key=lambda key: ends_m[key])
-        if ends_m[first] < -ROUNDING * self.microstep_m:
+        first_m, last_m = self.origin_m + self.travel_min_m, self.origin_m + self.travel_max_m
+        if first_m < -ROUNDING * self.microstep_m:
             raise ValueError(
-                f"{first} = {getattr(self, first):g} is {-ends_m[first]:g} m beyond the home end; change it, or check"
-                " origin_m and forward"
+                f"travel_min_m = {self.travel_min_m:g} is {-first_m:g} m beyond the home end; change it, or check"
+                " origin_m"
             )
-        if ends_m[last] > self.travel_m + ROUNDING * self.microstep_m:
+        if last_m > self.travel_m + ROUNDING * self.microstep_m:
             raise ValueError(
-                f"{last} = {getattr(self, last):g} is {ends_m[last]:g} m from the home end, but travel_m is"
-                f" {self.travel_m:g}; change it, or check origin_m, forward and the data sheet"
+                f"travel_max_m = {self.travel_max_m:g} is {last_m:g} m from the home end, but travel_m is"
+                f" {self.travel_m:g}; change it, or check origin_m and the data sheet"
             )
         return self
 
@@ -100,7 +96,6 @@ class Mounting:
 
     def __init__(self, settings: StageLimits) -> None:
         self._microstep_m = settings.microstep_m
-        self._forward = settings.forward
         self._origin = round(settings.origin_m / settings.microstep_m)
         self.lowest = self.at_least(settings.travel_min_m)
         self.highest = self.at_most(settings.travel_max_m)
@@ -135,16 +130,15 @@ class Mounting:
 
     def device(self, counts: int) -> int:
         """The device position of a count."""
-        return self._origin + self._forward * counts
+        return self._origin + counts
 
     def counts(self, device: int) -> int:
         """The count of a device position."""
-        return self._forward * (device - self._origin)
+        return device - self._origin
 
     def limits(self) -> dict[str, int]:
         """The device's limit settings for the travel."""
-        ends = sorted((self.device(self.lowest), self.device(self.highest)))
-        return {"limit.min": ends[0], "limit.max": ends[1]}
+        return {"limit.min": self.device(self.lowest), "limit.max": self.device(self.highest)}
 
     def refusal(self, command: MoveAt | MoveTo, here: int, acceleration_m_s2: float) -> str:
         """Why a stage that knows where it is refuses a valid motion, or "".

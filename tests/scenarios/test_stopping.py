@@ -140,7 +140,7 @@ def test_a_reversed_axis_ends_in_the_first_millimetre_by_the_persons_word(touch)
     fault = f'faults=[{{device="operator",kind="refuse",at_s={asked_s - 0.01}}}]'
     code, err, run = touch("--only", "1", "--set", fault)
     assert code == 1
-    check_refusal(err.strip().splitlines()[-1], "operator", "stage", "forward", "approach_axis", "reversed")
+    check_refusal(err.strip().splitlines()[-1], "operator", "stage", "approach_axis", "wrong way round")
     (row,) = run.trials
     assert row["outcome"] == "aborted"
     way_m = run.trial(1).stream("stage.position").values

@@ -274,6 +274,9 @@ def test_the_diagrams_in_the_docs_are_those_of_the_tables():
 @pytest.mark.parametrize("settings", [TransientSettings, FirstContactSettings])
 @pytest.mark.parametrize("limit_m", [0.002, 0.001])
 def test_an_approach_that_would_go_back_is_refused(settings, limit_m):
-    with pytest.raises(ValueError, match=r"approach_limit_m = .* not beyond start_m = 0.002.*approach_axis"):
+    with pytest.raises(
+        ValueError,
+        match=r"approach_limit_m = .* not beyond start_m = 0.002.*turn the stage round.*approach_axis",
+    ):
         settings(start_m=0.002, approach_limit_m=limit_m)
     assert settings(start_m=0.002, approach_limit_m=0.003).approach_limit_m == 0.003

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -1188,14 +1188,15 @@ def crushing(*, falls=True):
     it falls by as much."""
     bench = Bench(retreat_n=55.0, retreat_m=0.001)
     bench.guard.real, bench.slope = True, 0.3
-    apply = bench.stage.apply
+    stage: Any = bench.stage
+    apply = stage.apply
 
     def turned(command):
         if isinstance(command, MoveAt) and falls:
             bench.top = 1000.0 * bench.clock.now()
         apply(command)
 
-    bench.stage.apply = turned
+    stage.apply = turned
     return bench
 
 

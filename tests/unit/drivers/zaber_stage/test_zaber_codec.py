@@ -163,27 +163,22 @@ def test_an_approach_ends_at_the_last_whole_microstep_before_its_limit(
     assert mounting().target(MoveAt("stage", velocity_m_s, 1000.5 * STEP_M)) == counts
 
 
-def test_a_stage_mounted_backwards_counts_down_from_its_origin() -> None:
-    m = mounting(forward=-1, origin_m=0.0254, travel_max_m=0.02)
-    assert m.device(0) == 51200
-    assert m.device(1000) == 50200
-    assert m.counts(50200) == 1000
-
-
-def test_the_travel_of_a_stage_mounted_backwards_ends_at_the_devices_lower_limit() -> None:
-    m = mounting(forward=-1, origin_m=0.0254, travel_max_m=1000 * STEP_M)
-    assert m.limits() == {"limit.min": 50200, "limit.max": 51200}
+def test_positions_count_from_the_origin_away_from_the_home_end() -> None:
+    m = mounting(origin_m=0.0127, travel_max_m=1000 * STEP_M)
+    assert m.device(0) == 25600
+    assert m.device(1000) == 26600
+    assert m.counts(26600) == 1000
+    assert m.limits() == {"limit.min": 25600, "limit.max": 26600}
 
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
         ({"travel_min_m": 0.02, "travel_max_m": 0.01}, "is not below"),
-        ({"forward": -1}, "travel_max_m = 0.0254 is 0.0254 m beyond the home end"),
         ({"travel_min_m": -0.001}, "travel_min_m = -0.001 is 0.001 m beyond the home end"),
         ({"travel_max_m": 0.03}, "travel_m is 0.0254"),
         ({"travel_m": 0.02}, "travel_max_m = 0.0254 is 0.0254 m from the home end"),
-        ({"forward": 0}, "forward"),
+        ({"forward": -1}, "forward"),
         ({"max_speed_m_s": float("nan")}, "max_speed_m_s"),
         ({"baud": "fast"}, "baud"),
     ],

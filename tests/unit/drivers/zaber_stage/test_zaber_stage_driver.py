@@ -335,15 +335,6 @@ def test_a_newer_motion_replaces_an_older_one() -> None:
     assert not [status for status in b.statuses if isinstance(status, Reached)]
 
 
-def test_a_stage_mounted_backwards_goes_towards_its_home_end() -> None:
-    b = Bench(forward=-1, origin_m=0.0254)
-    b.begin(MoveTo("stage", 0.0240, 0.025))
-    b.expect(Reached)
-    b.begin(MoveAt("stage", 0.01, 0.0250))
-    assert b.wire.lines()[-1] == "move abs 807 33026"  # 25.4 mm - 25.0 mm = 806.3 microsteps
-    assert b.expect(Reached).position_m == pytest.approx(0.0250, abs=STEP_M)
-
-
 # the position
 
 
