@@ -266,10 +266,10 @@ def _draw(runs: Sequence[Run], figures: Figures) -> str:
     """The envelope along the approach: one panel for each side and speed of which there is a recording."""
     panels: dict[tuple[int, float], tuple[Run, int]] = {}
     for run in runs:
+        recorded = {*run.recorded_trials}
         for row in Trials.of([run], AuraFactors).where(object=PIPE, axis="x"):
-            if int(row["trial"] or 0) in run.recorded_trials:
-                key = SIDES.index(row["side"]), float(row["speed_m_s"])
-                panels.setdefault(key, (run, int(row["trial"])))
+            if row["trial"] in recorded:
+                panels.setdefault((SIDES.index(row["side"]), row["speed_m_s"]), (run, row["trial"]))
     if not panels:
         return ""
     keys = sorted(panels)[:PANELS]

@@ -32,7 +32,7 @@ from controller.reports.approaches import (
     unjudged,
 )
 from controller.reports.counts import Mean, Row, Trials, number, quantity, share, signed, spread, title, under
-from controller.reports.figures import OURS, PAPER, Figures
+from controller.reports.figures import LOOKS, OURS, PAPER, Figures
 from controller.reports.run_account import acting_of, criterion_of, setting_of
 from controller.reports.section import ROWS, Section, rows_where, told
 from controller.reports.settings import shown
@@ -251,15 +251,15 @@ def _draw_pair(
         for axes, what in zip(drawing.axes, ("force_n", "extent_m"), strict=True):
             scale = scale_of(what)
             theirs = np.array([(along(p), p[what], p[f"{what}.sd"]) for p in papers]).T
-            squares: Any = {"fmt": "s", "mfc": "white", "color": PAPER, "lw": 0.8, "label": "paper, mean ± σ"}
+            squares: Any = {**LOOKS["paper"], "ls": "", "lw": 0.8, "label": "paper, mean ± σ"}
             axes.errorbar(theirs[0] - shift, theirs[1] * scale.factor, theirs[2] * scale.factor, **squares)
             means = [row.mean(what) for _, row in mine]
             sigmas = np.nan_to_num([mean.sigma for mean in means]) * scale.factor
-            circles: Any = {"fmt": "o", "color": OURS, "lw": 1.0, "label": "this run, mean ± σ"}
+            circles: Any = {**LOOKS["ours"], "ls": "", "label": "this run, mean ± σ"}
             heights = [mean.mean * scale.factor for mean in means]
             axes.errorbar([x + shift for x, _ in mine], heights, sigmas, **circles)
             known = [
-                (x + 3.0 * shift, y * scale.factor) for x, row in mine for y in row.contacts.values(what)
+                (x + 3.0 * shift, y * scale.factor) for x, own in mine for y in own.contacts.values(what)
             ]
             dots: Any = {"alpha": 0.45, "ms": 4.5, "mew": 0, "label": "this run, single approaches"}
             axes.plot(*zip(*known, strict=True), ".", color=OURS, **dots)

@@ -12,7 +12,7 @@ from controller.measures import meanings_of
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
-from controller.reports.counts import is_number, title
+from controller.reports.counts import is_number, number, title
 from controller.reports.papers import RECORDED, came_to
 from controller.reports.run_account import acting_of, declared_of, experiment_in, setting_of
 from controller.scales import Scale, displayed, scale_of, spaced
@@ -227,7 +227,7 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
             value = row.get(name)
             exact = str(value) if name == "outcome" else repr(value) if is_number(value) else ""
             if name in instants and is_number(value) and zero_s is not None:
-                shown = f"{1e3 * (value - zero_s):z.0f}".replace("-", "−")
+                shown = number(value - zero_s, 0, 1e3)
             else:
                 said = title(str(value)) if name == "outcome" else value
                 shown = "" if value is None else scales[name].cell(said)
