@@ -14,12 +14,14 @@ from controller.recording.reader import Run
 from controller.reports.counts import (
     Row,
     Trials,
+    every,
     half_width,
     is_number,
     larger,
     mean_of,
     median_within,
     sized,
+    sure,
     three,
     title,
     within_all,
@@ -194,7 +196,11 @@ def _number(own: Trials, line: Row) -> Headline | None:
         theirs = said(paper)
         side = "as" if low <= paper <= high or abs(value / paper - 1.0) < 0.005 else "apart"
         if side == "apart" and less:
-            side = "better" if value < paper else "worse"
+            if over == "worst":
+                better = every(sum(abs(each) > paper for each in known), n)
+            else:  # one trial alone decides nothing
+                better = sure(high < paper, low > paper)
+            side = {True: "better", False: "worse", None: side}[better]
         how = {"as": "about", "apart": "beside"}.get(side, f"{side} than")
         beside += f", {how} the paper's {theirs}"
         if side != "as" and (how := sized(value, paper, scale.unit)):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from behaviors.lift import LIFTING
+from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.series import TrialRecording
 from controller.reports.counts import (
@@ -107,7 +108,7 @@ def _measures(rows: Trials) -> Row:
     }
     both = rows.known("friction", "friction_true")
     inside = both.where(lambda row: row["friction_low"] <= row["friction_true"] <= row["friction_high"])
-    line: dict[str, Any] = {"lifts": len(rows)}
+    line: dict[str, Any] = {"lifts": len(rows.known("slips"))}
     line |= {name: NOTHING if value is None else three(value) for name, value in shown.items()}
     said = f"{len(inside)} of {len(both)}" if both else "not known"
     return line | {"friction within its 90 % interval": said}
@@ -122,14 +123,16 @@ def _told(rows: Trials) -> list[Row]:
 
 def _goals(rows: Trials) -> Iterator[Row]:
     """Each goal, the figure, and whether it is met; None where so many trials do not decide it (95 % interval)."""
-    n = len(rows)
+    # a trial that found or gripped nothing, or was broken off, shows neither that it lifts nor that it does not
+    lifts = rows.known("slips").where(lambda row: row["outcome"] not in UNMEASURED)
+    n = len(lifts)
     for name, outcomes in (
         ("dropped, or never lifted", ("dropped", "not_lifted")),
         ("crushed", ("crushed",)),
     ):
-        hits = sum(row.get("outcome") in outcomes for row in rows)
+        hits = sum(row["outcome"] in outcomes for row in lifts)
         low, high = wilson(hits, n)
-        text = f"{hits} of {n}: {three(100 * low)} to {three(100 * high)} %"
+        text = f"{hits} of {n}: {three(100 * low)} to {three(100 * high)} %" if n else "no lift"
         yield {"goal": name, "aimed at": "1 %", "found": text, "met": decided(n - hits, n, 0.99)}
     for name, (column, part, bound) in WANTED.items():
         known = [value for value in rows.values(column) if value or column != "arrested_m"]

@@ -54,9 +54,11 @@ class PointerSweep:
 
 
 def read_sweeps(runs: Sequence[Run]) -> list[PointerSweep]:
-    """The sweeps of some runs, from the least force to the largest."""
+    """The sweeps of some runs that ended as meant, from the least force to the largest."""
     found: dict[float, list[Sequence[Touch]]] = {}
     for run, row, recording in recorded(runs):
+        if not run.succeeded(row):
+            continue
         own = run.events_of(row["trial"])
         touches = touches_of(
             recording,

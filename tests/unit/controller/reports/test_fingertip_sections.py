@@ -122,7 +122,7 @@ ANGLES = (-1.0, 0.0, 1.0)
 OFF = {"up": -0.01, "down": 0.03}
 
 
-def write_pointer(root, forces_n=(1.0, 3.0), *, bench="mock", angles=ANGLES):
+def write_pointer(root, forces_n=(1.0, 3.0), *, bench="mock", angles=ANGLES, outcomes=()):
     behavior = {"detector": "touch", "forces_stream": "signals.tip", "pose_stream": "arm.pose"}
     settings = {"behavior": behavior | {"angles_rad": list(ANGLES)}}
     folder, recorder = opened(root, "pointer", bench, settings, ["detectors.touch.threshold"])
@@ -148,9 +148,16 @@ def write_pointer(root, forces_n=(1.0, 3.0), *, bench="mock", angles=ANGLES):
                 rows = np.tile(row, (20, 1))
                 recorder.record([SampleBlock("signals.tip", round(t_s * 1000), t_s, rows, rate_hz=1000.0)])
                 recorder.event(Tick(t_s + 0.4), state="RECORDING", next_state="LIFTING")
-        recorder.end_trial("contact", {})
+        recorder.end_trial(outcomes[trial - 1] if outcomes else "contact", {})
     recorder.close()
     return open_run(folder.path)
+
+
+def test_a_sweep_that_was_broken_off_counts_in_no_figure(tmp_path):
+    (sweep,) = read_sweeps(
+        [write_pointer(tmp_path, (3.0, 1.0, 1.0), outcomes=("fault", "contact", "aborted"))]
+    )
+    assert (sweep.force_n, len(sweep.trials)) == (1.0, 1)
 
 
 def test_sweeps_are_read_from_the_recording_force_by_force(tmp_path):

@@ -9,7 +9,7 @@ from controller.reports.section import Section, rendered
 
 def row(outcome="held", **about):
     usual = {"cycle_s": 30.0, "grip_over_least": 1.1, "arrested_m": 0.0, "push_n": 0.05, "felt_n": 6.7}
-    told = {"told_true": 1, "told_false": 0, "untold": 0}
+    told = {"slips": 1, "told_true": 1, "told_false": 0, "untold": 0}
     known = {"friction": 0.3, "friction_low": 0.27, "friction_high": 0.33, "friction_true": 0.31}
     return {"outcome": outcome, **usual, **told, **known, **about}
 
@@ -24,6 +24,14 @@ def test_a_goal_has_its_figure_its_interval_and_whether_it_is_met():
     assert goals["dropped, or never lifted"] == ("1 of 4: 4.56 to 69.9 %", False)
     assert goals["lifts with a slip acted on that was none"] == ("1 of 4, 25.0 %", False)
     assert goals["grip over least force, median"] == ("1.1", None), "four do not decide it"
+
+
+def test_a_trial_that_lifted_nothing_or_was_broken_off_counts_in_no_goal_of_lifts():
+    none = [row(name, slips=None) for name in ("not_found", "not_gripped")] * 200 + [row("guard")] * 9
+    goals = found([*none, row(), row("dropped")])
+    assert goals["dropped, or never lifted"] == ("1 of 2: 9.45 to 90.5 %", False)
+    assert found(none)["crushed"] == ("no lift", None)
+    assert _measures(Trials([*none, row()]))["lifts"] == 10
 
 
 def test_a_goal_is_met_where_so_many_trials_decide_it_and_slips_in_the_air_where_there_were_any():

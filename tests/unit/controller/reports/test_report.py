@@ -522,6 +522,23 @@ def test_one_verdict_says_how_it_went_by_trials_goals_and_the_papers_number(tmp_
         assert how in found.verdict
 
 
+@pytest.mark.parametrize(
+    ("delays_s", "how"), [((0.29,), "beside"), ((0.31,), "beside"), ((0.1, 0.11), "better than")]
+)
+def test_one_trial_is_neither_better_nor_worse_than_the_paper(delays_s, how):
+    rows = [{"delay_s": delay_s, "outcome": "contact"} for delay_s in delays_s]
+    found = first_screen.listed(headlines("transient"), rows)
+    assert f"{how} the paper's 300 ms" in found.verdict
+
+
+@pytest.mark.parametrize(
+    ("errors_m", "side"), [((0.0079,), "apart"), ((0.0082,), "worse"), ((0.001,) * 29, "better")]
+)
+def test_the_largest_is_better_than_the_papers_once_so_many_trials_show_it(errors_m, side):
+    rows = [{"error_m": error_m, "method": "ours", "outcome": "centred"} for error_m in errors_m]
+    assert first_screen.listed(headlines("centering"), rows).side == side
+
+
 def test_the_papers_number_stands_only_beside_what_it_is_of():
     rows = [{"object": "pipe", "axis": "y", "seen_paper": 1, "approaches": 1, "outcome": "approached"}] * 4
     listed, aura = first_screen.listed, headlines("aura")
