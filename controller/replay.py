@@ -515,22 +515,37 @@ def regular(times_s: Floats, values: Floats) -> Regular | None:
         return None
     steps_s = np.diff(times_s)
     median_s = float(np.median(steps_s))
-    places = np.concatenate(([0], np.cumsum(np.rint(steps_s / median_s).astype(np.int64))))
+    # their mean: where 2.5 ms was rounded to 2 or 3, the median is one of the two; twice, for 5 ms is usual beside 3
+    usual_s = median_s
+    for _ in range(2):
+        usual = steps_s[_usual(steps_s, usual_s)]
+        usual_s = float(usual.mean()) if len(usual) else usual_s
+    places = np.concatenate(([0], np.cumsum(np.rint(steps_s / usual_s).astype(np.int64))))
     period_s = float(times_s[-1] - times_s[0]) / max(1, int(places[-1]))
-    off_s = np.abs(times_s - times_s[0] - period_s * places)
-    if np.diff(places).min() >= 1 and off_s.max() <= ROUNDING * period_s:
+    off_s = times_s - times_s[0] - period_s * places
+    # a line through them all, for the first and the last time were rounded too
+    centred = places - places.mean()
+    slope_s = float(centred @ off_s) / max(1.0, float(centred @ centred))
+    period_s += slope_s
+    jitter_s = 0.5 * float(np.ptp(off_s - slope_s * centred))
+    if np.diff(places).min() >= 1 and jitter_s <= ROUNDING * period_s:
         starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
         pieces = [
             (int(places[first]), values[first:last], times_s[first:last])
             for first, last in zip(starts, [*starts[1:], len(values)], strict=True)
         ]
-        return Regular(1.0 / period_s, pieces, float(off_s.max()), False)
+        return Regular(1.0 / period_s, pieces, jitter_s, False)
     return _resampled(times_s, values, median_s)
+
+
+def _usual(steps_s: Floats, period_s: float) -> NDArray[np.bool_]:
+    """Which steps are in the range `STEPS` of a period; shape as theirs."""
+    return (steps_s >= STEPS[0] * period_s) & (steps_s <= STEPS[1] * period_s)
 
 
 def _resampled(times_s: Floats, values: Floats, median_s: float) -> Regular | None:
     steps_s = np.diff(times_s)
-    usual = (steps_s >= STEPS[0] * median_s) & (steps_s <= STEPS[1] * median_s)
+    usual = _usual(steps_s, median_s)
     if usual.mean() < WANDERING:
         return None
     period_s = float(steps_s[usual].mean())

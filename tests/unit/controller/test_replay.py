@@ -19,7 +19,16 @@ from controller.detectors.calibration import span_maxima, threshold_for
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.recording.tables import ReplayError, read_columns
-from controller.replay import at_rail, between, calibration_line, enveloped, nearest, read_blocks, replay
+from controller.replay import (
+    at_rail,
+    between,
+    calibration_line,
+    enveloped,
+    nearest,
+    read_blocks,
+    regular,
+    replay,
+)
 from controller.replay_plot import draw
 from controller.signals.iq import IqSettings
 from drivers.core.messages import SampleBlock
@@ -124,6 +133,32 @@ def test_times_that_wander_are_resampled_which_is_reported_and_a_gap_in_them_sta
     first, second = read_blocks(csv(tmp_path / "a.csv", times_s[kept], kept, form="%.9f"), STREAM)
     assert second.seq - first.seq - len(first) == pytest.approx(500, abs=2)
     assert second.t0_s == pytest.approx(1.5, abs=1e-3)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("rows", [2000, 2001])
+@pytest.mark.parametrize("rate_hz", [400.0, 440.0, 450.0])
+def test_samples_whose_times_were_rounded_to_milliseconds_are_kept_as_they_are(rate_hz, rows, first):
+    """Steps of 2 and 3 ms, whose median is either by chance; and with rows missing, one in forty or 300 in a row."""
+    places = np.arange(first, first + rows)
+    values = np.sin(places)[:, None]
+    times_s = np.round(1e3 * places / rate_hz) / 1e3
+    found = regular(times_s, values)
+    assert found.rate_hz == pytest.approx(rate_hz, rel=1e-5), "better than a millisecond in 5 s"
+    ((seq, piece, at_s),) = found.pieces
+    assert seq == 0
+    assert np.array_equal(piece, values)
+    assert np.array_equal(at_s, times_s)
+    for lost in (slice(20, None, 40), slice(500, 800)):
+        kept = np.delete(np.arange(rows), lost)
+        with_gaps = regular(times_s[kept], values[kept])
+        numbers = np.concatenate([seq + np.arange(len(piece)) for seq, piece, _ in with_gaps.pieces])
+        assert np.array_equal(numbers, kept)
+        assert not with_gaps.resampled
+
+
+def test_two_steps_of_which_neither_is_usual_are_no_samples():
+    assert regular(np.array([0.0, 0.01, 1.01]), np.zeros((3, 1))) is None
 
 
 # --- calibration ---------------------------------------------------------------------------------
