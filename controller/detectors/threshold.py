@@ -21,7 +21,8 @@ DRIFT_ROOM = 1.5
 """A baseline may stray so many times farther than means side by side say: rest drifts, too. Assumption."""
 
 LEAST_STEPS = 2.0
-"""A baseline without a threshold of its own may stray by so many steps of its converter, whatever its noise."""
+"""A threshold that is not set is no less than so many steps of the converter, and a baseline may stray by as many: at
+rest between two codes noise flips by one, whatever the baseline has shown of it."""
 
 
 class ForceThresholdSettings(Settings):
@@ -113,10 +114,12 @@ class ForceThresholdDetector(OnStream[ForceThresholdSettings]):
             distances = np.linalg.norm(means - level, axis=1)
             worst = float(distances.max())
             if self.settings.threshold is None:
-                self._threshold = NOISE_SIGMA * math.sqrt(float(np.mean(distances**2)))
+                least = LEAST_STEPS * _step(samples)
+                noise = NOISE_SIGMA * math.sqrt(float(np.mean(distances**2)))
+                self._threshold = max(noise, least) if math.isfinite(least) else 0.0
                 # a contact is noise to itself: how far rest may stray, means side by side say
                 rest = DRIFT_ROOM * NOISE_SIGMA * _noise_beside(means, self._size(rate_hz))
-                if worst > max(rest, LEAST_STEPS * _step(samples)):
+                if worst > max(rest, least):
                     self._threshold = rest
         reason = self._unfit(worst, float(np.linalg.norm(level)))
         if reason:
@@ -182,7 +185,7 @@ def _noise_beside(means: Floats, size: int) -> float:
 
 
 def _step(samples: Floats) -> float:
-    """Least difference of two neighbours: the converter's step where it can be seen."""
+    """Least difference of two neighbours: the converter's step where it can be seen, infinite where nothing changes."""
     steps = np.abs(np.diff(samples, axis=0))
     return float(steps.min(initial=math.inf, where=steps > 0.0))
 

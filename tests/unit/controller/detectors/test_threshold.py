@@ -95,6 +95,25 @@ def test_a_baseline_without_noise_gives_no_threshold_and_a_coarse_converter_at_r
     assert isinstance(event, BaselineReady)
 
 
+@pytest.mark.parametrize("offset", [0.15, 0.3, 0.5])
+def test_flips_by_one_step_of_the_converter_are_no_contact_and_three_steps_are(offset):
+    """Noise of 0.12 steps, for five minutes; between codes it flips seldom, or always."""
+    noise = 0.12 * np.random.default_rng(4).standard_normal(300_000)
+    noise[100] = 0.5  # the baseline shows one step at least
+    touch = detector(threshold=None, baseline_s=0.5, average_s=0.02)
+    (ready,) = touch.push(block(0.05 * np.round(offset + noise)))
+    assert isinstance(ready, BaselineReady)
+    assert ready.threshold == pytest.approx(2.0 * 0.05)
+    (contact,) = touch.push(block(0.05 * np.round(offset + noise[:40] + 3.0), seq=300_000))
+    assert isinstance(contact, Contact)
+
+
+def test_a_constant_baseline_has_no_noise_whatever_its_mean_is_rounded_to():
+    (refused,) = detector(threshold=None).push(block(np.full(400, 0.1)))
+    assert isinstance(refused, BaselineRefused)
+    assert "set threshold" in refused.reason
+
+
 @pytest.mark.parametrize(("offset", "kind"), [(0.1, BaselineReady), (2.0, BaselineRefused)])
 def test_a_tared_sensor_that_reads_more_than_the_threshold_at_rest_is_in_contact(offset, kind):
     rng = np.random.default_rng(3)
