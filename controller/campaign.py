@@ -223,7 +223,8 @@ class Campaign:
             code, status, line, fault = EXIT_FAILED, "failed", f"{type(error).__name__}: {error}", error
         if self._not_at_rest:
             line = f"{line}; NOT seen standing still: {', '.join(self._not_at_rest)}: look at the bench"
-        accounts = self._manifest["signals"].values()
+        links = (found.get("link", {}) for found in self._manifest["devices"].values())
+        accounts = [*self._manifest["signals"].values(), *links]
         counts_of = Counter(account["warning"] for account in accounts if "warning" in account)
         new = {text: n for text, n in counts_of.items() if text not in line}  # of where trials were run
         warnings = [f"{text} ({n} signals)" if n > 1 else text for text, n in new.items()]

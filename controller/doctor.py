@@ -51,9 +51,6 @@ RATE = 0.02
 LOST = 0.05
 """Share of samples that may be lost in this second with no more than a warning."""
 
-DRIFT_PPM = 500.0
-"""Largest drift that a second can mean nothing by (assumption: crystals are within 100 ppm)."""
-
 
 Verdict = Literal["ok", "warn", "fail"]
 
@@ -138,7 +135,8 @@ def examine(
                 lost = sum(s.samples for s in own if isinstance(s, Lost) and s.stream == stream.name)
                 yield from _reading(stream, blocks.get(stream.name, []), rate, lost)
             yield from _troubles(own, {key: sum(map(len, got)) for key, got in blocks.items()})
-            yield from _clock(name, rig.devices[name].account())
+            if warning := rig.devices[name].account().get("warning"):
+                yield Finding("warn", f"    {warning}")
         if infos.keys() == rig.devices.keys():
             unknown = list(_unknown_streams(infos, trials, named))
             yield from unknown
@@ -326,15 +324,6 @@ def _troubles(statuses: Sequence[Status], read: Mapping[str, int]) -> Iterator[F
         yield Finding("warn" if few else "fail", f"    {stream}: {samples} samples lost{places}; {remedy}")
     for line, count in others.items():
         yield Finding("fail", f"    {line}" + (f" ({count} times)" if count > 1 else ""))
-
-
-def _clock(name: str, account: Mapping[str, object]) -> Iterator[Finding]:
-    """How far a device's clock runs from this computer's."""
-    drift_ppm = account.get("drift_ppm")
-    if isinstance(drift_ppm, float) and abs(drift_ppm) > DRIFT_PPM:
-        remedy = "listen for longer, as a run does; if it stays so, one of both clocks is bad"
-        line = f"    {name}: its clock runs {drift_ppm:.0f} ppm from this computer's"
-        yield Finding("warn", f"{line}; {remedy}")
 
 
 def _watchdog(rig: Rig, info: DeviceInfo, watchdog_s: float) -> Finding:

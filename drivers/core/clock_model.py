@@ -50,6 +50,9 @@ used. Assumptions: one in 3,000 exponential delays is as long; a clock of millis
 PATIENCE_S: Final = 10.0
 """Where all arrivals are late for so long, the least delay has changed: the line restarts (assumption)."""
 
+AT_BOUND_S: Final = 5e-3
+"""A drift at its bound is worth a warning once it has made this much: less a busy host makes too (assumption)."""
+
 DRIFT_SIGMAS: Final = 3.0
 """Standard deviations of a drift that the bound on it is taken for (assumption)."""
 
@@ -158,6 +161,17 @@ class DeviceClock:
         """By how much the device's clock runs faster than the host's, in ppm; 0 until it is known."""
         return -self._slope / (1.0 + self._slope) * 1e6
 
+    def account(self, device: str) -> dict[str, object]:
+        """For the account of a driver: `drift_ppm`, and a `warning` where it is at its bound; `device` is its name."""
+        found: dict[str, object] = {"drift_ppm": self.drift_ppm}
+        since_s = self._latest_s - self._begun_s
+        if self.settled and abs(self._slope) >= self._max_slope and since_s * self._max_slope >= AT_BOUND_S:
+            found["warning"] = (
+                f"{device}: its clock runs {1e6 * self._max_slope:g} ppm from this computer's or more, and "
+                "max_drift_ppm allows no more: its samples are dated worse and worse; raise max_drift_ppm"
+            )
+        return found
+
     def extended(self, shown_s: float, arrival_s: float) -> tuple[float, float]:
         """Device time with wraps undone, and by how much it is ahead of the time expected from the arrival (s)."""
         if not self.ready:
@@ -233,6 +247,10 @@ class HostClock(DeviceClock):
 
     def observe(self, device_s: float, arrival_s: float) -> None:
         """Nothing to observe: it shows the host's time."""
+
+    def account(self, device: str) -> dict[str, object]:
+        """Nothing: it does not drift."""
+        return {}
 
     def host_s(self, device_s: float) -> float:
         """What it shows."""

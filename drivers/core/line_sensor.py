@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from drivers.core.clock_model import DeviceClock
+from drivers.core.clock_model import DeviceClock, HostClock
 from drivers.core.links import LineBuffer, SerialLink, SerialPort, open_serial
 from drivers.core.messages import Command, DeviceInfo, Listen, StreamInfo
 from drivers.core.numbering import SampleStream
@@ -23,8 +23,8 @@ class LineSensorSettings(SerialPort):
     """When it is asked again (assumption)."""
     silence_timeout_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """Silence after which it has failed (assumption: tens of samples)."""
-    max_drift_ppm: float = Field(default=200.0, gt=0.0, le=10_000.0)
-    """Bound on the drift between its clock and the host's. Assumption: two crystals of 100 ppm."""
+    max_drift_ppm: float = Field(default=10_000.0, gt=0.0, le=50_000.0)
+    """Bound on the drift between its clock and the host's. Assumption: a ceramic resonator is within 5000 ppm."""
 
 
 class LineIdentity(NamedTuple):
@@ -77,8 +77,8 @@ class LineSensor(WireDriver[SerialLink]):
         raise NotImplementedError
 
     def account(self) -> Mapping[str, object]:
-        """Lines that made no sense."""
-        return {"malformed": self._malformed}
+        """Lines that made no sense, and the drift of its clock."""
+        return {"malformed": self._malformed, **self._own_clock.account(self.name)}
 
     def _prepare(self) -> None:
         self._stream_name = f"{self.name}.{self.channel}"
@@ -88,6 +88,7 @@ class LineSensor(WireDriver[SerialLink]):
         self._lines = LineBuffer(LONGEST_LINE)
         self._malformed = 0
         self._streams: dict[str, SampleStream] = {}
+        self._own_clock: DeviceClock = HostClock()
         self._listening = frozenset[str]()
         self._received_s = 0.0
 
@@ -105,7 +106,7 @@ class LineSensor(WireDriver[SerialLink]):
         )
         link.send(self.stop)  # an earlier host may have left it on
         found = inquiry.ask(lambda: link.send(self.query), self._identity)
-        clock = DeviceClock(s.max_drift_ppm, wrap_s=found.wrap_s)
+        clock = self._own_clock = DeviceClock(s.max_drift_ppm, wrap_s=found.wrap_s)
         name = found.stream.name
         self._streams[name] = SampleStream(found.stream, clock, self._clock, np.int32, found.counter_modulus)
         return DeviceInfo(

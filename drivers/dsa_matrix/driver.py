@@ -186,7 +186,7 @@ class DsaMatrix(WireDriver[SerialLink]):
             "bytes_passed_over": self._decoder.passed_over,
             "frames_wrong": self._wrong,
             "frames_lost": self._missing,
-            "drift_ppm": self._device_clock.drift_ppm,
+            **self._device_clock.account(self.name),
         }
 
     def _acquire(self, run: bool) -> MatrixPacket:

@@ -41,7 +41,7 @@ class NiDaq(WireDriver[DaqLink]):
         self._scaled.forget()
         self._listening: frozenset[str] = frozenset()
         self._received_s = self._clock.monotonic_s()
-        clock = DeviceClock(self._settings.max_drift_ppm)
+        clock = self._own_clock = DeviceClock(self._settings.max_drift_ppm)
         self._tracks = {full: StreamTrack(clock, self._settings.rate_hz, ENDLESS) for full in self._infos}
 
     def _identify(self, link: DaqLink) -> DeviceInfo:
@@ -97,8 +97,9 @@ class NiDaq(WireDriver[DaqLink]):
                 self._link.drive(command)
 
     def account(self) -> Mapping[str, object]:
-        """Samples of each input, and what is read at zero."""
-        return {"samples": self._samples, "zeros": dict(self._scaled.zeros)}
+        """Samples of each input, what is read at zero, and the drift of the device's clock."""
+        found = {"samples": self._samples, "zeros": dict(self._scaled.zeros)}
+        return {**found, **self._own_clock.account(self.name)}
 
     def _update(self, link: DaqLink) -> str | None:
         for command, at_s in link.driven():

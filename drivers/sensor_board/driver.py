@@ -115,7 +115,7 @@ class SensorBoard(WireDriver[SerialLink]):
             "bad_cobs": self._decoder.bad_cobs,
             "overlong": self._decoder.overlong,
             "malformed": self._malformed,
-            "drift_ppm": self._streams.clock.drift_ppm,
+            **self._streams.clock.account(self.name),
         }
 
     # open and close; excitation and tendon stay as they are at the one, and are switched off at the other

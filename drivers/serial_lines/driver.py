@@ -62,9 +62,9 @@ class SerialLines(LineSensor):
         return shown_s, counter
 
     def account(self) -> Mapping[str, object]:
-        """Lines that made no sense, and what is printed at zero."""
+        """Lines that made no sense, the drift of the board's clock, and what is printed at zero."""
         malformed = self._malformed + self._lines.dropped
-        return {"malformed": malformed, "offsets": dict(self._scaled.zeros)}
+        return {**super().account(), "malformed": malformed, "offsets": dict(self._scaled.zeros)}
 
     def _prepare(self) -> None:
         s = self._settings
@@ -89,6 +89,7 @@ class SerialLines(LineSensor):
         rate_hz = self._check_rate(sound)
         own = s.time_column is not None or s.rate_hz is not None
         clock = DeviceClock(s.max_drift_ppm, wrap_s=s.wrap_s) if own else HostClock()
+        self._own_clock = clock
         modulus = s.counter_modulus or (None if s.rate_hz else ENDLESS)
         longest_s = None if s.rate_hz else s.silence_timeout_s
         infos = [one.info(name, s.rate_hz, longest_s) for name, one in self._scaled.streams.items()]

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from drivers.core.clock import Clock
-from drivers.core.clock_model import DeviceClock
+from drivers.core.clock_model import DeviceClock, HostClock
 from drivers.core.errors import CodecError, PortError, ProtocolError, RefusedError
 from drivers.core.links import JOIN_TIMEOUT_S, drained
 from drivers.core.messages import Command, DeviceInfo, Listen, Saturated, StreamInfo, Tare
@@ -128,8 +128,9 @@ class UdpForce(WireDriver[UdpLink]):
     _opens = staticmethod(open_udp)
 
     def account(self) -> Mapping[str, object]:
-        """Datagrams that made no sense, and records that came behind a later one."""
-        return {"malformed": self._malformed, "disordered": self._disordered}
+        """Datagrams that made no sense, records that came behind a later one, and the drift of the box's clock."""
+        found = {"malformed": self._malformed, "disordered": self._disordered}
+        return {**found, **self._box_clock.account(self.name)}
 
     def _prepare(self) -> None:
         self._forget()
@@ -138,6 +139,7 @@ class UdpForce(WireDriver[UdpLink]):
         self._malformed = self._disordered = 0
         self._listening = frozenset[str]()
         self._streams: dict[str, SampleStream] = {}
+        self._box_clock: DeviceClock = HostClock()
         self._received_s = 0.0
         self._latest: int | None = None
         self._old = False
@@ -166,7 +168,7 @@ class UdpForce(WireDriver[UdpLink]):
         box = self._box()
         axis, sign = "xyz".index(s.normal[1]), -1 if s.normal[0] == "-" else 1
         self._normal = axis, sign
-        clock = DeviceClock(s.max_drift_ppm, wrap_s=codec.MODULUS / box.sample_hz)
+        clock = self._box_clock = DeviceClock(s.max_drift_ppm, wrap_s=codec.MODULUS / box.sample_hz)
         self._sample_hz = box.sample_hz
         xyz, n, nm = ("x", "y", "z"), 1.0 / box.counts_per_n, 1.0 / box.counts_per_nm
         infos = (

@@ -152,11 +152,19 @@ def test_one_clock_stands_in_manifest_and_report_and_in_no_warning(tmp_path):
 
 def test_two_clocks_that_were_taken_for_one_are_reported_in_the_last_line(tmp_path, monkeypatch):
     monkeypatch.setattr("controller.signals.iq.DRIFT_MAX_PPM", 0.0)
+    slow = "its clock is too slow; raise max_drift_ppm"
+    monkeypatch.setattr(
+        "drivers.core.wire.Driver.account", lambda device: {"warning": f"{device.name}: {slow}"}
+    )
     outcome, run = one_approach(tmp_path)
     assert outcome.exit_code == EXIT_DONE
     assert 'set clocks = "tracked", or use one card for both' in outcome.line
     assert outcome.line.count("ppm apart") == 1
     assert run.manifest["signals"]["right"]["warning"] in outcome.line
+    links = [found["link"] for found in run.manifest["devices"].values()]
+    warned = [link["warning"] for link in links if "warning" in link]
+    assert warned
+    assert all(warning in outcome.line for warning in warned), "a device's own clock likewise"
 
 
 def test_without_a_request_nothing_is_reported(tmp_path):

@@ -22,8 +22,10 @@ class Sensor:
     """A device with one stream of what the test gives it, once a turn."""
 
     def __init__(
-        self, name, clock, value=1.0, rate_hz=100.0, error=None, noisy=False, details=None, ends_s=99.0
-    ):
+        self, name, clock, value=1.0, rate_hz=100.0, error=None, noisy=False, details=None, ends_s=99.0,
+        found=None,
+    ):  # fmt: skip
+        self.found = found or {}
         self.name, self.clock, self.value, self.rate_hz = name, clock, value, rate_hz
         self.error, self.noisy, self.details, self.ends_s = error, noisy, details or {}, ends_s
         self.commands, self.statuses, self.seq, self.closed = [], [], 0, False
@@ -49,7 +51,7 @@ class Sensor:
         return [SampleBlock(f"{self.name}.force", self.seq, now_s, values, rate_hz=100.0, unit="N")]
 
     def account(self):
-        return {}
+        return self.found
 
     def poll(self):
         statuses, self.statuses = self.statuses, []
@@ -122,6 +124,7 @@ def test_a_device_that_does_not_open_hides_no_other_and_all_are_closed_where_the
         ({"value": np.nan}, "fail", ["not finite"]),
         ({"value": 0.25, "noisy": True}, "fail", ["repeats one value", "plugged in"]),
         ({"value": lambda k: k % 2, "rate_hz": 104.0}, "warn", ["100 Hz", "104", "correct its rate"]),
+        ({"value": lambda k: k % 2, "found": {"warning": "cell: its clock"}}, "warn", ["cell: its clock"]),
         ({"value": lambda k: k % 2, "details": {"safety_status": "FAULT"}}, "warn", ["is FAULT", "pendant"]),
         ({"value": lambda k: k % 2, "details": {"speed_slider": 0.3}}, "warn", ["speed_slider is 0.3", "slider"]),
     ],

@@ -15,7 +15,7 @@ from drivers.serial_lines.driver import SerialLines
 from drivers.serial_lines.settings import SerialLinesSettings
 from simulator.mocks.base import MemoryLine
 from tests.contracts.crank import Crank
-from tests.refusals import refused
+from tests.refusals import check_refusal, refused
 
 FORCE = "uno.force"
 
@@ -88,6 +88,52 @@ def test_scale_offset_unit_and_rate_are_the_profiles_and_micros_may_wrap() -> No
     for before, after in pairwise(crank.blocks):
         assert after.seq == before.seq + len(before)
     assert not crank.of(Lost)
+
+
+class Batches(Board):
+    """Stamps its lines 1 ms apart, by a clock that runs so many ppm fast; 16 reach the host at once, with the last."""
+
+    def __init__(self, drift_ppm: float) -> None:
+        super().__init__(lambda tick: b"%d,%d\n" % (1000 * tick, tick), hz=1000.0 * (1.0 + drift_ppm * 1e-6))
+
+    @property
+    def due_s(self) -> float:
+        return (self.tick + 15) / self.hz
+
+    def step(self, t_s: float) -> bytes:
+        sent = b""
+        while self.due_s <= t_s:
+            sent += b"".join(self.prints(tick) for tick in range(self.tick, self.tick + 16))
+            self.tick += 16
+        return sent
+
+
+@pytest.mark.parametrize("drift_ppm", [-5000.0, -2000.0, 50.0, 5000.0])
+def test_the_clock_of_a_ceramic_resonator_is_followed(drift_ppm: float) -> None:
+    board = Batches(drift_ppm)
+    crank = opened(board, rate_hz=1000.0)
+    crank.turn_s = 0.016
+    crank.listen(FORCE)
+    crank.turn(5.0)
+    ticks = crank.values(FORCE)[:, 0] / 0.5 + 100.0
+    late = crank.times(FORCE)[2000:] - ticks[2000:] / board.hz
+    assert np.abs(late).max() < 1e-3, "it dated the slowest 25 ms early by then"
+    account = crank.device.account()
+    assert account["drift_ppm"] == pytest.approx(drift_ppm, abs=20.0)
+    assert "warning" not in account
+    assert not crank.of(Lost)
+
+
+def test_a_clock_beyond_its_bound_is_one_line() -> None:
+    crank = opened(Batches(-5000.0), rate_hz=1000.0, max_drift_ppm=200.0)
+    crank.turn_s = 0.016
+    crank.listen(FORCE)
+    crank.turn(20.0)
+    assert "warning" not in crank.device.account(), "200 ppm are 4 ms in 20 s, as a busy host makes too"
+    crank.turn(10.0)
+    account = crank.device.account()
+    assert account["drift_ppm"] == pytest.approx(-200.0, abs=0.1)
+    check_refusal(str(account["warning"]), "uno: its clock runs 200 ppm", "raise max_drift_ppm")
 
 
 def test_a_sensor_that_is_mounted_the_other_way_round_has_a_negative_scale() -> None:
@@ -257,6 +303,7 @@ def test_without_a_rate_each_sample_has_its_own_time_by_the_board() -> None:
 def test_without_time_or_counter_samples_are_dated_by_arrival_and_lost_where_a_line_makes_no_sense() -> None:
     crank = opened(Board(lambda tick: b"12x\n" if tick == 90 else b"%d\n" % tick), **ARRIVALS)
     assert crank.info.clock == "arrivals"
+    assert "drift_ppm" not in crank.device.account()
     crank.listen(FORCE)
     crank.turn(2.0)
     ticks = crank.values(FORCE)[:, 0] / 0.5 + 100
