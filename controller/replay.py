@@ -25,7 +25,7 @@ from controller.detectors.contract import part, trace
 from controller.detectors.protocol import Detector, quantity_of, readings_of
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
-from controller.recording.tables import Chosen, ReplayError, channel_numbers, read_columns
+from controller.recording.tables import STEPS, Chosen, ReplayError, channel_numbers, read_columns
 from controller.scales import si_unit
 from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
 from drivers.core.messages import Floats, SampleBlock, Saturated
@@ -477,9 +477,6 @@ def between(blocks: Sequence[SampleBlock], t0_s: float, t1_s: float = math.inf) 
 ROUNDING = 0.25
 """Rows are regular samples where their times are within this share of a period of a common grid: times that were
 rounded when they were written, as 1 ms at 400 Hz (assumption)."""
-
-STEPS = (0.2, 1.8)
-"""A step between two rows in this range of periods is one of a sampler that wanders; a longer one is a gap."""
 
 WANDERING = 0.95
 """So large a share of the steps must be in that range for the rows to be samples at all (assumption)."""

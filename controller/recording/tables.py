@@ -73,6 +73,8 @@ STATED_HZ = (1e-3, 1e9)
 CALENDAR = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 """Times above the first number are counted since 1970 in units of so many seconds: each holds from 1973 to 5138."""
 
+STEPS = (0.2, 1.8)
+"""A step between two rows in this range of periods is one of a sampler that wanders; a longer one is a gap."""
 
 LEFT_OUT = "Reached EOF prematurely|Incomplete chunk|Length of header or names does not match"
 """What a library merely warns of where it leaves a part of the file out."""
@@ -204,6 +206,8 @@ def _unrolled(
     times_s, many = rows.times_s, len(wanted)
     if times_s is not None and len(times_s) > 1:
         steps_s = np.diff(times_s, append=2.0 * times_s[-1] - times_s[-2])
+        usual_s = float(np.median(steps_s))
+        steps_s[steps_s > STEPS[1] * usual_s] = usual_s  # a row before a gap is as long as the others
         times_s = (times_s[:, None] + steps_s[:, None] * np.arange(many) / many).ravel()
     return Chosen(ends[0], rows.values.reshape(-1, 1), times_s, clock=rows.clock)
 

@@ -572,6 +572,17 @@ def test_tables_below_a_preamble_and_samples_side_by_side_are_read(tmp_path, nam
     assert found.times_s is None or found.times_s == pytest.approx(0.01 * np.arange(6))
 
 
+def test_a_row_of_many_samples_before_a_gap_is_as_long_as_the_others(tmp_path):
+    """100 rows of 22 samples a second; 3 s of them are missing after row 200, counted from 0."""
+    rows = np.r_[0:201, 501:600]
+    lines = (f"{row / 100:.2f},{','.join(str(22 * row + k) for k in range(22))}\n" for row in rows)
+    (tmp_path / "a.csv").write_text("t_s," + ",".join(f"p{k}" for k in range(22)) + "\n" + "".join(lines))
+    found = read_columns(tmp_path / "a.csv", "p0..p21")
+    assert found.times_s == pytest.approx(found.values[:, 0] / 2200)
+    first, second = read_blocks(tmp_path / "a.csv", STREAM, column="p0..p21")
+    assert (len(first), second.seq) == (201 * 22, 501 * 22)
+
+
 def test_a_column_that_counts_is_not_offered_as_times_alone_and_a_line_not_understood_is_named(tmp_path):
     table_ = "count,a_x,a_z\n0,0.1,1.0\n1,0.2,0.9\n2,0.1,1.1\n3,0.3,1.2\n"
     (tmp_path / "a.csv").write_text("# data_rate = 2000.0 Hz\n" + table_)
