@@ -42,6 +42,10 @@ MAINS_HZ = (50.0, 60.0)
 MAINS_OFF_HZ = 0.3
 """How far mains, by a recorder's own clock, may seem to be off, Hz. Assumption: a grid's 0.2 and a clock of 0.1 %."""
 
+MAINS_S, MAINS_STEP_HZ = 10.0, 0.02
+"""Mains is looked for in stretches so long, at frequencies so far apart: it drifts, and a line in 10 s is 0.2 Hz wide
+(Hann, to half its height)."""
+
 SLOW_HZ, VIBRATES = 2.0, 0.5
 """Quiet vibrates where so large a share of what is faster than 2 Hz is within a tenth of one frequency (assumption)."""
 
@@ -234,16 +238,19 @@ def _at_rest(sensor: _Sensor) -> Iterator[Row]:
 
 def _mains(longest: Floats, hz: Floats, power: Floats, rate_hz: float, unit: str) -> Iterator[Row]:
     """Lines at 50 and 60 Hz, beside the spectrum of quiet."""
+    size = min(len(longest), round(MAINS_S * rate_hz))
     for mains_hz in MAINS_HZ:
         if 2.5 * mains_hz < rate_hz and len(longest) > rate_hz:
-            line, beside_hz = _line(longest, mains_hz, rate_hz)
+            line, beside_hz = _line(
+                longest[: len(longest) // size * size].reshape(-1, size), mains_hz, rate_hz
+            )
             near = (np.abs(hz - mains_hz) > 3.0) & (np.abs(hz - mains_hz) < 12.0)
             beside = float(np.median(power[near])) if near.any() else 0.0
-            floor = math.sqrt(beside * 3.0 * rate_hz / len(longest))
+            floor = math.sqrt(beside * 3.0 * rate_hz / size)
             quantity = f"mains at {mains_hz:g} Hz, amplitude"
             if line <= 3.0 * floor:
                 yield row(quantity, math.nan, unit, f"none above {3.0 * floor:.3g}")
-            elif abs(beside_hz) > MAINS_OFF_HZ:
+            elif abs(beside_hz) > MAINS_OFF_HZ + 1e-9:
                 yield row(quantity, math.nan, unit, f"hidden by a line at {mains_hz + beside_hz:.4g} Hz")
             else:
                 yield row(quantity, line, unit, "line above the noise beside it")
@@ -271,14 +278,18 @@ def _alike(x: Floats, most: int) -> float:
 
 
 def _line(x: Floats, mains_hz: float, rate_hz: float) -> tuple[float, float]:
-    """Amplitude at a frequency, and how far from it the largest one within 6 Hz is, Hz."""
+    """Amplitude of a line within `MAINS_OFF_HZ` of a frequency, the median over stretches, shape (stretches, n); and
+    how far from that frequency the largest line within 6 Hz is, Hz."""
     from scipy.signal import zoom_fft
 
-    window = np.hanning(len(x))
-    ends_hz = [mains_hz - 6.0, mains_hz + 6.0]
-    found = zoom_fft((x - x.mean()) * window, ends_hz, 121, fs=rate_hz, endpoint=True)
+    window = np.hanning(x.shape[1])
+    off_hz = MAINS_STEP_HZ * np.arange(-300, 301)
+    ends_hz = [mains_hz + off_hz[0], mains_hz + off_hz[-1]]
+    centred = (x - x.mean(axis=1, keepdims=True)) * window
+    found = zoom_fft(centred, ends_hz, len(off_hz), fs=rate_hz, endpoint=True)
     size = 2.0 * np.abs(found) / float(window.sum())
-    return float(size[60]), 0.1 * (int(np.argmax(size)) - 60)
+    line = float(np.median(size[:, np.abs(off_hz) <= MAINS_OFF_HZ + 1e-9].max(axis=1)))
+    return line, float(off_hz[int(np.argmax((size**2).mean(axis=0)))])
 
 
 def _whose(sensor: _Sensor) -> str:

@@ -172,6 +172,17 @@ def test_a_line_beside_mains_is_not_taken_for_it():
     assert float(re.findall(r"a line at (\S+) Hz", row["how"])[0]) == pytest.approx(60.55, abs=0.1)
 
 
+@pytest.mark.parametrize(("seconds", "mains_hz"), [(2.0, 50.0), (10.0, 50.02), (30.0, 50.05), (65.0, 49.73)])
+def test_mains_that_is_off_is_found_in_quiet_of_any_length(seconds, mains_hz):
+    """Of amplitude 1; in noise of 0.1 no line is told where there is none."""
+    rng = np.random.default_rng(11)
+    t_s = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    found = of_quiet(np.sin(2.0 * np.pi * mains_hz * t_s) + 0.1 * rng.standard_normal(len(t_s)))
+    at_50, at_60 = (row for row in found["rows"] if row["quantity"].startswith("mains at"))
+    assert at_50["value"] == pytest.approx(1.0, abs=0.02)
+    assert at_60["value"] is None
+
+
 def test_a_rail_and_a_reference_without_touches_stand_on_the_certificate():
     rng = np.random.default_rng(5)
     values, reference = rng.standard_normal((2, 5_000))
