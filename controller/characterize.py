@@ -12,7 +12,7 @@ from markupsafe import Markup
 from behaviors.events import Onset
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
 from controller.detectors.onset import OnsetDetector, OnsetSettings
-from controller.replay import at_rail, between
+from controller.replay import ALIKE, at_rail, between
 from controller.reports.counts import wilson
 from controller.reports.figures import FALSE, GOOD, OURS, RIVAL, Figures
 from controller.reports.section import environment
@@ -148,18 +148,27 @@ def certificate(
     """A sensor's certificate.
 
     Args:
-        recordings: Of one sensor, all at one rate; the first column counts.
+        recordings: Of one sensor, all at one rate and in one unit; the first column counts.
         truth: Of every recording. Touches are taken from a reference where there is one.
         detectors: A fresh one of each kind.
         name: The sensor's.
         per_newton: Its reading for a newton, in its unit.
 
     Raises:
-        ValueError: no quiet, or samples at irregular times.
+        ValueError: no quiet, samples at irregular times, or recordings of two rates or units.
     """
-    rate_hz = recordings[0].blocks[0].rate_hz
-    if rate_hz is None:
-        raise ValueError("samples at irregular times; give --rate HZ if the samples are regular")
+    first = recordings[0].blocks[0]
+    for each in recordings:
+        other, named = each.blocks[0], f"{each.name}: " * (each is not recordings[0])
+        if first.rate_hz is None or other.rate_hz is None:
+            raise ValueError(f"{named}samples at irregular times; give --rate HZ if the samples are regular")
+        if abs(other.rate_hz / first.rate_hz - 1.0) > ALIKE or other.unit != first.unit:
+            one, two = (f"{block.rate_hz:.6g} Hz, {block.unit or 'no unit'}" for block in (first, other))
+            raise ValueError(
+                f"{one}; but {named}{two}; a certificate is of one rate and one unit: make one of each"
+            )
+    assert first.rate_hz is not None
+    rate_hz = first.rate_hz
     sensor = _Sensor(recordings, truth, rate_hz, per_newton)
     said = {each.name: at_rail(each.blocks).removeprefix("; ") for each in recordings}
     whose = _whose(sensor)

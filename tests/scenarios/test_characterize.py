@@ -107,6 +107,25 @@ def test_quiet_outside_of_the_recording_is_told_from_when_to_when_it_goes(verb, 
     assert "its times go from 10 to 12.99 s" in err
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t_s,force_N\n", "a.csv: 100 Hz, N; but b.csv: 50 Hz, N"),
+        ("t_s,force_V\n", "a.csv: 100 Hz, N; but b.csv: 100 Hz, V"),
+        ("t_s,force_N\n0.001,1\n0.0011,2\n0.003,1\n", "b.csv: samples at irregular times"),
+    ],
+)
+def test_recordings_of_two_rates_or_units_are_refused(verb, tmp_path, text, said):
+    step_s = 0.02 if "50 Hz" in said else 0.01
+    (tmp_path / "a.csv").write_text("t_s,force_N\n" + "".join(f"{k / 100:.2f},{k % 7}\n" for k in range(300)))
+    rows = "".join(f"{step_s * (k + 1):.2f},{k % 7}\n" for k in range(300 if text.count("\n") == 1 else 3))
+    (tmp_path / "b.csv").write_text(text + rows)
+    code, out, err = verb("characterize", tmp_path / "a.csv", tmp_path / "b.csv", "--out", tmp_path / "cell")
+    assert (code, out) == (2, "")
+    assert said in err
+    assert not (tmp_path / "cell.json").exists()
+
+
 def of_quiet(values, reference=None):
     """The certificate of quiet alone."""
     recorded = SensorRecording("log", block_of(values), () if reference is None else block_of(reference))
