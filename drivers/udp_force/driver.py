@@ -143,7 +143,8 @@ class UdpForce(WireDriver[UdpLink]):
         self._received_s = 0.0
         self._latest: int | None = None
         self._old = False
-        self._saturated = False
+        self._saturated: set[str] = set()
+        """Streams whose excursion has been reported."""
 
     def _identify(self, link: UdpLink) -> DeviceInfo:
         s = self._settings
@@ -224,6 +225,7 @@ class UdpForce(WireDriver[UdpLink]):
         elif isinstance(command, Listen) and command.streams != self._listening:
             for name in command.streams - self._listening:
                 self._streams[name].begin()
+                self._saturated.discard(name)
             turned, self._listening = bool(command.streams) != bool(self._listening), command.streams
             if turned and command.streams:
                 # the box counts anew; what it sent before may be on the way
@@ -269,11 +271,12 @@ class UdpForce(WireDriver[UdpLink]):
             t_s, lost = self._streams[name].push(counts, shown_s, arrival_s, record.rdt)
             if lost is not None:
                 self._lost(t_s, name, lost)
-            full = bool(record.status & codec.SATURATED)
-            if full and not self._saturated:
+            if not record.status & codec.SATURATED:
+                self._saturated.discard(name)
+            elif name not in self._saturated:
+                self._saturated.add(name)
                 value = max(map(abs, counts)) * self._streams[name].info.scale
                 self._report(Saturated(t_s, self.name, name, value))
-        self._saturated = bool(record.status & codec.SATURATED)
 
     def _first(self, arrived: tuple[float, bytes]) -> ForceRecord | None:
         return next(iter(self._records(arrived[1])), None)

@@ -163,6 +163,21 @@ def test_saturation_is_reported_once_each_time_and_an_error_of_the_box_ends_it()
     assert "analog board" in failed.reason
 
 
+def test_a_saturation_that_lasts_is_reported_again_where_a_stream_is_listened_to_anew() -> None:
+    crank = opened(Box(lambda k, record: record._replace(status=0x80020000 if k else 0)))
+    crank.listen("ft.normal")
+    crank.turn(0.1)
+    assert [one.stream for one in crank.take(Saturated)] == ["ft.normal"]
+    crank.listen("ft.normal", "ft.torque")
+    crank.turn(0.1)
+    assert [one.stream for one in crank.take(Saturated)] == ["ft.torque"], "the other one was reported before"
+    crank.listen()
+    crank.turn(0.1)
+    crank.listen("ft.normal")
+    crank.turn(0.1)
+    assert [one.stream for one in crank.take(Saturated)] == ["ft.normal"], "it is another trial's first"
+
+
 def test_tare_asks_the_box() -> None:
     box = Box()
     crank = opened(box)
