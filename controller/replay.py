@@ -19,7 +19,7 @@ from controller.detectors.calibration import (
     courses_of,
     limits_of,
     proposed,
-    span_maxima,
+    spans_of,
 )
 from controller.detectors.contract import part, trace
 from controller.detectors.protocol import Detector, quantity_of, readings_of
@@ -147,11 +147,11 @@ def _own_alarms(
     if own is None or not own < threshold:
         return
     courses = [course for detector, blocks in pieces for course in courses_of(detector, blocks)]
-    seconds = np.concatenate([span_maxima(course.statistic, course.rate_hz) for course in courses])
-    if count := int(np.count_nonzero(seconds >= own)):
+    maxima, _, span_s = spans_of(courses)
+    if count := int(np.count_nonzero(maxima >= own)):
         yield (
-            f"{kind}'s own threshold of {own:g} is reached in {count} of {len(seconds)} s: if those are true events,"
-            " name the quiet seconds with --span"
+            f"{kind}'s own threshold of {own:g} is reached in {count * span_s:.4g} of {len(maxima) * span_s:.4g} s: if"
+            " those are true events, name the quiet seconds with --span"
         )
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from drivers.core.messages import Floats, SampleBlock
+from drivers.core.messages import Floats, Ints, SampleBlock
 
 SPAN_S = 1.0
 """Alarms closer together than this count as one. Assumption: longer than a bump rings, shorter than a user
@@ -40,6 +40,9 @@ CHECKED = 10
 threshold for a shorter interval is then checked instead. With 10, half or twice as many are seen by chance alone
 once in a hundred checks each (Poisson)."""
 
+PAUSE = 10
+"""A detector whose next decision takes more than so many times the usual step between two does not decide meanwhile: it
+learns anew, or its mover stands (assumption)."""
 
 WHOLE = 0.5
 """A recording of which a larger share was lost is refused. Assumption: what is left is then no longer what it was."""
@@ -148,13 +151,10 @@ def calibrate_pieces(
     courses = [course for detector, blocks in pieces for course in courses_of(detector, blocks)]
     if not courses:
         raise ValueError("the recording holds no sample")
-    decided_s = sum(course.decided_s for course in courses)
-    span_s = SPAN_S * min(1.0, max(SHORT_SPAN_S / SPAN_S, decided_s / SHORT_S))
-    spans = [span_maxima(course.statistic, course.rate_hz, span_s) for course in courses]
-    maxima = np.concatenate(spans)
+    spans = spans_of(courses)
     dead = all(_dead(course.values) for course in courses)
-    found = _sound(threshold_for(maxima, false_alarm_interval_s, span_s), maxima, dead)
-    return _checked(found._replace(pieces=len(spans)), spans, span_s)
+    found = _sound(threshold_for(spans.maxima, false_alarm_interval_s, spans.span_s), spans.maxima, dead)
+    return _checked(found._replace(pieces=len(courses)), spans)
 
 
 def proposed(
@@ -192,12 +192,6 @@ class StatisticCourse(NamedTuple):
     values: Floats
     statistic: Floats
     rate_hz: float
-
-    @property
-    def decided_s(self) -> float:
-        """From the first decision to the end, s."""
-        decided = np.flatnonzero(~np.isnan(self.statistic))
-        return (len(self.statistic) - int(decided[0])) / self.rate_hz if decided.size else 0.0
 
 
 def courses_of(detector: Statistic, blocks: Sequence[SampleBlock]) -> Sequence[StatisticCourse]:
@@ -246,19 +240,23 @@ def _sound(found: Calibration, maxima: Floats, dead: bool) -> Calibration:
     return found
 
 
-def _checked(found: Calibration, pieces: Sequence[Floats], span_s: float) -> Calibration:
+def _checked(found: Calibration, spans: Spans) -> Calibration:
     """The same calibration with the results of the cross-validation."""
-    parts = pieces if len(pieces) > 1 else np.array_split(pieces[0], FOLDS)
-    total_s = sum(map(len, parts)) * span_s
-    interval_s = min(found.false_alarm_interval_s, total_s / CHECKED)
+    maxima, owners, span_s = spans
+    if found.pieces == 1:  # its first fifths are longer by a span, where there is a rest
+        owners = np.repeat(np.arange(FOLDS), [len(part) for part in np.array_split(maxima, FOLDS)])
+    interval_s = min(found.false_alarm_interval_s, len(maxima) * span_s / CHECKED)
     alarms = 0
-    for left_out, part in enumerate(parts):
-        others = np.concatenate([other for place, other in enumerate(parts) if place != left_out])
+    for left_out in np.unique(owners):
+        others = maxima[owners != left_out]
         if len(others) < LEAST or interval_s <= span_s:
             return found
-        alarms += int(np.count_nonzero(part >= threshold_for(others, interval_s, span_s).threshold))
+        threshold = threshold_for(others, interval_s, span_s).threshold
+        alarms += int(np.count_nonzero(maxima[owners == left_out] >= threshold))
     return found._replace(
-        checked_interval_s=interval_s, checked_expected=total_s / interval_s, checked_found=alarms
+        checked_interval_s=interval_s,
+        checked_expected=len(maxima) * span_s / interval_s,
+        checked_found=alarms,
     )
 
 
@@ -303,13 +301,63 @@ def _joined(blocks: Sequence[SampleBlock]) -> tuple[Floats, Floats, float]:
     return values, times_s, rate_hz
 
 
-def span_maxima(statistic: Floats, rate_hz: float, span_s: float = SPAN_S) -> Floats:
-    """Largest value in each whole span, spans without a decision left out, shape (spans,)."""
-    size = max(1, round(span_s * rate_hz))
+class Spans(NamedTuple):
+    """The time in which a detector decides, cut into spans.
+
+    Attributes:
+        maxima: Largest value in each, shape (spans,).
+        owners: Number of the course that it is in, shape (spans,).
+        span_s: Length of each.
+    """
+
+    maxima: Floats
+    owners: Ints
+    span_s: float
+
+
+def spans_of(courses: Sequence[StatisticCourse]) -> Spans:
+    """The time in which the detector decides, of all courses end to end, in spans of a second, of less where there are
+    less than `SHORT_S`; a rest of more than half a span is one."""
+    decided, step = _decided(courses)
+    ends = np.cumsum([len(each) for each in decided])
+    decided_s = sum(len(each) / course.rate_hz for each, course in zip(decided, courses, strict=True))
+    # of pieces at several rates the mean one: as many spans as there are seconds
+    rate_hz = int(ends[-1]) / decided_s if decided_s else courses[0].rate_hz
+    span_s = SPAN_S * min(1.0, max(SHORT_SPAN_S / SPAN_S, decided_s / SHORT_S))
+    size = max(step, round(span_s * rate_hz))
+    rest = np.full(max(0, round(int(ends[-1]) / size) * size - int(ends[-1])), np.nan)
+    joined = np.concatenate([*decided, rest])
+    places = _largest_places(joined, size)
+    owners = np.searchsorted(ends, places, side="right")
+    return Spans(joined[places], owners, round(size / rate_hz, 6))
+
+
+def _decided(courses: Sequence[StatisticCourse]) -> tuple[Sequence[Floats], int]:
+    """Of each course the statistic in the time in which the detector decides, and the usual step between two decisions,
+    samples: a decision stands for the time since the last one, the first one and that after a pause for a step."""
+    at = [np.flatnonzero(~np.isnan(course.statistic)) for course in courses]
+    steps = [float(np.median(np.diff(each))) for each in at if len(each) > 1]
+    step = max(1, round(float(np.median(steps)))) if steps else 1
+    found = []
+    for course, each in zip(courses, at, strict=True):
+        runs = np.split(each, np.flatnonzero(np.diff(each) > PAUSE * step) + 1) if len(each) else []
+        parts = [course.statistic[max(0, run[0] - step + 1) : run[-1] + 1] for run in runs]
+        found.append(np.concatenate(parts) if parts else np.empty(0))
+    return found, step
+
+
+def _largest_places(statistic: Floats, size: int) -> Ints:
+    """Where the largest value of each whole span of `size` samples is; spans without a decision left out."""
     count = len(statistic) // size
     spans = np.where(np.isnan(statistic), -math.inf, statistic)[: count * size].reshape(count, size)
-    maxima = spans.max(axis=1) if count else np.empty(0)
-    return maxima[maxima > -math.inf]
+    places: Ints = spans.argmax(axis=1) + size * np.arange(count)
+    return places[statistic[places] > -math.inf]
+
+
+def span_maxima(statistic: Floats, rate_hz: float, span_s: float = SPAN_S) -> Floats:
+    """Largest value in each whole span of one recording, from its first sample on, spans without a decision left out,
+    shape (spans,)."""
+    return statistic[_largest_places(statistic, max(1, round(span_s * rate_hz)))]
 
 
 def threshold_for(maxima: Floats, false_alarm_interval_s: float, span_s: float = SPAN_S) -> Calibration:
