@@ -82,6 +82,7 @@ class ResonancePaperDetector:
         self.readings = NOTHING
         self._read: list[tuple[float, float, float]] = []
         self._cycles = CycleCounter(self.settings.hysteresis)
+        self._next_seq: int | None = None
         self._window: deque[tuple[float, float, float]] = deque(maxlen=self.settings.average_samples)
         self._waiting: deque[tuple[float, float]] = deque()
         self._tendon_s = np.empty(0)
@@ -102,6 +103,9 @@ class ResonancePaperDetector:
             self._tendon_s = np.concatenate([self._tendon_s, block.times])
             self._tendon_m = np.concatenate([self._tendon_m, block.physical[:, 0]])
         else:
+            if self._next_seq not in (None, block.seq):
+                self._cycles.reset()  # samples are missing: a cycle across them would be none
+            self._next_seq = block.seq + len(block)
             self._waiting.extend(self._frequencies(block))
         found = [self._update(t_s, frequency_hz) for t_s, frequency_hz in self._ready()]
         self.readings = np.array(self._read).reshape(-1, 3)

@@ -161,3 +161,21 @@ def test_a_contact_is_detected_while_the_tendon_moves_in_pieces_of_any_size():
     assert block.times[999] < contact.t_s < block.times[999] + 0.5
     block, tendon = flexed(touched_from=1000)
     assert following(block, tendon, size=7) == following(block, tendon)
+
+
+@pytest.mark.parametrize("lost", [50, 90])
+def test_lost_samples_of_a_waveform_are_no_slow_period(lost):
+    rng = np.random.default_rng(6)
+    x = np.sin(2.0 * np.pi * 28.0 * np.arange(6_000) / 1000.0) + 0.01 * rng.standard_normal(6_000)
+    detector = ResonancePaperDetector("contact", ResonancePaperSettings(sample_hz=None, baseline_s=3.0))
+    events = []
+    for part in (slice(0, 1_510), slice(1_510 + lost, 6_000)):
+        about = {"rate_hz": 1000.0, "unit": "m/s2"}
+        events += detector.push(
+            SampleBlock("board.period", part.start, 1e-3 * part.start, x[part, None], **about)
+        )
+    ready = next(event for event in events if isinstance(event, BaselineReady))
+    # noise moves a crossing by 0.01 / (2 pi) of a period; an average of ten is between two crossings, over ten
+    sd_hz = 28.0 * math.sqrt(2.0) * 0.01 / (2.0 * math.pi) / 10.0
+    assert ready.value == pytest.approx(28.0, abs=2.0 * sd_hz)
+    assert ready.threshold - ready.value < 3.0 * 2.0 * sd_hz
