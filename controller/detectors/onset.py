@@ -8,7 +8,7 @@ from pydantic import Field
 
 from behaviors.events import BaselineReady, BaselineRefused, Detected, Onset
 from controller.detectors.protocol import Quantity, decisions
-from controller.detectors.stream import OnStream
+from controller.detectors.stream import OnStream, step_of
 from drivers.core.compiled import compiled
 from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import Settings, StreamName
@@ -38,9 +38,14 @@ noisy."""
 POWERS = 4.0 ** np.arange(1, 13)
 """Variances of the quiet that it may have then."""
 
-SUM, LEVEL, SINCE, FRESH, LAST, ON = range(6)
-"""Places in the state: the sum; variance of the innovations in quiet; samples since the sum left zero, and since the
-last gap; the last sample; 1 from an onset until the sum is back at zero."""
+SUM, LEVEL, LEAST, SINCE, FRESH, LAST, ON = STATE = range(7)
+"""Places in the state: the sum; variance of the innovations in quiet, and its least; samples since the sum left zero,
+and since the last gap; the last sample; 1 from an onset until the sum is back at zero."""
+
+ROUNDED = 0.25
+"""The least variance of the quiet, in squared steps of the converter: no noise, however small, has more between two
+neighbouring codes. A channel at rest may go from one code, where its level would fall without end, to the edge of two;
+with 1/12, rounding's mean over all places, that is three times the variance, and an onset."""
 
 
 class OnsetSettings(Settings):
@@ -100,7 +105,7 @@ def advance(
         beyond = math.copysign(math.sqrt(squared) - math.sqrt(bounded), error)
         past[0] -= beyond
         state[LAST] -= beyond
-        state[LEVEL] = keep * state[LEVEL] + (1.0 - keep) * bounded
+        state[LEVEL] = max(state[LEAST], keep * state[LEVEL] + (1.0 - keep) * bounded)
         state[SUM] = max(0.0, state[SUM] + gain)
         state[SINCE] = state[SINCE] + 1.0 if state[SUM] > 0.0 else 0.0
         sums[i] = state[SUM]
@@ -149,7 +154,7 @@ class OnsetDetector(OnStream[OnsetSettings]):
         super().reset()
         self._first = np.empty(0)
         self._taps: Floats | None = None
-        self._past, self._left, self._state = np.zeros(ORDER + 1), np.empty(0), np.zeros(6)
+        self._past, self._left, self._state = np.zeros(ORDER + 1), np.empty(0), np.zeros(len(STATE))
         self._said = False
 
     def warm_up(self) -> None:
@@ -157,7 +162,7 @@ class OnsetDetector(OnStream[OnsetSettings]):
         advance(
             np.zeros(ORDER + 1),
             np.zeros(ORDER + 1),
-            np.ones(6),
+            np.ones(len(STATE)),
             np.zeros(1),
             0.5,
             1.0,
@@ -190,9 +195,9 @@ class OnsetDetector(OnStream[OnsetSettings]):
         """Learn the quiet from the first samples, or refuse it, once, and learn again."""
         first, threshold = self._first, self.settings.threshold
         self._first = np.empty(0)
-        taps, level, reason = _quiet(first)
+        taps, level, least, reason = _quiet(first)
         if not reason:
-            highest = float(np.nanmax(_sums(taps, level, first, self._keep(rate_hz))))
+            highest = float(np.nanmax(_sums(taps, level, least, first, self._keep(rate_hz))))
             if highest > threshold:
                 reason = (
                     f"something knocked while the quiet was learned: {highest:.3g} nats, the threshold is"
@@ -202,8 +207,7 @@ class OnsetDetector(OnStream[OnsetSettings]):
             told, self._said = self._said, True
             return [] if told else [BaselineRefused(t_s, self.name, math.sqrt(level), threshold, reason)]
         self._taps, self._past, self._left = taps, np.zeros(ORDER + 1), np.empty(0)
-        self._state = np.zeros(6)
-        self._state[LEVEL] = level
+        self._state = _quiet_state(level, least)
         return [BaselineReady(t_s, self.name, math.sqrt(level), threshold)]
 
     def _follow(self, taps: Floats, x: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
@@ -236,9 +240,9 @@ class OnsetDetector(OnStream[OnsetSettings]):
         """The sum after each sample of a whole recording, shape (n,); NaN for the `learn_s` in which it learns."""
         x = np.ascontiguousarray(self._chosen(values)[:, 0])
         size, found = _learning(self.settings, rate_hz), np.full(len(x), np.nan)
-        taps, level, reason = _quiet(x[:size])
+        taps, level, least, reason = _quiet(x[:size])
         if not reason and len(x) > size:
-            found[size:] = _sums(taps, level, x[size:], self._keep(rate_hz))
+            found[size:] = _sums(taps, level, least, x[size:], self._keep(rate_hz))
         return found
 
     def _keep(self, rate_hz: float) -> float:
@@ -250,16 +254,16 @@ def _learning(settings: OnsetSettings, rate_hz: float) -> int:
     return max(8 * ORDER, round(settings.learn_s * rate_hz))
 
 
-def _quiet(first: Floats) -> tuple[Floats, float, str]:
-    """Of quiet samples, shape (n,): the prediction error filter (Yule-Walker), the innovations' bounded variance, and
-    why there is none ("" where there is)."""
+def _quiet(first: Floats) -> tuple[Floats, float, float, str]:
+    """Of quiet samples, shape (n,): the prediction error filter (Yule-Walker), the innovations' bounded variance, the
+    least that it may have, and why there is none ("" where there is)."""
     nothing = np.zeros(ORDER + 1)
     if not (np.abs(first) < BEYOND).all():
-        return nothing, 0.0, "a value of the quiet is not finite"
+        return nothing, 0.0, 0.0, "a value of the quiet is not finite"
     d = np.diff(first)
     lags = np.array([d[: len(d) - k] @ d[k:] for k in range(ORDER + 1)]) / max(1, len(d))
     if not lags[0] > 0.0:
-        return nothing, 0.0, "the quiet is constant; is the sensor alive, and its converter fine enough?"
+        return nothing, 0.0, 0.0, "the quiet is constant; is the sensor alive, and its converter fine enough?"
     lags[0] *= 1.0 + 1e-9
     places = np.abs(np.arange(ORDER)[:, None] - np.arange(ORDER))
     taps = np.concatenate([[1.0], -np.linalg.solve(lags[places], lags[1:])])
@@ -267,17 +271,22 @@ def _quiet(first: Floats) -> tuple[Floats, float, str]:
     level = float(squared.mean())
     for _ in range(20):  # the level whose bounded innovations have it for their mean
         level = float(np.minimum(squared, MOST * level).mean())
-    return (
-        taps,
-        level,
-        "" if level > 0.0 else "the quiet can be predicted to the last bit; is the sensor alive?",
-    )
+    if not level > 0.0:
+        return nothing, 0.0, 0.0, "the quiet can be predicted to the last bit; is the sensor alive?"
+    least = ROUNDED * step_of(first[:, None]) ** 2
+    return taps, max(level, least), least, ""
 
 
-def _sums(taps: Floats, level: float, x: Floats, keep: float) -> Floats:
+def _quiet_state(level: float, least: float) -> Floats:
+    """The state in which a quiet of this variance begins."""
+    state = np.zeros(len(STATE))
+    state[LEVEL], state[LEAST] = level, least
+    return state
+
+
+def _sums(taps: Floats, level: float, least: float, x: Floats, keep: float) -> Floats:
     """Page's sum of a stretch that follows the quiet, without a threshold."""
-    state = np.zeros(6)
-    state[LEVEL] = level
+    state = _quiet_state(level, least)
     sums, left = np.empty(len(x)), np.empty(len(x))
     advance(taps, np.zeros(ORDER + 1), state, x, keep, math.inf, sums, left)
     return sums

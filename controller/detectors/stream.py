@@ -1,5 +1,6 @@
-"""What detectors on one stream of samples share: the head of `push`, and the running mean."""
+"""What detectors on one stream of samples share: the head of `push`, the running mean, the converter's step."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, Generic, Protocol, TypeVar
@@ -86,6 +87,13 @@ def running(values: Floats, size: int) -> Floats:
         windows = values[part[:, None] + places].transpose(0, 2, 1)
         means[part] = np.ascontiguousarray(windows).sum(axis=-1) / size
     return means
+
+
+def step_of(samples: Floats) -> float:
+    """Least difference of two neighbours, of samples of shape (n, channels): the converter's step where it can be seen,
+    infinite where nothing changes."""
+    steps = np.abs(np.diff(samples, axis=0))
+    return float(steps.min(initial=math.inf, where=steps > 0.0))
 
 
 class RunningMean:

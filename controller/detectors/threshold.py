@@ -9,7 +9,7 @@ from pydantic import Field, Strict
 
 from behaviors.events import BaselineReady, BaselineRefused, Contact, ContactLost, Detected
 from controller.detectors.protocol import Hysteresis, Quantity, decisions
-from controller.detectors.stream import OnStream, RunningMean, running
+from controller.detectors.stream import OnStream, RunningMean, running, step_of
 from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import BaselineS, Settings, StreamName
 
@@ -114,7 +114,7 @@ class ForceThresholdDetector(OnStream[ForceThresholdSettings]):
             distances = np.linalg.norm(means - level, axis=1)
             worst = float(distances.max())
             if self.settings.threshold is None:
-                least = LEAST_STEPS * _step(samples)
+                least = LEAST_STEPS * step_of(samples)
                 noise = NOISE_SIGMA * math.sqrt(float(np.mean(distances**2)))
                 self._threshold = max(noise, least) if math.isfinite(least) else 0.0
                 # a contact is noise to itself: how far rest may stray, means side by side say
@@ -182,12 +182,6 @@ def _noise_beside(means: Floats, size: int) -> float:
     # the median of a chi-square variable over its mean (E. B. Wilson, M. M. Hilferty, PNAS 17, 1931)
     middle = (1.0 - 2.0 / (9.0 * means.shape[1])) ** 3
     return math.sqrt(0.5 * float(np.median(apart)) / middle)
-
-
-def _step(samples: Floats) -> float:
-    """Least difference of two neighbours: the converter's step where it can be seen, infinite where nothing changes."""
-    steps = np.abs(np.diff(samples, axis=0))
-    return float(steps.min(initial=math.inf, where=steps > 0.0))
 
 
 def _lengths(vectors: Floats) -> Floats:

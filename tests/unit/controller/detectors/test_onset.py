@@ -103,3 +103,18 @@ def test_a_dead_sensor_is_refused_lost_samples_are_no_onset_and_a_long_gap_learn
     assert heard(5.0 + noise(10_000, seed=2), seq=12_000, listener=listener) == []
     (ready,) = heard(noise(10_000, seed=3), seq=90_000, listener=listener)
     assert isinstance(ready, BaselineReady)
+
+
+@pytest.mark.parametrize("learned", [0.12, 0.3])
+@pytest.mark.parametrize("sigma", [0.0, 0.05, 0.12])
+def test_a_converter_that_goes_from_one_code_to_the_edge_of_two_is_no_onset_and_a_knock_is(learned, sigma):
+    """In steps of the converter, at 1 kHz: noise at its middle is learned, less of it stands there for 13 s, moves to
+    the edge and stays, or makes one step where there is none; then something knocks."""
+    rng = np.random.default_rng(7)
+    place = np.concatenate([np.zeros(13_500), np.full(8_000, 0.5 if sigma else 1.0)])
+    x = place + np.where(np.arange(21_500) < 500, learned, sigma) * rng.standard_normal(21_500)
+    x[100] = 1.0  # the quiet shows one step at least
+    assert onsets(0.05 * np.round(x), rate_hz=1000.0) == []
+    x[21_000:21_040] += 5.0 * rng.standard_normal(40)
+    (event,) = onsets(0.05 * np.round(x), rate_hz=1000.0)
+    assert event.began_s == pytest.approx(21.0, abs=0.01)
