@@ -62,6 +62,10 @@ frequency over a period. With it a short baseline is worth that many. Assumption
 SMOOTH = 20.0
 """What is this many times as fast as `free_hz_to`, or faster, is averaged away where the rate allows it. Assumption."""
 
+PATIENCE = 2.0
+"""A sample lost so many times `baseline_s` after the first, before a baseline was whole, refuses it. Assumption: the
+cause is named before a trial's deadline."""
+
 PERIODS_A_VALUE = 2.0
 """Values of the baseline this many periods apart are independent. Assumption: twice the window."""
 
@@ -142,7 +146,8 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
         self._raw_times: list[Floats] = []
         self._collected = 0
         self._refused = False
-        self._last_s = math.nan
+        self._first_s = self._last_s = math.nan
+        self._broken = 0
         self._contact_s = math.nan
         self._held_reported = False
         self._forget()
@@ -163,6 +168,8 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
 
     def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
         x, events = values[:, 0], list[Detected]()
+        if math.isnan(self._first_s) and len(times_s):
+            self._first_s = float(times_s[0])
         # runs of finite samples, one after the other
         edges = np.flatnonzero(np.diff(np.isfinite(x).astype(np.int8))) + 1
         for times, part in zip(np.split(times_s, edges), np.split(x, edges), strict=True):
@@ -178,12 +185,28 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
     def _interrupted(self, without_s: Floats) -> list[Detected]:
         self._forget()
         if self._envelope is None:
-            self._raw, self._raw_times, self._collected = [], [], 0  # a baseline must not span a gap
+            return self._again(without_s)
         too_long_s = without_s[without_s - self._last_s > self.settings.max_gap_s]
         if math.isnan(self._contact_s) or not len(too_long_s):
             return []
         self._contact_s, self._held_reported = math.nan, False
         return [ContactLost(float(too_long_s[0]), self.name, 0.0, self._limit)]
+
+    def _again(self, without_s: Floats) -> list[Detected]:
+        """Begin the baseline again, for it must not span a gap, or refuse it."""
+        self._broken += self._collected > 0
+        self._raw, self._raw_times, self._collected = [], [], 0
+        wanted_s = self.settings.baseline_s
+        late_s = without_s[without_s - self._first_s > PATIENCE * wanted_s]
+        if self._refused or not self._broken or not len(late_s):
+            return []
+        self._refused, t_s = True, float(late_s[0])
+        every_s = (t_s - self._first_s) / self._broken
+        reason = (
+            f"samples are lost, or not finite, every {every_s:.2g} s: a baseline needs {wanted_s:g} s without a gap;"
+            " is the line, or the computer, too slow?"
+        )
+        return [BaselineRefused(t_s, self.name, math.nan, math.nan, reason)]
 
     def _finite(self, times_s: Floats, x: Floats, rate_hz: float) -> list[Detected]:
         if self._envelope is not None:

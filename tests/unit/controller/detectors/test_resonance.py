@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -126,6 +127,31 @@ def test_lost_samples_raise_no_alarm_and_the_baseline_stays():
     events = [*detector.push(block(x[:12_500])), *detector.push(block(x[13_000:], 13_000))]
     assert names(events)[:2] == ["BaselineReady", "Contact"]
     assert 14.0 < events[1].t_s < 14.1
+
+
+@pytest.mark.parametrize("size", [64, 700, 1000])
+@pytest.mark.parametrize("kind", ["lost", "not finite"])
+def test_a_baseline_that_losses_never_leave_whole_is_refused_by_name_after_twice_its_time(kind, size):
+    """50 ms are missing every 0.7 s, where 1 s is wanted: the first of them after 2 s is at 2.1 s. One loss alone does
+    nothing."""
+    x = wave(free(6.0))
+    gone = np.arange(6_000) % 700 < 50
+    gone[:50] = False
+
+    def heard(gone):
+        detector = ResonanceDetector("contact", ResonanceSettings(baseline_s=1.0))
+        edges = np.flatnonzero(np.diff(gone)) + 1 if kind == "lost" else []
+        cuts = sorted({0, 6_000, *range(0, 6_000, size), *edges})
+        y = np.where(gone, np.nan, x)
+        parts = [block(y[a:b], a) for a, b in pairwise(cuts) if kind != "lost" or not gone[a]]
+        return [event for part in parts for event in detector.push(part)]
+
+    (refused,) = heard(gone)
+    assert isinstance(refused, BaselineRefused)
+    assert refused.t_s == pytest.approx(2.15 if kind == "lost" else 2.1, abs=0.001), "where it is seen"
+    assert "samples are lost, or not finite, every 0.7" in refused.reason
+    assert "1 s without a gap" in refused.reason
+    assert names(heard(gone & (np.arange(6_000) < 1_000)))[0] == "BaselineReady"
 
 
 @pytest.mark.parametrize("size", [1, 64, 5000])
