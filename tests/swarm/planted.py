@@ -92,7 +92,7 @@ DEFECTS = (
     ),
     Planted(
         f"{GUARD}._takes_load_away",
-        "return _goes_back(command) and not",
+        "return self._goes_back(command) and not",
         "return True or not",
         f"Reckless.*{HANGS}",
     ),
@@ -111,7 +111,7 @@ DEFECTS = (
         '"board", kind = "silent", after = "APPROACH"',
     ),
     Planted(f"{ARRIVALS}.expect", "self._seen_s.get(stream, t_s)", "t_s", '"silent"'),
-    Planted(f"{ARRIVALS}.check", "min(block.last_s, t_s)", "block.last_s + 10.0", '"silent"'),
+    Planted(f"{ARRIVALS}.check", "min(self._last_s(block), t_s)", "block.last_s + 10.0", '"silent"'),
     Planted(
         "controller.campaign:_measured",
         "return ended or measured, reason",
