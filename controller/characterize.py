@@ -13,7 +13,7 @@ from behaviors.events import Onset
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
 from controller.detectors.onset import OnsetDetector, OnsetSettings
 from controller.replay import ALIKE, at_rail, between
-from controller.reports.counts import wilson
+from controller.reports.counts import median_within, wilson
 from controller.reports.figures import FALSE, GOOD, OURS, RIVAL, Figures
 from controller.reports.section import environment
 from drivers.core.messages import Floats, SampleBlock
@@ -216,11 +216,10 @@ def _at_rest(sensor: _Sensor) -> Iterator[Row]:
     for at_hz in DENSITY_HZ:
         near = (hz > 0.7 * at_hz) & (hz < 1.4 * at_hz)
         if at_hz < 0.5 * rate_hz and near.any():
-            density = math.sqrt(float(np.median(power[near])))
-            few = int(near.sum()) * segments
-            ends = [density * (1 + side / math.sqrt(few)) for side in (-1, 1)]
-            what, how = f"noise density at {at_hz:g} Hz", "median, half an octave to each side"
-            yield row(what, density, f"{unit}/√Hz", how, low=ends[0], high=ends[1], n=few)
+            density, low, high = (math.sqrt(each) for each in _typical(power[near], segments))
+            what, how = f"noise density at {at_hz:g} Hz", "from the median, half an octave to each side"
+            n = int(near.sum()) * segments
+            yield row(what, density, f"{unit}/√Hz", how, low=low, high=high, n=n)
     steps = np.concatenate([np.abs(np.diff(part)) for part in finite])
     moved = steps[steps > 0.0]
     if len(moved):
@@ -242,10 +241,12 @@ def _at_rest(sensor: _Sensor) -> Iterator[Row]:
         how = f"beyond {OUTLIER:g} robust standard deviations"
         low = low if count else 0.0
         yield row("outliers, share of samples", count / n, "", how, low=low, high=high, n=n)
-    yield from _mains(longest, hz, power, rate_hz, unit)
+    yield from _mains(longest, hz, power, segments, rate_hz, unit)
 
 
-def _mains(longest: Floats, hz: Floats, power: Floats, rate_hz: float, unit: str) -> Iterator[Row]:
+def _mains(
+    longest: Floats, hz: Floats, power: Floats, segments: int, rate_hz: float, unit: str
+) -> Iterator[Row]:
     """Lines at 50 and 60 Hz, beside the spectrum of quiet."""
     size = min(len(longest), round(MAINS_S * rate_hz))
     for mains_hz in MAINS_HZ:
@@ -254,7 +255,7 @@ def _mains(longest: Floats, hz: Floats, power: Floats, rate_hz: float, unit: str
                 longest[: len(longest) // size * size].reshape(-1, size), mains_hz, rate_hz
             )
             near = (np.abs(hz - mains_hz) > 3.0) & (np.abs(hz - mains_hz) < 12.0)
-            beside = float(np.median(power[near])) if near.any() else 0.0
+            beside = _typical(power[near], segments)[0] if near.any() else 0.0
             floor = math.sqrt(beside * 3.0 * rate_hz / size)
             quantity = f"mains at {mains_hz:g} Hz, amplitude"
             if line <= 3.0 * floor:
@@ -272,6 +273,32 @@ def _spectrum(x: Floats, rate_hz: float) -> tuple[Floats, Floats, int]:
     size = min(len(x), max(64, round(2.0 * rate_hz)))
     hz, power = welch(x, rate_hz, nperseg=size)
     return hz, power, max(1, 2 * len(x) // size - 1)
+
+
+SEGMENTS_SHARE, BINS_SHARE = (1 / 36,), (4 / 9, 1 / 36)
+"""Correlation of the power of noise in stretches under a Hann window that overlap by half, and in bins one and two
+apart. Source: Welch (1967): the square of the windows' overlap, 1/6; of their spectra's, 2/3 and 1/6."""
+
+
+def _typical(power: Floats, segments: int) -> tuple[float, float, float]:
+    """Power density of noise from the median of bins beside each other, and its 95 % interval.
+
+    A bin's mean over `k` stretches is the density times Gamma(k)/k, and the rank of the median of `m` bins is
+    Beta((m + 1)/2, (m + 1)/2): `k` and `m` count as many independent ones as there seem to be. Medians share less than
+    means do: 2/π asin r in place of r, as of two normal values to be on one side.
+    """
+    from scipy.special import betaincinv, gammaincinv
+
+    k = _independent(segments, SEGMENTS_SHARE)
+    m = _independent(len(power), [2.0 / math.pi * math.asin(share) for share in BINS_SHARE])
+    low, middle, high = gammaincinv(k, betaincinv(0.5 * (m + 1.0), 0.5 * (m + 1.0), [0.025, 0.5, 0.975])) / k
+    median = float(np.median(power))
+    return median / middle, median / high, median / low
+
+
+def _independent(n: int, shares: Sequence[float]) -> float:
+    """How many independent values have a mean as sure as that of `n`, correlated by so much with those 1, 2 … away."""
+    return n / (1.0 + 2.0 * sum(max(0.0, 1.0 - lag / n) * share for lag, share in enumerate(shares, 1)))
 
 
 def _alike(x: Floats, most: int) -> float:
@@ -347,16 +374,23 @@ def _against_reference(sensor: _Sensor) -> Iterator[Row]:
         yield row("latency", math.nan, "ms", how, n=len(late))
         yield row("jitter", math.nan, "ms", how, n=len(late))
         return
-    jitter = float(np.std(late, ddof=1))
-    half = 1.96 * jitter / math.sqrt(len(late))
-    low, middle, high = (1e3 * (float(np.median(late)) + off) for off in (-half, 0.0, half))
-    how = "sensor's first reaction less the reference's"
-    yield row("latency", middle, "ms", how, low=low, high=high, n=len(late))
+    jitter, middle = float(np.std(late, ddof=1)), float(np.median(late))
+    enough = len(late) >= 6
+    low, high = median_within(np.sort(late)) if enough else (math.nan, math.nan)
+    how = "median; sensor's first reaction less the reference's" + "; an interval takes six" * (not enough)
+    yield row("latency", 1e3 * middle, "ms", how, low=1e3 * low, high=1e3 * high, n=len(late))
     how = f"standard deviation of the latency; a sample is {1e3 / sensor.rate_hz:.3g} ms"
     yield row("jitter", 1e3 * jitter, "ms", how, n=len(late))
 
 
 def _spectrum_of_touches(sensor: _Sensor) -> Iterator[Row]:
+    """The bandwidth: of pure noise, fewer than one certificate in fifty tells any.
+
+    Then the mean power of touches and of quiet in a bin are as two variances: their ratio is F distributed, two
+    degrees of freedom for each stretch; all bins together pass it no more often than the sum of them (Bonferroni).
+    """
+    from scipy.special import fdtri
+
     size, what = round(0.1 * sensor.rate_hz), "bandwidth of touches"
     rest = max(sensor.rest, key=len)
     if size < 16 or len(rest) < 4 * size:
@@ -367,16 +401,21 @@ def _spectrum_of_touches(sensor: _Sensor) -> Iterator[Row]:
     def power(x: Floats) -> Floats:
         return np.abs(np.fft.rfft((x - x.mean()) * window)) ** 2
 
-    floor = np.mean([power(rest[k : k + size]) for k in range(0, len(rest) - size, size)], axis=0)
+    quiet = [power(rest[k : k + size]) for k in range(0, len(rest) - size, size)]
     seen = []
     for each, t_s in sensor.touched:
         part = _values(between(each.blocks, t_s, t_s + 0.1) or each.blocks[:1])
         if len(part) == size:
             seen.append(power(part))
-    hz = np.fft.rfftfreq(size, 1.0 / sensor.rate_hz)
-    above = hz[np.mean(seen, axis=0) > 4.0 * floor] if seen else hz[:0]
+    if len(seen) < 3:
+        yield row(what, math.nan, "Hz", f"touches that are whole: {len(seen)}; three are needed", n=len(seen))
+        return
+    own = slice(1, (size + 1) // 2)  # the mean and half the sample rate have half the freedom of the others
+    hz = np.fft.rfftfreq(size, 1.0 / sensor.rate_hz)[own]
+    beyond = max(4.0, float(fdtri(2 * len(seen), 2 * len(quiet), 1.0 - 0.02 / len(hz))))
+    above = hz[np.mean(seen, axis=0)[own] > beyond * np.mean(quiet, axis=0)[own]]
     highest = float(above.max()) if len(above) else math.nan
-    how = "highest frequency at which a touch has four times the power of quiet"
+    how = f"highest frequency at which touches have {beyond:.3g} times the power of quiet"
     yield row(what, highest, "Hz", how if len(above) else f"none: {how}", n=len(seen))
 
 

@@ -202,6 +202,56 @@ def test_mains_that_is_off_is_found_in_quiet_of_any_length(seconds, mains_hz):
     assert at_60["value"] is None
 
 
+@pytest.mark.parametrize("seconds", [2, 10])
+def test_nineteen_of_twenty_intervals_of_the_noise_density_have_the_true_one_in_them(seconds):
+    """White noise of deviation 1: 2/rate in power. Of 240 at 95 % at least 216 are right in 99.9 of 100 cases."""
+    rng, true = np.random.default_rng(21), np.sqrt(2.0 / RATE_HZ)
+    found = [of_quiet(rng.standard_normal(round(seconds * RATE_HZ)))["rows"] for _ in range(80)]
+    rows = [row for each in found for row in each if row["quantity"].startswith("noise density")]
+    right = [row["low"] <= true <= row["high"] for row in rows]
+    assert len(right) == 240
+    assert 216 <= sum(right) <= 239
+    values = [row["value"] for row in rows if row["quantity"] == "noise density at 100 Hz"]
+    assert np.mean(values) == pytest.approx(true, rel=0.03)
+
+
+def touched(touches, seconds=3.0, late_s=0.0, amplitude=0.0, seed=1, reference=True):
+    """The rows of noise of deviation 1 with touches of 0.1 s at 50 Hz, `late_s` after those of the reference."""
+    rng = np.random.default_rng(seed)
+    at_s = seconds + 0.7 * np.arange(1, touches + 1)
+    t_s = np.arange(round(RATE_HZ * (at_s[-1] + 1.0))) / RATE_HZ
+    values, hammer = rng.standard_normal((2, len(t_s)))
+    for begin_s, wait_s in zip(at_s, np.broadcast_to(late_s, touches), strict=True):
+        since_s = t_s - begin_s - wait_s
+        shakes = (since_s > -0.001) & (since_s < 0.099)
+        values[shakes] += amplitude * np.cos(2.0 * np.pi * 50.0 * since_s[shakes])
+        hammer[(t_s > begin_s - 0.001) & (t_s < begin_s + 0.02)] += 100.0
+    shown = block_of(hammer) if reference else ()
+    truth = Truth([(0.0, seconds)], touches=[] if reference else list(at_s))
+    found = certificate([SensorRecording("log", block_of(values), shown)], truth, {}, name="log")
+    return {row["quantity"]: row for row in found["rows"]}
+
+
+def test_the_interval_of_a_latency_goes_by_ranks_and_takes_six_touches():
+    late_s = [0.010, 0.012, 0.014, 0.016, 0.018, 0.020, 0.030]
+    row = touched(7, late_s=late_s, amplitude=100.0)["latency"]
+    # seven values: 1/64 lies beyond the least and the largest, 1/8 beyond the next ones
+    assert [row["low"], row["value"], row["high"]] == pytest.approx([10.0, 16.0, 30.0])
+    row = touched(5, late_s=late_s[:5], amplitude=100.0)["latency"]
+    assert (row["value"], row["low"], row["high"]) == (pytest.approx(14.0), None, None)
+    assert "takes six" in row["how"]
+
+
+def test_noise_alone_has_no_bandwidth():
+    """Of three touches that nothing shows, at most one in fifty; of one there is none to tell, whatever it shows."""
+    told = [touched(3, seed=seed, reference=False)["bandwidth of touches"]["value"] for seed in range(60)]
+    assert sum(value is not None for value in told) <= 4, "5 of 60 at 2 % come about once in 125"
+    alone = touched(1, amplitude=5.0, reference=False)["bandwidth of touches"]
+    assert (alone["value"], alone["n"]) == (None, 1)
+    # a Hann window shows five whole periods in three bins of 10 Hz: 208 times the noise in one, 52 in those beside it
+    assert touched(3, amplitude=5.0, reference=False)["bandwidth of touches"]["value"] == pytest.approx(60.0)
+
+
 def test_a_rail_and_a_reference_without_touches_stand_on_the_certificate():
     rng = np.random.default_rng(5)
     values, reference = rng.standard_normal((2, 5_000))
