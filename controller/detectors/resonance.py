@@ -353,9 +353,9 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
             return np.abs(s)
         return -s if self.settings.stiffness == "falls" else s
 
-    def _over_noise(self, s: float, surprise: float, free: bool) -> float:
-        """The same over the noise of the last moments, where that is louder than the baseline's; not learned in
-        contact."""
+    def _louder(self, surprise: float, free: bool) -> float:
+        """How many times as loud the noise of the last moments is as the baseline's, 1 where that is not louder; not
+        learned in contact."""
         assert self._envelope is not None
         scale = math.sqrt(self._noise) if self._noise > LOUDER**2 else 1.0
         # a single knock is no noise
@@ -364,7 +364,7 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
         if free:
             keep = math.exp(-self._envelope.hop_s / NOISE_S)
             self._noise += (1.0 - keep) * (oldest - self._noise)
-        return s / scale
+        return scale
 
     def _follow(self, times_s: Floats, levels: Floats, phases: Floats) -> list[Detected]:
         """Events from new values of the envelope."""
@@ -395,7 +395,8 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
         for i, (t_s, level, deviation, surprised, hop_hz) in enumerate(hops):
             self._slow_hz += (1.0 - slow_keep) * (hop_hz - self._slow_hz)
             free = math.isnan(self._contact_s)
-            s[i] = value = self._over_noise(deviation, surprised, free)
+            louder = self._louder(surprised, free)
+            s[i] = value = deviation / louder
             gone_hz = self._slow_hz - self._reference_hz
             if free:
                 crept = (rises and gone_hz > self._creep_hz) or (falls and -gone_hz > self._creep_hz)
@@ -415,8 +416,9 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
             ):
                 self._held_reported = True
                 events.append(ContactHeld(t_s, self.name, value, self._limit))
+            # the frequency is not over the noise: a steady contact raises it by a few deviations
             quiet = (
-                surprised < SURPRISE
+                surprised / louder < SURPRISE
                 and abs(hop_hz - self._reference_hz) < QUIET * self._spread_hz
                 and abs(level - self._levels[0]) < QUIET * self._levels[1]
             )

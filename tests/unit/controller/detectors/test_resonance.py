@@ -121,6 +121,18 @@ def test_amplitude_alone_detects_a_damped_swing_and_a_baseline_in_contact_decide
     assert np.isnan(detector.statistic(wave(bouncing(14.0))[:, None], RATE_HZ)).all()
 
 
+@pytest.mark.parametrize("held", [bouncing(3.0), np.full(3_000, 29.5)], ids=["erratic", "steady"])
+@pytest.mark.parametrize("louder", [1.0, 2.0, 3.0])
+def test_a_contact_lasts_and_ends_in_noise_louder_than_the_baselines(louder, held):
+    """For the release 0.6 s must be as before, and as much again is left to chance and the loop."""
+    hz = np.concatenate([free(14.0), held, free(3.0, seed=10)])
+    noise = 0.03 * np.where(np.arange(len(hz)) < 11_000, 1.0, louder)
+    events = events_of(wave(hz, noise=noise))
+    assert names(events) == ["BaselineReady", "Contact", "ContactHeld", "ContactLost"]
+    assert 14.0 < events[1].t_s < 14.1
+    assert 17.6 < events[3].t_s < 18.2
+
+
 def test_lost_samples_raise_no_alarm_and_the_baseline_stays():
     x = wave(np.concatenate([free(14.0), bouncing(0.5)]))
     detector = ResonanceDetector("contact", ResonanceSettings())
