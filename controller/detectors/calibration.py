@@ -62,8 +62,7 @@ class Statistic(Protocol):
 
 @runtime_checkable
 class Joined(Statistic, Protocol):
-    """A detector whose statistic is computed from several streams, with further settings that a recording without
-    events decides."""
+    """A detector whose statistic is computed from several streams."""
 
     def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
         """Input of `statistic`, a row for each sample of the first input, shape (n, columns).
@@ -73,10 +72,15 @@ class Joined(Statistic, Protocol):
             times_s: Their times, NaN likewise, shape (n,).
         """
 
+
+@runtime_checkable
+class Proposing(Statistic, Protocol):
+    """A detector with further settings that a recording without events decides."""
+
     def proposed(self, values: Floats, rate_hz: float) -> Mapping[str, float]:
         """The settings that this recording asks for; of several recordings the largest counts."""
 
-    def set_to(self, **settings: float) -> Joined:
+    def set_to(self, **settings: float) -> Statistic:
         """The same detector in its initial state, set otherwise."""
 
 
@@ -168,13 +172,13 @@ def proposed(
     """
     found: dict[str, float] = {}
     for detector, blocks in pieces:
-        if isinstance(detector, Joined):
+        if isinstance(detector, Proposing):
             for columns, _, _, rate_hz in _inputs_of(detector, blocks):
                 for name, value in detector.proposed(columns, rate_hz).items():
                     if name not in fixed:
                         found[name] = max(value, found.get(name, value))
     return found, [
-        (detector.set_to(**found) if found and isinstance(detector, Joined) else detector, blocks)
+        (detector.set_to(**found) if found and isinstance(detector, Proposing) else detector, blocks)
         for detector, blocks in pieces
     ]
 

@@ -52,6 +52,24 @@ def as_complex(values: Floats) -> Complexes:
     return np.ascontiguousarray(values[:, :2]).view(np.complex128)[:, 0]
 
 
+def with_position(values: Floats, kind: str) -> tuple[Complexes, Floats]:
+    """I + jQ and the mover's position, m, of a recording, shape (n,) each.
+
+    Args:
+        values: I, Q and the mover's position in metres, shape (n, 3).
+        kind: Of detector, as text for the error message.
+
+    Raises:
+        ValueError: there are not three columns.
+    """
+    if values.ndim != 2 or values.shape[1] != 3:
+        raise ValueError(
+            f"{kind}: a recording of I, Q and the mover's position (m), three columns, is needed to calibrate it"
+        )
+    # contiguous, as live samples are: a strided column would compile another specialization
+    return as_complex(values[:, :2]), values[:, 2].copy()
+
+
 class EncoderSync:
     """Synchronizes an envelope with an encoder: a sample is released once the encoder has reached its time.
 
@@ -173,6 +191,33 @@ class OnEnvelope(ABC):
         self.inputs = (signal,) if encoder is None else (signal, encoder)
         self._sync = EncoderSync(signal, encoder, direction, doing)
         self.reset()
+
+    def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
+        """Input of `statistic`: I, Q and the mover's position (m, NaN where unknown), shape (n, 3); without an encoder
+        the values as they are.
+
+        Args:
+            values: The envelope, NaN where samples were lost, shape (n, channels).
+            times_s: Their times, NaN likewise, shape (n,).
+            blocks: The recording, with the encoder's blocks.
+        """
+        if len(self.inputs) == 1:
+            return values
+        signal, stream = self.inputs
+        sync = self._fresh()._sync
+        encoder = [block for block in blocks if len(block) and block.stream == stream]
+        known = np.flatnonzero(np.isfinite(times_s))
+        position_m = np.full(len(times_s), np.nan)
+        if encoder and len(known):
+            readings_s = np.concatenate([block.times for block in encoder])
+            readings = np.concatenate([block.physical for block in encoder])
+            sync.push(SampleBlock(stream, 0, readings_s[0], readings, times_s=readings_s))
+            wanted_s = times_s[known]
+            wanted = SampleBlock(signal, 0, wanted_s[0], values[known], rate_hz=1.0, times_s=wanted_s)
+            found_m = sync.push(wanted).position_m
+            position_m[known[: len(found_m)]] = found_m
+        z = as_complex(values)
+        return np.column_stack((z.real, z.imag, position_m))
 
     def reset(self) -> None:
         """Return to the initial state."""

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected
-from controller.detectors.envelope import EnvelopeSamples, OnEnvelope, as_complex, recorded
+from controller.detectors.envelope import EnvelopeSamples, OnEnvelope, as_complex, recorded, with_position
 from controller.detectors.protocol import Quantity, decisions
 from controller.signals.iq import IqSettings
 from controller.signals.level import StepSearch, Window, find_steps, step_search, window, z_scores
@@ -257,12 +257,21 @@ class LevelDetector(OnEnvelope):
         """The jump after which the level stays, in scales, 0 where there is none, NaN while it learns, shape (n,).
 
         Args:
-            values: I and Q, or I alone, shape (n, channels). Without contact.
-            rate_hz: Of both.
+            values: I and Q, or I alone, shape (n, channels); with `position_input` I, Q and the mover's position in
+                metres, shape (n, 3). Without contact.
+            rate_hz: Of all.
+
+        Raises:
+            ValueError: with `position_input`, there are not three columns.
         """
-        found = self._fresh()._scores(recorded(as_complex(values), rate_hz), math.inf)[0]
+        z, position_m = as_complex(values), None
+        if self.settings.position_input is not None:
+            z, position_m = with_position(values, "level")
+        found = self._fresh()._scores(recorded(z, rate_hz, position_m), math.inf)[0]
         learnt = found[round(self.settings.learn_s * rate_hz) :]
         learnt[np.isnan(learnt)] = 0.0
+        if position_m is not None:  # live, a sample waits for the encoder
+            found[np.flatnonzero(~np.isnan(position_m)).max(initial=-1) + 1 :] = math.nan
         return found
 
     def _scores(self, samples: EnvelopeSamples, threshold: float) -> tuple[Floats, Ints]:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
-from controller.detectors.envelope import EncoderSync, EnvelopeSamples, OnEnvelope, as_complex, recorded
+from controller.detectors.envelope import EnvelopeSamples, OnEnvelope, recorded, with_position
 from controller.detectors.protocol import Quantity, decisions
 from controller.signals.undulation import WaveFit, fit_wave, wave_fit
-from drivers.core.messages import Floats, SampleBlock
+from drivers.core.messages import Floats
 from drivers.core.settings import DriveHz, Settings, StreamName
 
 Direction = Annotated[tuple[float, float, float], Strict(False)]
@@ -174,47 +174,18 @@ class PreTouchDetector(OnEnvelope):
         Raises:
             ValueError: there are not three columns.
         """
-        if values.ndim != 2 or values.shape[1] != 3:
-            raise ValueError(
-                "pretouch: a recording of I, Q and the mover's position (m), three columns, is needed to calibrate it"
-            )
-        # contiguous, as live samples are: a strided column would compile another specialization
-        return self.traced(as_complex(values[:, :2]), values[:, 2].copy(), rate_hz)[0]
+        return self.traced(*with_position(values, "pretouch"), rate_hz)[0]
 
     def proposed(self, values: Floats, rate_hz: float) -> Mapping[str, float]:
         """`background_fs` for a room of which this is a recording without an object: the largest wave in it that noise
         does not make, 0 where there is none; `values` as for `statistic`."""
         bare = self.set_to(background_fs=0.0)
-        ratios, sizes_fs = bare.traced(as_complex(values[:, :2]), values[:, 2].copy(), rate_hz)
+        ratios, sizes_fs = bare.traced(*with_position(values, "pretouch"), rate_hz)
         return {"background_fs": float(np.max(sizes_fs, where=ratios > CERTAIN, initial=0.0))}
 
     def set_to(self, **settings: float) -> PreTouchDetector:
         """The same detector in its initial state, set otherwise."""
         return PreTouchDetector(self.name, self.settings.model_copy(update=settings))
-
-    def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:
-        """I, Q and the mover's position (m, NaN where unknown) as input of `statistic`, shape (n, 3).
-
-        Args:
-            values: The envelope, NaN where samples were lost, shape (n, channels).
-            times_s: Their times, NaN likewise, shape (n,).
-            blocks: The recording, with the encoder's blocks.
-        """
-        settings = self.settings
-        sync = EncoderSync(settings.input, settings.position_input, settings.direction, DOING)
-        encoder = [block for block in blocks if len(block) and block.stream == settings.position_input]
-        known = np.flatnonzero(np.isfinite(times_s))
-        position_m = np.full(len(times_s), np.nan)
-        if encoder and len(known):
-            readings_s = np.concatenate([block.times for block in encoder])
-            readings = np.concatenate([block.physical for block in encoder])
-            sync.push(SampleBlock(settings.position_input, 0, readings_s[0], readings, times_s=readings_s))
-            wanted_s = times_s[known]
-            wanted = SampleBlock(settings.input, 0, wanted_s[0], values[known], rate_hz=1.0, times_s=wanted_s)
-            found_m = sync.push(wanted).position_m
-            position_m[known[: len(found_m)]] = found_m
-        z = as_complex(values)
-        return np.column_stack((z.real, z.imag, position_m))
 
     def traced(self, z: NDArray[np.complex128], position_m: Floats, rate_hz: float) -> tuple[Floats, Floats]:
         """F ratio and amplitude (full scales) of a whole recording from its first sample, shape (n,) each; the

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from behaviors.events import Contact, ContactHeld, ContactLost
-from controller.detectors.calibration import calibrate_pieces, span_maxima
+from controller.detectors.calibration import calibrate_pieces, courses_of, span_maxima
 from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
 from drivers.core.messages import SampleBlock
 
@@ -221,6 +221,25 @@ def test_it_can_be_calibrated_on_a_recording_without_contact():
     beyond = calibrate_pieces(recorded, 3600.0)
     assert beyond.extrapolated
     assert beyond.threshold > found.threshold
+
+
+def test_with_an_encoder_it_is_calibrated_on_what_the_bench_compares():
+    """A mover that rings after its stops, whose encoder ends half a second early; by time alone it jumps there."""
+    way_m = stop_and_go((0.0, 1.0), (0.01, 2.0), (0.0, 1.0), (0.03, 1.0), (0.0, 1.0))
+    signal, encoder = ringing(way_m)
+    encoder = replace(encoder, values=encoder.values[:-250])
+    detector = ours(position_input="arm.position", threshold=1e9)
+    assert events_of(detector, signal, encoder) == []
+    live = detector.readings[detector.readings[:, 1] > 0.0]
+    (course,) = courses_of(detector, [signal, encoder])
+    decided = np.flatnonzero(course.statistic > 0.0)
+    assert course.times_s[decided].tolist() == live[:, 0].tolist()
+    assert course.statistic[decided].tolist() == live[:, 1].tolist()
+    assert np.isnan(course.statistic[-499:]).all()
+    by_time = ours().statistic(signal.values, RATE_HZ)
+    assert np.nanmax(by_time) > 1.5 * np.nanmax(course.statistic)
+    with pytest.raises(ValueError, match=r"level: .* three columns"):
+        detector.statistic(signal.values, RATE_HZ)
 
 
 @pytest.mark.parametrize("interval_s", [15.0, 3600.0])
