@@ -12,6 +12,7 @@ from config.hints import near_or_all
 from config.source import ProfileError, given_value
 from config.validation import validated
 from controller.detectors.protocol import Detector, envelope_of
+from controller.outcomes import UNMEASURED
 from controller.own_modules import found, is_own, own_folders
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
@@ -104,7 +105,8 @@ def load_quiet(
     trial: int | None = None,
     **given: Any,
 ) -> Sequence[Input]:
-    """What a threshold is set on: each recording, of a run each trial, and of each the spans that are asked for.
+    """What a threshold is set on: each recording, of a run each trial, and of each the spans that are asked for. A note
+    names the trials that broke off.
 
     Args:
         asked: As `load`.
@@ -115,14 +117,25 @@ def load_quiet(
         given: As `load`.
 
     Raises:
-        ProfileError, ReplayError, RunFolderError: as `load`; or a span without a sample.
+        ProfileError, ReplayError, RunFolderError: as `load`; or a span without a sample, or a detector that is not set
+            alike in all.
     """
     loaded: list[Input] = []
+    first: tuple[str, Detector] | None = None
     for recording in recordings:
         path = recording if recording.exists() or recording.suffix else RunFolder.find(recording).path
-        trials = open_run(path).recorded_trials if path.is_dir() and trial is None else [trial]
+        run = open_run(path) if path.is_dir() else None
+        trials = run.recorded_trials if run is not None and trial is None else [trial]
+        outcomes = {row["trial"]: row["outcome"] for row in run.trials} if run is not None else {}
+        broken = [f"{one} ({outcomes[one]})" for one in trials if outcomes.get(one) in UNMEASURED]
         for one in trials or [None]:
             whole = load(asked, path, overrides, trial=one, **given)
+            if broken:
+                said = f"{path.name}: trials that broke off are included: {', '.join(broken)}; --trial N takes one"
+                whole = whole._replace(notes=[*whole.notes, said])
+            where = str(path) if one is None else f"{path}, trial {one}"
+            first = first or (where, whole.detector)
+            _check_alike(*first, where, whole.detector)
             cut = [between(whole.blocks, *span) for span in spans] or [whole.blocks]
             for span, blocks in zip(spans, cut, strict=False):
                 if not blocks:
@@ -130,6 +143,19 @@ def load_quiet(
             _check_finite(path, [block for blocks in cut for block in blocks], whole.detector.inputs[0])
             loaded += [whole._replace(blocks=blocks) for blocks in cut]
     return loaded
+
+
+def _check_alike(first: str, one: Detector, where: str, other: Detector) -> None:
+    """Refuse a second recording whose detector differs from that of the first in more than its threshold."""
+    ours, theirs = (
+        {"kind": type(each).__name__, **dict(getattr(each, "settings", ()))} for each in (one, other)
+    )
+    for key, value in ours.items():
+        if key != "threshold" and theirs[key] != value:
+            raise ReplayError(
+                f"{where}: {key} = {theirs[key]}, but {value} in {first}; one threshold is for one kind and setting:"
+                " choose a trial with --trial, or set it for all with --set"
+            )
 
 
 def _check_finite(path: Path, blocks: Sequence[SampleBlock], stream: str) -> None:

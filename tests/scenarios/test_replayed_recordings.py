@@ -1,13 +1,17 @@
 """Recordings through detectors, on the command line: runs with the live events, files, sound."""
 
 import json
+from shutil import copytree
 
 import numpy as np
 import pytest
 from scipy.io import wavfile
 
+from config.assemble import make_detector
+from config.recordings import _check_alike
 from config.script import run_trials
 from controller.campaign import EXIT_DONE
+from controller.recording.tables import ReplayError
 from tests.refusals import check_refusal
 
 RATE_HZ = 1000.0
@@ -36,8 +40,9 @@ def run(tmp_path_factory, profile, rows, **settings):
 
 @pytest.fixture(scope="module")
 def touched(tmp_path_factory):
-    """Two touches; in the second one a detector has another threshold."""
-    rows = [{"side": "normal"}, {"side": "normal", "detectors.pretouch_ours.threshold": 200.0}]
+    """Two touches; in the second one a detector has another threshold, and one another setting."""
+    varied = {"detectors.pretouch_ours.threshold": 200.0, "detectors.contact_ours.settle_s": 0.4}
+    rows = [{"side": "normal"}, {"side": "normal", **varied}]
     return run(tmp_path_factory, "mock/touch", rows)
 
 
@@ -158,6 +163,36 @@ def test_settings_of_another_version_are_refused_with_the_file_that_has_them(ver
     (copy / "manifest.json").write_text(json.dumps(manifest))
     message = refused(verb, "replay", copy, "--detector", "level")
     assert "its level is of another version (patience_s = 1.0: unknown key" in message
+
+
+def test_trials_whose_detector_is_set_otherwise_or_of_another_kind_make_no_one_threshold(verb, touched):
+    path = touched.folder.path
+    asked = ("calibrate", path, "--false-alarm-interval", "10", "--detector")
+    message = refused(verb, *asked, "contact_ours")
+    check_refusal(message, f"{path}, trial 2: settle_s = 0.4, but 0.5 in", "trial 1", "--trial", "--set")
+    # the trials hold touches: what the recording carries is another matter
+    for alike in (["--trial", "1"], ["--set", "settle_s=0.5"]):
+        assert "settle_s" not in verb(*asked, "contact_ours", *alike)[2]
+    assert verb(*asked, "pretouch_paper")[0] == 0
+    slip, paper = (make_detector(kind, {}) for kind in ("slip", "slip.paper"))
+    with pytest.raises(ReplayError, match=r"a\.csv: kind = SlipPaperDetector, but SlipDetector in b.csv"):
+        _check_alike("b.csv", slip, "a.csv", paper)
+
+
+def test_trials_that_broke_off_are_named_where_a_threshold_is_set_on_them(verb, touched, tmp_path):
+    copy = tmp_path / "broken"
+    copytree(touched.folder.path, copy)
+    head, first, second = (copy / "trials.csv").read_text().splitlines()
+    place = head.split(",").index("outcome")
+    cells = second.split(",")
+    (copy / "trials.csv").write_text(
+        "\n".join([head, first, ",".join([*cells[:place], "guard", *cells[place + 1 :]])]) + "\n"
+    )
+    asked = ("--false-alarm-interval", "10", "--detector", "pretouch_paper")
+    code, _, err = verb("calibrate", copy, *asked)
+    assert code == 0
+    assert err.count("broken: trials that broke off are included: 2 (guard)") == 1
+    assert "broke off" not in verb("calibrate", touched.folder.path, *asked)[2]
 
 
 # --- files ---------------------------------------------------------------------------------------
