@@ -19,7 +19,7 @@ from controller.recording.run_folder import RunFolder
 from controller.recording.series import TrialRecording
 from controller.recording.tables import ReplayError
 from controller.registry import KINDS
-from controller.replay import between, enveloped, own_detectors, read_inputs, read_trial
+from controller.replay import between, check_encoder, enveloped, own_detectors, read_inputs, read_trial
 from controller.signals.iq import IqSettings
 from drivers.core.messages import SampleBlock
 
@@ -84,6 +84,7 @@ def load(
     made = make_detector(kind, {**own, **overrides}, baseline, _folders(recording))
     notes: list[str] = []
     blocks = read_inputs(recording, made.inputs, columns=columns, rate_hz=rate_hz, trial=trial, notes=notes)
+    check_encoder(recording, made, blocks)
     envelope = envelope_of(made)
     if envelope is not None:
         blocks = enveloped(blocks, envelope, _chain_settings(made, chain))

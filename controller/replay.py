@@ -1,7 +1,6 @@
 """A recording through a detector: run folders, and files of other programs; one event a line."""
 
 import math
-import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -22,11 +21,10 @@ from controller.detectors.calibration import (
     spans_of,
 )
 from controller.detectors.contract import part, trace
-from controller.detectors.protocol import Detector, quantity_of, readings_of
+from controller.detectors.protocol import Detector, envelope_of, quantity_of, readings_of
 from controller.recording.reader import open_run
 from controller.recording.series import TrialRecording
 from controller.recording.tables import STEPS, Chosen, ReplayError, channel_numbers, read_columns
-from controller.scales import si_unit
 from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
 from drivers.core.messages import Floats, SampleBlock, Saturated
 
@@ -273,6 +271,19 @@ def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) 
     return sorted(made, key=lambda block: block.last_s)
 
 
+def check_encoder(path: Path, detector: Detector, blocks: Sequence[SampleBlock]) -> None:
+    """Refuse a mover's position beside an envelope that is in another unit than metres.
+
+    Raises:
+        ReplayError: it is; a file's column need not name one.
+    """
+    for block in blocks if envelope_of(detector) is not None else ():
+        if block.stream in detector.inputs[1:] and block.unit not in ("m", ""):
+            raise ReplayError(
+                f"{path}: {block.stream}: {block.unit} is no position; choose one in m (mm, cm and um are converted)"
+            )
+
+
 def own_detectors(manifest: Mapping[str, Any], recording: TrialRecording) -> Mapping[str, Mapping[str, Any]]:
     """Kind and settings of each detector of the profile that a trial was run with, by name."""
     resolved = manifest.get("profile", {}).get("resolved", {})
@@ -365,9 +376,7 @@ def _from_columns(
             f" row, by {LEAST_STEP_S:g} s at least; where they were rounded too coarsely, call the column something"
             " else and give --rate HZ"
         )
-    bracketed = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", chosen.name)  # as in `acc_z (m/s^2)` or `Force [N]`
-    unit = bracketed[1] if bracketed else si_unit(chosen.name.lower())
-    t0_s = 0.0 if times_s is None else float(times_s[0])
+    unit, t0_s = chosen.unit, 0.0 if times_s is None else float(times_s[0])
     if times_s is None or rate_hz is not None:
         remark = _other_rate(chosen, asked_hz) if asked_hz else f"; rate from {chosen.clock}"
         return [SampleBlock(stream, 0, t0_s, values, rate_hz=rate_hz, unit=unit)], remark

@@ -21,6 +21,7 @@ from mcap.records import Chunk, Schema
 from numpy.typing import NDArray
 
 from controller.recording.mcap_file import LARGEST_CHUNK_BYTES, ChunkPlace, records
+from controller.scales import si_unit
 from drivers.core.messages import Floats
 
 LARGEST_BYTES = 2**31
@@ -43,6 +44,9 @@ LVM = "***End_of_Header***"
 
 SCALES_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 """Seconds in a unit of time, as columns are named after them."""
+
+SCALES_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6}
+"""Metres in a unit of length, as columns are named after them; of the two letters a keyboard has one for micro."""
 
 TIME = re.compile(
     rf"(?:t|time|timestamp|elapsed|x_value|zeit|temps|tiempo|tempo)(?:[ _]*[(\[]?({'|'.join(SCALES_S)})[)\]]?)?",
@@ -90,7 +94,8 @@ class Chosen:
 
     Attributes:
         name: Of the first column.
-        values: Shape (n, columns).
+        values: Shape (n, columns); lengths in metres.
+        unit: Of the first column, by its name; "" where that has none.
         times_s: Of each row, shape (n,); None where the file has none.
         rate_hz: Where the file itself gives it.
         clock: The source of the times, as text.
@@ -98,6 +103,7 @@ class Chosen:
 
     name: str
     values: Floats
+    unit: str = ""
     times_s: Floats | None = None
     rate_hz: float | None = None
     clock: str = ""
@@ -160,9 +166,31 @@ def _chosen(table: Mapping[str, NDArray[Any]], column: str | None, count: int) -
     other = next((name for name, length in lengths.items() if length != lengths[wanted[0]]), None)
     if other is not None:
         raise ReplayError(f"{wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
-    values = np.column_stack([table[name].astype(np.float64) for name in wanted])
     times_s, source = _times(clock, table)
-    return Chosen(wanted[0], values, times_s, clock=source)
+    return _named(
+        wanted, np.column_stack([table[name].astype(np.float64) for name in wanted]), times_s, source
+    )
+
+
+def _named(names: Sequence[str], values: Floats, times_s: Floats | None, clock: str) -> Chosen:
+    """Columns with the unit that the first one's name states, lengths scaled to metres."""
+    units = [_unit(name) for name in names]
+    values *= [scale for _, scale in units]
+    return Chosen(names[0], values, units[0][0], times_s, clock=clock)
+
+
+def _unit(name: str) -> tuple[str, float]:
+    """Unit of a column by its name, as in `way_mm`, `acc_z (m/s^2)` or `Force [N]`, and what its values are to be
+    multiplied with."""
+    name = re.sub(r"\.\d+$", "", name)  # a column of an array
+    bracketed = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", name)
+    if bracketed:
+        scale = SCALES_M.get(bracketed[1].strip())
+        return (bracketed[1], 1.0) if scale is None else ("m", scale)
+    stem, _, last = name.lower().rpartition("_")
+    scale = SCALES_M.get(last, 1.0)
+    unit = si_unit(f"{stem}_m" if last in SCALES_M else name.lower())  # none of a torque, `_n_mm`
+    return unit, scale if unit == "m" else 1.0
 
 
 def _stated(chosen: Chosen, lines: Sequence[str]) -> Chosen:
@@ -209,7 +237,7 @@ def _unrolled(
         usual_s = float(np.median(steps_s))
         steps_s[steps_s > STEPS[1] * usual_s] = usual_s  # a row before a gap is as long as the others
         times_s = (times_s[:, None] + steps_s[:, None] * np.arange(many) / many).ravel()
-    return Chosen(ends[0], rows.values.reshape(-1, 1), times_s, clock=rows.clock)
+    return Chosen(ends[0], rows.values.reshape(-1, 1), rows.unit, times_s, clock=rows.clock)
 
 
 def _rising(table: Mapping[str, NDArray[Any]], names: Sequence[str], clock: str | None) -> str:
@@ -585,7 +613,7 @@ def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
     since_ns = [stamp - first_stamp_ns if stamped else log - first_log_ns for log, stamp in clocks]  # type: ignore[operator]
     times_s: Floats = (np.array(since_ns, np.int64) + anchor_ns).astype(np.float64) * 1e-9
     clock = "header.stamp" if stamped else "log_time"
-    return Chosen(fields[0], np.array(rows, np.float64), times_s, clock=clock)
+    return _named(fields, np.array(rows, np.float64), times_s, clock)
 
 
 class _Bounded(io.BufferedReader):

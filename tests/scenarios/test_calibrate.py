@@ -110,6 +110,23 @@ def test_pre_touch_is_calibrated_on_i_q_and_position(verb, way):
     assert 5 <= len(alarms) <= 9
 
 
+def test_a_position_in_millimetres_gives_the_threshold_of_metres_and_what_is_none_is_refused(verb, way):
+    path = way[0]
+    arrays = np.load(path)
+    asked = ["--detector", "pretouch", "--false-alarm-interval", 12]
+    found = json.loads(verb("calibrate", *way, "--column", "x_m", *asked)[1])
+    others = {"x_mm": 1e3 * arrays["x_m"], "x_rad": arrays["x_m"]}
+    np.savez(path, i_fs=arrays["i_fs"], q_fs=arrays["q_fs"], **others)
+    line = json.loads(verb("calibrate", *way, "--column", "x_mm", *asked)[1])
+    assert line["threshold"] == pytest.approx(found["threshold"], rel=1e-6)
+    assert line["background_fs"] == pytest.approx(found["background_fs"], rel=1e-6)
+    for name in ("calibrate", "replay"):
+        options = asked if name == "calibrate" else asked[:2]
+        code, out, err = verb(name, *way, "--column", "x_rad", *options)
+        assert (code, out) == (2, "")
+        check_refusal(err, "way.npz: arm.position: rad is no position", "in m")
+
+
 def test_a_background_that_is_given_is_not_proposed(verb, way):
     asked = [*way, "--column", "x_m", "--detector", "pretouch", "--false-alarm-interval", 12]
     given = json.loads(verb("calibrate", *asked, "--set", "background_fs=1e-4")[1])

@@ -572,6 +572,39 @@ def test_tables_below_a_preamble_and_samples_side_by_side_are_read(tmp_path, nam
     assert found.times_s is None or found.times_s == pytest.approx(0.01 * np.arange(6))
 
 
+@pytest.mark.parametrize(
+    ("name", "unit", "metres"),
+    [
+        ("x_m", "m", 1.0),
+        ("way_mm", "m", 1e-3),
+        ("Position [mm]", "m", 1e-3),
+        ("X_CM", "m", 1e-2),
+        ("way(um)", "m", 1e-6),
+        ("Weg [\u00b5m]", "m", 1e-6),
+        ("Weg_\u03bcm", "m", 1e-6),
+        ("x_deg", "", 1.0),
+        ("torque_n_mm", "", 1.0),
+        ("stiffness [N/mm]", "N/mm", 1.0),
+        ("speed_m_s", "m/s", 1.0),
+        ("gear_mm2", "", 1.0),
+        ("mm", "m", 1e-3),
+    ],
+)
+def test_lengths_are_read_in_metres_each_column_by_its_own_name(tmp_path, name, unit, metres):
+    rows = "".join(f"{i / 100:.2f},{2 * i},{i}\n" for i in range(50))
+    (tmp_path / "a.csv").write_text(f"t_s,{name},r_rad\n{rows}", "utf-8")
+    (block,) = read_blocks(tmp_path / "a.csv", STREAM, column=f"{name},r_rad")
+    assert block.unit == unit
+    assert block.values[:, 0] == pytest.approx(2.0 * metres * np.arange(50), rel=1e-12)
+    assert block.values[:, 1].tolist() == list(range(50))
+
+
+def test_a_length_in_an_array_is_one_too(tmp_path):
+    np.savez(tmp_path / "a.npz", way_mm=np.arange(40.0).reshape(20, 2), fs=100)
+    (block,) = read_blocks(tmp_path / "a.npz", STREAM, column="way_mm.1")
+    assert (block.unit, block.values[3, 0]) == ("m", pytest.approx(0.007))
+
+
 def test_a_row_of_many_samples_before_a_gap_is_as_long_as_the_others(tmp_path):
     """100 rows of 22 samples a second; 3 s of them are missing after row 200, counted from 0."""
     rows = np.r_[0:201, 501:600]
