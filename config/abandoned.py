@@ -54,13 +54,19 @@ def abandoned(profile: Profile, session: HandSession, mover: Mover, frozen: bool
     try:
         if not here.poll(BEGIN_S):
             raise TimeoutError(f"the program that is to be killed does not creep within {BEGIN_S:g} s")
-        place_m = here.recv()
-        if isinstance(place_m, str):
-            raise EOFError(place_m)
+        place_m = _place_m(here)
         assert program.pid is not None
         victims = [program.pid, *(_children(program.pid) if frozen else ())]
         for pid in reversed(victims):
             os.kill(pid, signal.SIGSTOP if frozen else signal.SIGKILL)
+        try:
+            while here.poll():  # it went on until now
+                place_m = _place_m(here)
+        except EOFError as error:
+            if error.args:  # it had ended by itself
+                raise
+        except OSError:  # killed within a word
+            pass
         yield place_m
     finally:
         for pid in victims[1:]:
@@ -68,6 +74,14 @@ def abandoned(profile: Profile, session: HandSession, mover: Mover, frozen: bool
         program.kill()
         program.join()
         here.close()
+
+
+def _place_m(told: Connection) -> float:
+    """What the program says next: where its mover is, or why it ended by itself."""
+    said = told.recv()
+    if isinstance(said, str):
+        raise EOFError(said)
+    return float(said)
 
 
 def _children(pid: int) -> list[int]:
@@ -99,9 +113,8 @@ def _creep(
     creeping = scripted(mover.creeping(wrong, BEGIN_S))
 
     def steer(event: Event) -> Sequence[Command] | None:
-        crept = wrong.begun
         commands = creeping(event)
-        if wrong.begun and not crept:
+        if wrong.begun:
             told.send(float(session.latest.values(mover.shown)[-1, 0]))
         return commands
 
