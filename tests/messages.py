@@ -65,6 +65,7 @@ UNSEEN = {
     "AttributeError",  # of names that `touchbench` does not have
     "CanOperationError",  # as python-can raises them; told as a link's fault
     "EndlessError",  # of a campaign of the swarm, which is a violation
+    "EOFError",  # of a program that `certify` kills: the reason in its table
     "ImportError",
     "KeyError",
     "OSError",

@@ -151,7 +151,7 @@ def nothing(*_, **__):
 DEFECTS = [
     ("mock/transient", Guard, "_force", nothing, {"limits.force_n", "limits.retreat_n"}),
     ("mock/transient", Guard, "way_out", nothing, {"limits.retreat_n"}),
-    ("mock/transient", Followed, "see", nothing, {"limits.follow_m", "limits.retreat_n"}),
+    ("mock/transient", Followed, "see", nothing, {"limits.follow_m"}),
     ("mock/transient", Bounds, "position", nothing, {"limits.travel_m", "limits.travel_min_m"}),
     ("mock/transient", Bounds, "admit_speed", nothing, {"limits.speed_m_s"}),
     ("mock/transient", MockZaberStage, "_look", nothing, {"limits.blind_travel_m"}),
