@@ -226,7 +226,7 @@ class Audio(WireDriver[SoundSource]):
 
     def _receive(self, sound: Sound) -> None:
         n, device_s = len(sound.counts), sound.frame / RATE_HZ
-        placed = self._track.place(device_s, sound.arrival_s, n, counter=sound.frame)
+        placed = self._track.place(device_s, sound.arrival_s, n)
         if sound.frame <= self._last or self._converter.restarts:
             # The counter went back, or far ahead of the time that has passed: with it goes the drive's phase.
             self._fail(f"the converter began anew: after frame {self._last} came {sound.frame}")

@@ -22,13 +22,6 @@ SLACK_S: Final = 0.05
 LATE_S: Final = 0.1
 """A counter that does not go on is one that slipped where its frame is no later than this (assumption)."""
 
-FOLLOW: Final = 0.5
-"""Of how far a device time is from where it is due, the next are due later or sooner. Assumption: a rate that is off by
-less than a quarter loses nothing."""
-
-STEADY: Final = 0.25
-"""Of a period: device times that fall back by more towards where they are due are late, and still catching up."""
-
 ASTRAY_S: Final = 5.0
 """A device time this far from its arrival is another clock's. Assumption: no first frame is so late."""
 
@@ -58,17 +51,10 @@ class StreamTrack:
     a new segment on the same clock; if not, the device has restarted, and with it its clock and every stream. A new
     segment is numbered by host time, and never directly follows the last: no gap looks closed.
 
-    Without a counter, what a device time skips is missing only where the next one confirms it, or beyond `SLACK_S`: a
-    sample that is stamped late costs nothing. Until then it is `doubtful`: it has the number that follows, and its own
-    time; what the next one finds `lost` is missing before it.
-
     Args:
         rate_hz: Of the stream; None where samples are irregular.
         counter_modulus: At what the device's counter of samples is zero again: 256 for 8 bits, `ENDLESS` for never;
             None where it has none. Device time must be right to half of what the counter spans.
-
-    Attributes:
-        joined: Whether the times of those before go on with what was placed last.
     """
 
     def __init__(self, clock: DeviceClock, rate_hz: float | None, counter_modulus: int | None = None) -> None:
@@ -83,14 +69,6 @@ class StreamTrack:
         # What the next sample has if nothing is missing.
         self._counter = 0
         self._due_s = self._host_s = 0.0
-        # Without a counter: where the next is due by all times so far, and periods that the last one was behind that.
-        self._grid_s = self._skipped = 0.0
-        self.joined = False
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether the last sample is late, or the first behind a gap: the next one shows."""
-        return self._skipped > 0.0
 
     def begin(self) -> None:
         """The stream was subscribed again: what is missing before the next sample is not lost."""
@@ -124,17 +102,13 @@ class StreamTrack:
             span_s = (n - 1) * self._period_s
         first_s, ahead_s = clock.extended(shown_s, arrival_s)
         goes_on = not self._begins and self._restarts == clock.restarts
-        doubtful = self.doubtful
         missing = self._missing(first_s, counter) if goes_on else None
         if self._restarted(goes_on, missing, first_s, ahead_s + span_s):
             clock.restart()
             first_s, missing, goes_on = shown_s, None, False
         clock.observe(first_s + span_s, arrival_s)
-        if missing is None:
-            self._grid_s, self._skipped = first_s, 0.0
-        self._grid_s += n * self._period_s
-        self.joined = joins and missing == 0 and not doubtful and not self.doubtful
-        host_s = self._host_s if self.joined else self._timeline.date(clock, first_s, goes_on)
+        joined = missing == 0 and joins
+        host_s = self._host_s if joined else self._timeline.date(clock, first_s, goes_on)
         seq = self._number(counter, missing, host_s)
         lost = None if self._begins else 0 if missing is None else missing or None
         last_s = host_s + span_s * (1.0 if self._rate_hz else clock.pace)
@@ -147,26 +121,16 @@ class StreamTrack:
     def _missing(self, first_s: float, counter: int | None) -> int | None:
         """Samples missing before this one; None where counter and time do not go on from where they were."""
         elapsed = (first_s - self._due_s) * (self._rate_hz or 0.0)
-        slack = max(1.0, SLACK_S * (self._rate_hz or 0.0))
         if counter is None:
-            return self._lasting(first_s, slack) if elapsed >= -1.0 else None
+            return max(0, round(elapsed)) if elapsed >= -1.0 else None
         modulus = self._modulus or ENDLESS
         missing = (counter - self._counter) % modulus
         if self._rate_hz is None:
             return missing if missing < modulus // 2 and first_s >= self._due_s else None
         # A gap may be longer than the counter: device time shows how often it wrapped.
         missing += modulus * round((elapsed - missing) / modulus)
-        return missing if missing >= 0 and abs(missing - elapsed) <= slack else None
-
-    def _lasting(self, first_s: float, slack: float) -> int:
-        """Samples missing before this one by device time alone: what the one before it skipped, if that lasts."""
-        skipped = (first_s - self._grid_s) * (self._rate_hz or 0.0)
-        lasts = min(skipped, self._skipped) if skipped > self._skipped - STEADY else 0.0
-        missing = max(0, round(skipped if skipped > slack else lasts))
-        rest = skipped - missing
-        self._skipped = rest if rest > 0.5 else 0.0
-        self._grid_s += (missing + (0.0 if self.doubtful else FOLLOW * rest)) * self._period_s
-        return missing
+        agree = missing >= 0 and abs(missing - elapsed) <= max(1.0, SLACK_S * self._rate_hz)
+        return missing if agree else None
 
     def _restarted(self, goes_on: bool, missing: int | None, first_s: float, ahead_s: float) -> bool:
         """Whether the device's clock is another one than before; else a counter that does not go on has slipped."""
@@ -196,13 +160,7 @@ class Samples:
         return bool(self._runs)
 
     def push(
-        self,
-        seq: int,
-        t_s: float,
-        arrival_s: float,
-        values: ArrayLike,
-        device_s: float | None = None,
-        apart: bool = False,
+        self, seq: int, t_s: float, arrival_s: float, values: ArrayLike, device_s: float | None = None
     ) -> None:
         """Take the sample number `seq`, of shape (channels,); one that does not follow on the last begins a block.
 
@@ -210,9 +168,8 @@ class Samples:
             t_s: Its time, in seconds.
             arrival_s: When it was in hand, in seconds.
             device_s: The device's own time, in seconds.
-            apart: It begins a block though it follows on: its time is not the last one's and a period.
         """
-        if not self._runs or apart or seq != self._runs[-1][0] + len(self._runs[-1][1]):
+        if not self._runs or seq != self._runs[-1][0] + len(self._runs[-1][1]):
             self._runs.append((seq, [], [], [], device_s))
         _, times_s, samples, arrivals_s, _ = self._runs[-1]
         times_s.append(t_s)
@@ -238,8 +195,6 @@ class Samples:
 class SampleStream:
     """One stream of samples that come one by one, from a device with a clock of its own, made into blocks.
 
-    A sample that is `StreamTrack.doubtful` is kept until the next one shows its number.
-
     Args:
         bench: Turns monotonic time into bench time.
     """
@@ -256,11 +211,9 @@ class SampleStream:
         self._bench = bench
         self._track = StreamTrack(clock, info.rate_hz, counter_modulus)
         self._samples = Samples(info, dtype)
-        self._kept: tuple[Placed, float, ArrayLike] | None = None
 
     def begin(self) -> None:
         """See `StreamTrack.begin`."""
-        self._kept = None
         self._track.begin()
 
     def push(
@@ -272,19 +225,9 @@ class SampleStream:
             arrival_s: Monotonic time at which it was in hand.
             counter: Its number by the device, where it has one.
         """
-        regular = self.info.rate_hz is not None  # else each has its own time
-        joins = regular and bool(self._samples)
+        joins = bool(self._samples) and self.info.rate_hz is not None  # else each has its own time
         placed = self._track.place(shown_s, arrival_s, counter=counter, joins=joins)
-        if self._kept is not None:
-            before, before_s, kept = self._kept
-            seq = before.seq + (placed.lost or 0)
-            self._samples.push(seq, before.t0_s, before_s, kept, before.device_s, apart=True)
-            self._kept = None
-        if self._track.doubtful:
-            self._kept = placed, arrival_s, values
-        else:
-            apart = regular and not self._track.joined
-            self._samples.push(placed.seq, placed.t0_s, arrival_s, values, placed.device_s, apart)
+        self._samples.push(placed.seq, placed.t0_s, arrival_s, values, placed.device_s)
         return self._bench.from_monotonic(placed.t0_s), placed.lost
 
     def take(self) -> list[SampleBlock]:
