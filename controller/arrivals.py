@@ -14,6 +14,9 @@ REST = 4.0
 """Times `limits.stale_s` that a stream may be silent where no motion depends on it. Assumption: buffers keep what comes
 while a host is away for less, and a record of half a second that gets no sample is noticed."""
 
+SHOWN = 3
+"""How many channels are shown of a stream that is wrong."""
+
 REMEDY = f"look at its power and cable, then: {PROGRAM} check PROFILE --connect"
 
 
@@ -52,6 +55,7 @@ class Arrivals:
         """Subscribe to these from now on, and to no others; those that stay keep their age."""
         self._seen_s = {stream: self._seen_s.get(stream, t_s) for stream in sorted(streams)}
         self._held = {stream: held for stream, held in self._held.items() if stream in streams}
+        self._wrong = {stream: wrong for stream, wrong in self._wrong.items() if stream in streams}
 
     def move(self, t_s: float, moving: bool) -> None:
         """Note whether anything moves in the turn at `t_s`, the first of those that are processed as one."""
@@ -120,7 +124,11 @@ class Arrivals:
 
     def _fault(self, stream: str) -> str:
         wrong = self._wrong.get(stream)
-        return "is silent" if wrong is None else f"sends no numbers but {', '.join(map(str, wrong[:3]))}"
+        if wrong is None:
+            return "is silent"
+        named = zip(self._infos[stream].channels, wrong, strict=True)
+        odd = [f"{channel} = {value}" for channel, value in named if not np.isfinite(value)]
+        return f"sends no numbers: {', '.join(odd[:SHOWN])}{', …' * (len(odd) > SHOWN)}"
 
     def _in_numbers(self, block: SampleBlock) -> NDArray[np.bool_]:
         """Which samples (n,) are: all channels of a device's own stream. A signal has nothing to say at times."""
@@ -167,7 +175,7 @@ class Arrivals:
         since_s, until_s = float(starts_s[last]), float(ends_s[last])
         stuck = block.physical[changes[last - 1] if last else 0]
         reason = (
-            f"{block.stream} sticks at {', '.join(f'{value:.6g}' for value in stuck[:3])} {info.unit}"
+            f"{block.stream} sticks at {', '.join(f'{value:.6g}' for value in stuck[:SHOWN])} {info.unit}"
             f" for {until_s - since_s:.3f} s, since {since_s:.3f} s (limits.stuck_s = {self._stuck_s:g}):"
             f" no sensor is so quiet; {REMEDY}"
         )

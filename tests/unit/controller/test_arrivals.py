@@ -12,7 +12,8 @@ ANSWER = StreamInfo("person.load", ("x",), "N")
 SLOW = StreamInfo("logger.heat", ("kelvin",), "K", rate_hz=1.0)
 PLACE = StreamInfo("stage.position", ("position",), "m", rate_hz=100.0)
 TIP = StreamInfo("signals.tip", ("Fx",), "N")
-INFOS = {info.name: info for info in (LOAD, PERIOD, ANSWER, SLOW, PLACE, TIP)}
+SIX = StreamInfo("six.wrench", ("fx", "fy", "fz", "tx", "ty", "tz"), "N", rate_hz=1000.0)
+INFOS = {info.name: info for info in (LOAD, PERIOD, ANSWER, SLOW, PLACE, TIP, SIX)}
 
 
 def watching(*streams, urgent=(), stuck_s=0.2, made_of=("board.load",)):
@@ -108,20 +109,38 @@ def numbers(stream, t_s, *values):
 NAN = float("nan")
 
 
-@pytest.mark.parametrize("wrong", [(NAN,), (float("-inf"), 0.5)])
-def test_what_is_no_number_keeps_a_device_no_more_alive_than_silence_does(wrong):
-    arrivals = watching("board.load", urgent=["board.load"])
+@pytest.mark.parametrize(
+    ("stream", "wrong", "said"),
+    [
+        ("board.load", (NAN,), "force = nan"),
+        ("six.wrench", (1.0, 2.0, 3.0, 4.0, NAN, float("-inf")), "ty = nan, tz = -inf"),
+        ("six.wrench", (1.0, NAN, NAN, NAN, NAN, NAN), "fy = nan, fz = nan, tx = nan, …"),
+    ],
+)
+def test_what_is_no_number_keeps_a_device_no_more_alive_than_silence_does_and_names_the_channels(
+    stream, wrong, said
+):
+    arrivals = watching(stream, urgent=[stream])
     good = (0.5,) * len(wrong)
-    assert arrivals.check(0.05, [numbers("board.load", 0.05, good, good, wrong)], moving=True) is None
-    assert arrivals.check(0.14, [numbers("board.load", 0.14, wrong, wrong)], moving=True) is None
-    failed = arrivals.check(0.151, [numbers("board.load", 0.151, wrong)], moving=True)
+    assert arrivals.check(0.05, [numbers(stream, 0.05, good, good, wrong)], moving=True) is None
+    assert arrivals.check(0.14, [numbers(stream, 0.14, wrong, wrong)], moving=True) is None
+    failed = arrivals.check(0.151, [numbers(stream, 0.151, wrong)], moving=True)
     assert failed is not None
-    said = ", ".join(str(value) for value in wrong)
-    assert failed.reason.startswith(f"board.load sends no numbers but {said} for 0.102 s, since 0.049 s")
-    arrivals.check(0.16, [numbers("board.load", 0.16, good)], moving=True)
+    assert failed.reason.startswith(f"{stream} sends no numbers: {said} for 0.102 s, since 0.049 s")
+    arrivals.check(0.16, [numbers(stream, 0.16, good)], moving=True)
     failed = arrivals.check(0.27, [], moving=True)
     assert failed is not None
-    assert "board.load is silent" in failed.reason
+    assert f"{stream} is silent" in failed.reason
+
+
+def test_what_was_no_number_before_it_was_unsubscribed_is_silent_when_it_begins_anew_and_sends_nothing():
+    arrivals = watching("board.load", urgent=["board.load"])
+    arrivals.check(0.05, [numbers("board.load", 0.05, NAN)], moving=False)
+    arrivals.expect(frozenset(), 0.1)
+    arrivals.expect(frozenset({"board.load"}), 5.0)
+    failed = arrivals.check(5.5, [], moving=False)
+    assert failed is not None
+    assert "board.load is silent for 0.500 s" in failed.reason
 
 
 def test_a_signal_may_have_nothing_to_say_and_turns_with_no_number_in_them_are_not_taken_as_one():
