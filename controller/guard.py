@@ -113,7 +113,7 @@ class Guard:
         self._crushes = False
         self._approach, self._pressed_n, self._braked_m = ("", 0.0), 0.0, math.nan
         for followed in self._followed.values():
-            followed.forget()
+            followed.begin()
         for agreeing in self._agreeing:
             agreeing.forget()
         self.arrivals.begin()
@@ -243,14 +243,12 @@ class Guard:
         once. None where the stop was enough, or no way back is known."""
         last, went_back = next(reversed(self._last.values()), (None, False))
         crushes, self._crushes = self._crushes, False
-        self._start_contact_n = math.inf  # on the way back what presses falls from here
-        if not crushes or last is None or went_back:
+        if not crushes or went_back or not isinstance(last, Grip | MoveAt | MoveTo):
             return None
-        bounds = self._others.get(last.device, self._first).limits
+        self._start_contact_n = math.inf  # on the way back what presses falls from here
         if isinstance(last, Grip):
             return Release(last.device, last.speed_m_s), self.settings.retreat_m / last.speed_m_s
-        if not isinstance(last, MoveAt | MoveTo):
-            return None
+        bounds = self._others.get(last.device, self._first).limits
         speed_m_s = min(RETREAT_M_S, bounds.speed_m_s)
         # Not beyond where approaches begin, unless it is there already: a device may have no travel behind that.
         behind = self._place_m(last.device) <= 0.0
@@ -314,7 +312,7 @@ class Guard:
         return isinstance(command, Home)
 
     def _place_m(self, device: str) -> float:
-        """Where a mover was seen last; NaN where it was not, or where nothing follows it."""
+        """Where a mover was seen last in this trial; NaN where it was not, or where nothing follows it."""
         return self._followed[device].place_m if device in self._followed else math.nan
 
     def _bounds_of(self, what: str, device: str) -> Bounds:

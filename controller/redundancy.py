@@ -29,11 +29,15 @@ class Followed:
         follow_m: How far both may be apart, beside what is commanded in `FOLLOW_S`; None does not compare.
 
     Attributes:
-        place_m: Where the mover was seen last; NaN before.
+        place_m: Where the mover was seen last in this trial; NaN before.
     """
 
     def __init__(self, follow_m: float | None, where: str) -> None:
         self._follow_m, self._where = follow_m, where
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a trial: the mover was not seen yet."""
         self.place_m = math.nan
         self.forget()
 

@@ -643,6 +643,23 @@ def test_a_stop_below_the_second_tier_is_enough_and_one_that_brakes_beyond_it_is
     assert guard(**TIERS).looks_on_s == 0.0
 
 
+def test_where_nothing_goes_back_what_presses_after_a_stop_may_not_grow_either():
+    watched = crushed(MoveAt("stage", 0.01, 0.012), brakes=np.full(40, 2.5), force_median_s=0.001)
+    assert watched.way_out() is None
+    assert "beyond limits.force_n" in watched.see_braking([force(np.full(40, 3.9), 60)])
+
+
+def test_where_a_mover_stood_in_the_trial_before_is_not_where_it_stands():
+    watched = guard()
+    watched.check(0.05, [position([0.01])], moving=False)
+    watched.latch(0.06)
+    assert watched.admit(MoveTo("stage", 0.005, 0.01))
+    watched.reset()
+    watched.latch(0.06)
+    with refused(GuardRefusal, "MoveTo(stage): the trial was stopped"):
+        watched.admit(MoveTo("stage", 0.005, 0.01))
+
+
 def test_a_contact_from_before_the_trial_is_no_crush():
     watched = guard(quiet=False, **TIERS)
     assert watched.check(0.04, [CRUSHED], moving=True) is None
