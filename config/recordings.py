@@ -148,14 +148,14 @@ def load_quiet(
 
 def _check_alike(first: str, one: Detector, where: str, other: Detector) -> None:
     """Refuse a second recording whose detector differs from that of the first in more than its threshold."""
-    ours, theirs = (
-        {"kind": type(each).__name__, **dict(getattr(each, "settings", ()))} for each in (one, other)
-    )
+    ours, theirs = ({"kind": type(each), **dict(getattr(each, "settings", ()))} for each in (one, other))
     for key, value in ours.items():
         if key != "threshold" and theirs[key] != value:
+            here, there = (getattr(each, "__name__", each) for each in (theirs[key], value))
+            same = here == there  # two classes of the user's own that have one name
             raise ReplayError(
-                f"{where}: {key} = {theirs[key]}, but {value} in {first}; one threshold is for one kind and setting:"
-                " choose a trial with --trial, or set it for all with --set"
+                f"{where}: {key} = {here}, but {'another ' * same}{there} in {first}; one threshold is for one kind"
+                " and setting: choose a trial with --trial, or set it for all with --set"
             )
 
 

@@ -177,6 +177,10 @@ def test_trials_whose_detector_is_set_otherwise_or_of_another_kind_make_no_one_t
     slip, paper = (make_detector(kind, {}) for kind in ("slip", "slip.paper"))
     with pytest.raises(ReplayError, match=r"a\.csv: kind = SlipPaperDetector, but SlipDetector in b.csv"):
         _check_alike("b.csv", slip, "a.csv", paper)
+    own, other = (type("Edge", (), {"settings": {"threshold": 1.0}})() for _ in range(2))
+    _check_alike("b.csv", own, "a.csv", type(own)())
+    with pytest.raises(ReplayError, match=r"a\.csv: kind = Edge, but another Edge in b.csv"):
+        _check_alike("b.csv", own, "a.csv", other)
 
 
 def test_trials_that_broke_off_are_named_where_a_threshold_is_set_on_them(verb, touched, tmp_path):
