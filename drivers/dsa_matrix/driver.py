@@ -83,8 +83,8 @@ class DsaMatrix(WireDriver[SerialLink]):
         if s.threshold_counts is not None:
             self._set_threshold(link, s.threshold_counts, sensor.matrices)
         info = self._stream_info(matrices)
-        self._device_clock = DeviceClock(s.max_drift_ppm, wrap_s=codec.TIME_MODULUS * 1e-3)
-        self._stream = SampleStream(info, self._device_clock, self._clock, np.int32)
+        self._own_clock = DeviceClock(s.max_drift_ppm, wrap_s=codec.TIME_MODULUS * 1e-3)
+        self._stream = SampleStream(info, self._own_clock, self._clock, np.int32)
         return DeviceInfo(
             self.name,
             model="DSACON32-M",
@@ -186,7 +186,7 @@ class DsaMatrix(WireDriver[SerialLink]):
             "bytes_passed_over": self._decoder.passed_over,
             "frames_wrong": self._wrong,
             "frames_lost": self._missing,
-            **self._device_clock.account(self.name),
+            **self._own_clock.account(self.name),
         }
 
     def _acquire(self, run: bool) -> MatrixPacket:

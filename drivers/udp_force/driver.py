@@ -130,7 +130,7 @@ class UdpForce(WireDriver[UdpLink]):
     def account(self) -> Mapping[str, object]:
         """Datagrams that made no sense, records that came behind a later one, and the drift of the box's clock."""
         found = {"malformed": self._malformed, "disordered": self._disordered}
-        return {**found, **self._box_clock.account(self.name)}
+        return {**found, **self._own_clock.account(self.name)}
 
     def _prepare(self) -> None:
         self._forget()
@@ -139,7 +139,7 @@ class UdpForce(WireDriver[UdpLink]):
         self._malformed = self._disordered = 0
         self._listening = frozenset[str]()
         self._streams: dict[str, SampleStream] = {}
-        self._box_clock: DeviceClock = HostClock()
+        self._own_clock: DeviceClock = HostClock()
         self._received_s = 0.0
         self._latest: int | None = None
         self._old = False
@@ -169,7 +169,7 @@ class UdpForce(WireDriver[UdpLink]):
         box = self._box()
         axis, sign = "xyz".index(s.normal[1]), -1 if s.normal[0] == "-" else 1
         self._normal = axis, sign
-        clock = self._box_clock = DeviceClock(s.max_drift_ppm, wrap_s=codec.MODULUS / box.sample_hz)
+        clock = self._own_clock = DeviceClock(s.max_drift_ppm, wrap_s=codec.MODULUS / box.sample_hz)
         self._sample_hz = box.sample_hz
         xyz, n, nm = ("x", "y", "z"), 1.0 / box.counts_per_n, 1.0 / box.counts_per_nm
         infos = (
