@@ -4,6 +4,7 @@ A device with its own clock time-stamps its samples, and some also count them; `
 and host times. Where the host polls each sample it knows these already, and needs `Samples` alone.
 """
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,6 +22,14 @@ SLACK_S: Final = 0.05
 
 LATE_S: Final = 0.1
 """A counter that does not go on is one that slipped where its frame is no later than this (assumption)."""
+
+FOLLOW: Final = 0.5
+"""Of how far a time stamp is from where it is due, the next are due later or sooner. Assumption: a rate that is off by
+less than a quarter loses nothing."""
+
+STEADY: Final = 0.25
+"""Of a period: time stamps that fall back by more towards where they are due are late, and still catching up
+(assumption)."""
 
 ASTRAY_S: Final = 5.0
 """A device time this far from its arrival is another clock's. Assumption: no first frame is so late."""
@@ -192,8 +201,26 @@ class Samples:
         ]
 
 
+class _Stamped(NamedTuple):
+    """A sample; all times in seconds.
+
+    Attributes:
+        first_s: Its extended device time.
+        shown_s: What the device's clock showed.
+    """
+
+    values: ArrayLike
+    first_s: float
+    shown_s: float
+    arrival_s: float
+
+
 class SampleStream:
     """One stream of samples that come one by one, from a device with a clock of its own, made into blocks.
+
+    A regular stream without a counter is numbered by its time stamps alone. A sample that is stamped late by more than
+    half a period, and no more than `SLACK_S`, is kept until the next one shows whether that lasts: then samples are
+    missing before it; else it counts as stamped when it was due.
 
     Args:
         bench: Turns monotonic time into bench time.
@@ -208,28 +235,78 @@ class SampleStream:
         counter_modulus: int | None = None,
     ) -> None:
         self.info = info
+        self._clock = clock
         self._bench = bench
         self._track = StreamTrack(clock, info.rate_hz, counter_modulus)
         self._samples = Samples(info, dtype)
+        self._rate_hz = info.rate_hz or 0.0
+        self._restarts = clock.restarts
+        # Without a counter: device time at which the next sample is due by all stamps, and by the last one alone.
+        self._grid_s = self._due_s = math.nan
+        self._kept: _Stamped | None = None
 
     def begin(self) -> None:
-        """See `StreamTrack.begin`."""
+        """See `StreamTrack.begin`; a sample that is kept is of the subscription before."""
+        self._grid_s, self._kept = math.nan, None
         self._track.begin()
 
     def push(
         self, values: ArrayLike, shown_s: float, arrival_s: float, counter: int | None = None
     ) -> tuple[float, int | None]:
-        """Take a sample; returns its bench time and what was lost before it, as `Placed` has it.
+        """Take a sample; returns its bench time and what was lost before it, as `Placed` has it. Of one that is kept
+        the next call returns both.
 
         Args:
             arrival_s: Monotonic time at which it was in hand.
             counter: Its number by the device, where it has one.
         """
-        joins = bool(self._samples) and self.info.rate_hz is not None  # else each has its own time
-        placed = self._track.place(shown_s, arrival_s, counter=counter, joins=joins)
-        self._samples.push(placed.seq, placed.t0_s, arrival_s, values, placed.device_s)
-        return self._bench.from_monotonic(placed.t0_s), placed.lost
+        if self._restarts != self._clock.restarts:  # another stream's sample showed it
+            self._grid_s, self._kept = math.nan, None
+        now = _Stamped(values, self._clock.extended(shown_s, arrival_s)[0], shown_s, arrival_s)
+        if counter is not None or not self._rate_hz:
+            placed = self._place(now, counter)
+            return self._bench.from_monotonic(placed.t0_s), placed.lost
+        told = None
+        if (kept := self._kept) is not None:
+            before, lasts = self._behind(kept), self._behind(now) - 1.0
+            told = self._settle(kept, min(before, lasts) if lasts > before - STEADY else 0.0)
+            self._kept = None
+        behind = self._behind(now)
+        if 0.5 < behind <= SLACK_S * self._rate_hz:
+            self._kept = now
+            return told or (self._bench.from_monotonic(arrival_s), None)
+        found = self._settle(now, behind)
+        return found if told is None or told[1] is None else told
 
     def take(self) -> list[SampleBlock]:
         """Blocks since the last call."""
         return self._samples.take(self._bench.from_monotonic(0.0))
+
+    def _behind(self, sample: _Stamped) -> float:
+        """By how many periods it is stamped later than due; 0 where that is not known."""
+        return 0.0 if math.isnan(self._grid_s) else (sample.first_s - self._grid_s) * self._rate_hz
+
+    def _settle(self, sample: _Stamped, skipped: float) -> tuple[float, int | None]:
+        """Place a sample before which so many periods were skipped, stamped so that the track, which knows the last
+        stamp alone, finds as many; returns as `push`."""
+        missing = max(0, round(skipped))
+        rest = self._behind(sample) - missing
+        seen = elapsed = (sample.first_s - self._due_s) * self._rate_hz
+        if rest > 0.5:
+            seen, rest = float(missing), 0.0
+        elif not math.isnan(self._grid_s):
+            seen = min(max(elapsed, missing - 0.49) if missing else elapsed, missing + 0.49)
+        moved_s = 0.0 if seen == elapsed or math.isnan(elapsed) else (seen - elapsed) / self._rate_hz
+        placed = self._place(sample._replace(shown_s=sample.shown_s + moved_s))
+        self._due_s = placed.device_s + 1.0 / self._rate_hz
+        self._grid_s += (missing + 1.0 + FOLLOW * rest) / self._rate_hz
+        if math.isnan(self._grid_s) or placed.lost == 0:
+            self._grid_s = self._due_s
+        return self._bench.from_monotonic(placed.t0_s), placed.lost
+
+    def _place(self, sample: _Stamped, counter: int | None = None) -> Placed:
+        joins = bool(self._samples) and self.info.rate_hz is not None  # else each has its own time
+        placed = self._track.place(sample.shown_s, sample.arrival_s, counter=counter, joins=joins)
+        self._restarts = self._clock.restarts
+        self._samples.push(placed.seq, placed.t0_s, sample.arrival_s, sample.values, placed.device_s)
+        return placed

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from drivers.core.clock import VirtualClock
 from drivers.core.clock_model import DeviceClock, HostClock
-from drivers.core.messages import StreamInfo
-from drivers.core.numbering import ENDLESS, Placed, Samples, StreamTrack
+from drivers.core.messages import Floats, StreamInfo
+from drivers.core.numbering import ENDLESS, Placed, Samples, SampleStream, StreamTrack
 
 RATE_HZ = 1000.0
 COUNTER_MODULUS = 1 << 16
@@ -233,6 +234,104 @@ def test_a_device_without_a_counter_is_numbered_by_its_clock() -> None:
     again = track.place(0.002, 1006.0)
     assert again.lost == 0
     assert again.seq > 7
+
+
+FORCE = StreamInfo("a.b", ("x",), "N", rate_hz=1000.0)
+
+
+def streamed(
+    stamps_ms: list[float], at_once: int = 1, wrap_s: float | None = None
+) -> tuple[list[int], list[int], list[int], Floats]:
+    """What is lost before samples with these stamps: in which calls and how many; numbers and times of the samples.
+
+    The value of each is its number here."""
+    stream = SampleStream(FORCE, DeviceClock(200.0, wrap_s), VirtualClock(), np.int32)
+    calls: list[int] = []
+    losses: list[int] = []
+    blocks = []
+    for k, ms in enumerate(stamps_ms):
+        lost = stream.push((k,), ms * 1e-3 if wrap_s is None else ms * 1e-3 % wrap_s, ms * 1e-3)[1]
+        if lost is not None:
+            calls.append(k)
+            losses.append(lost)
+        if k % at_once == at_once - 1 or k == len(stamps_ms) - 1:
+            blocks += stream.take()
+    taken = np.concatenate([block.values[:, 0] for block in blocks])
+    assert taken.tolist() == list(range(len(taken)))
+    assert len(taken) >= len(stamps_ms) - 1
+    numbers = np.concatenate([block.seq + np.arange(len(block)) for block in blocks]).tolist()
+    return calls, losses, numbers, np.concatenate([block.times for block in blocks])
+
+
+@pytest.mark.parametrize("wrap_s", [None, 0.7])
+@pytest.mark.parametrize("at_once", [1, 3, 8])
+@pytest.mark.parametrize("late_ms", [[0.7], [1.0], [3.0, 2.2, 1.4, 0.6], [40.0, 30.0, 20.0, 10.0]])
+def test_without_a_counter_stamps_that_are_late_cost_nothing_and_are_dated_when_they_were_due(
+    late_ms: list[float], at_once: int, wrap_s: float | None
+) -> None:
+    stamps_ms = [float(k) for k in range(2000)]
+    for begin in range(100, 2000, 500):
+        for k, late in enumerate(late_ms, begin):
+            stamps_ms[k] += late
+    for k in range(1, 2000):  # those that are put off by the late ones come right behind them
+        stamps_ms[k] = max(stamps_ms[k], stamps_ms[k - 1] + 0.1)
+    _, losses, numbers, times_s = streamed(stamps_ms, at_once, wrap_s)
+    assert losses == []
+    assert numbers == list(range(2000))
+    assert times_s == pytest.approx(1e-3 * np.arange(2000), abs=0.6e-3)
+
+
+@pytest.mark.parametrize("missing", [1, 2, 16, 45, 60, 500])
+@pytest.mark.parametrize("error", [-0.03, 0.0, 0.03], ids=["slow", "as_said", "fast"])
+def test_without_a_counter_what_is_missing_is_counted_once_it_lasts(missing: int, error: float) -> None:
+    ticks = [k for k in range(3200) if not any(at <= k < at + missing for at in (500, 1500, 2500))]
+    calls, losses, numbers, _ = streamed([k / (1.0 + error) for k in ticks])
+    # by device time alone a rate that is off by 3 % makes 3 % of a gap
+    exact = error == 0.0 or missing < 10
+    assert losses == [pytest.approx(missing / (1.0 + error), abs=0.1 if exact else 0.7)] * 3
+    # the first behind a gap may be a late one, unless it is later than any firmware stamps
+    assert calls == [ticks.index(at + missing) + (missing < 50) for at in (500, 1500, 2500)]
+    if error == 0.0:
+        assert numbers == ticks
+
+
+def test_without_a_counter_losses_among_late_stamps_are_counted_one_by_one() -> None:
+    random = Random(3)
+    ticks = [k for k in range(10_000) if k % 250 != 125]
+    late_ms = [0.7 if random.random() < 0.002 else 0.05 * random.random() for _ in ticks]
+    _, losses, numbers, _ = streamed([k + late for k, late in zip(ticks, late_ms, strict=True)])
+    assert losses == [1] * 40
+    assert numbers[-1] == ticks[-1]
+
+
+def test_a_sample_that_is_kept_is_of_its_subscription_and_of_its_clock() -> None:
+    clock = DeviceClock(200.0)
+    stream, other = (SampleStream(FORCE, clock, VirtualClock(), np.int32) for _ in range(2))
+    for k, ms in enumerate([0.0, 1.0, 5.0]):
+        stream.push((k,), ms * 1e-3, ms * 1e-3)
+    stream.begin()
+    for k, ms in enumerate([20.0, 21.0, 25.0], 10):
+        stream.push((k,), ms * 1e-3, ms * 1e-3)
+    clock.restart()
+    other.push((0,), 0.0, 0.03)
+    assert stream.push((20,), 0.0, 0.03)[1] == 0, "how many are missing is not known"
+    for k in range(1, 4):
+        assert stream.push((20 + k,), 1e-3 * k, 0.03 + 1e-3 * k)[1] is None
+    values = np.concatenate([block.values[:, 0] for block in stream.take()])
+    assert values.tolist() == [0, 1, 10, 11, 20, 21, 22, 23]
+
+
+@pytest.mark.parametrize("restarts_at_ms", [1.0, 6000.0])
+def test_a_device_that_restarts_while_a_sample_is_kept_is_one_that_restarted(restarts_at_ms: float) -> None:
+    stream = SampleStream(FORCE, DeviceClock(200.0), VirtualClock(), np.int32)
+    for k in range(2000):
+        stream.push((k,), 20.0 + k * 1e-3, k * 1e-3)
+    stream.push((2000,), 22.003, 2.003)
+    losses = [stream.push((k,), 1e-3 * (restarts_at_ms + k), 2.5 + 1e-3 * k)[1] for k in range(3)]
+    assert losses == [0, None, None]
+    blocks = stream.take()
+    assert sum(map(len, blocks)) == 2004
+    assert blocks[-1].times == pytest.approx([2.5, 2.501, 2.502])
 
 
 def test_times_of_samples_that_join_one_block_go_on_by_its_rate() -> None:
