@@ -125,7 +125,7 @@ class CanGripper(WireDriver[CanLink]):
         errors = self._ask(link, GripperMessage(GripperCode.ERRORS), GripperErrors).active
         (temperature_c,), (supply_mv,) = reading(GripperCode.TEMPERATURE), reading(GripperCode.VOLTAGE)
         state = self._state = self._ask(link, POLL, GripperState)
-        self._set_watchdog(link, self._settings.watchdog_s)
+        self._write(link, _watchdog(self._settings.watchdog_s))
         if state.calibrated and state.going and state.finding is GripFinding.MOVING:
             steady_ma = self._units.current_ma(self._settings.release_force_n)
             self._write(link, DriveOrder(state.position, 0, steady_ma))
@@ -154,7 +154,7 @@ class CanGripper(WireDriver[CanLink]):
         if not self._outcome.resting:
             self._write(link, *self._stopping())
         if failure is None:
-            self._set_watchdog(link, 0.0)
+            self._write(link, _watchdog(0.0))
 
     def _ask(self, link: CanLink, order: GripperMessage, kind: type[T]) -> T:
         """Query it until it answers; raises a `DeviceError`."""
@@ -258,7 +258,9 @@ class CanGripper(WireDriver[CanLink]):
         # An emergency stop stays up until an order without it has come, and only then can be cleared.
         self._order = IDLE
         clearing = (IDLE, GripperMessage(GripperCode.CLEAR_ERROR))
-        return clearing if known else (*clearing, GripperMessage(GripperCode.CALIBRATE))
+        # What lost its ends lost its watchdog's setting with them.
+        watchdog = _watchdog(self._settings.watchdog_s)
+        return clearing if known else (*clearing, watchdog, GripperMessage(GripperCode.CALIBRATE))
 
     def _stopping(self) -> Sequence[Order]:
         """The order that stops a motion: hold the position, or sleep where it is not known.
@@ -279,10 +281,6 @@ class CanGripper(WireDriver[CanLink]):
     def _fail(self, reason: str) -> None:
         super()._fail(reason)
         self._state = None  # where the jaws are by now, nobody knows
-
-    def _set_watchdog(self, link: CanLink, period_s: float) -> None:
-        """Set the gripper's own; 0 switches it off."""
-        self._write(link, GripperMessage(GripperCode.WATCHDOG, (round(period_s * 1e3), 0)))
 
     def _write(self, link: CanLink, *orders: Order) -> None:
         for order in orders:
@@ -361,6 +359,11 @@ class CanGripper(WireDriver[CanLink]):
             self._missing += 1
             for stream in sorted(self._subscribed):
                 self._lost(t_s, stream, 1)
+
+
+def _watchdog(period_s: float) -> Order:
+    """Sets the gripper's own; 0 switches it off."""
+    return GripperMessage(GripperCode.WATCHDOG, (round(period_s * 1e3), 0))
 
 
 def _drives(order: Order) -> bool:

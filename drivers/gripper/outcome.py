@@ -52,6 +52,7 @@ class GripperOutcome:
 
     def __init__(self, device: str, units: JawUnits, hold_s: float) -> None:
         self.faulty = False
+        self._calibrated = False  # in the last state; a `Home` that drives begins without
         self._device = device
         self._units = units
         self._hold_s = hold_s
@@ -80,6 +81,7 @@ class GripperOutcome:
         self._command, self._sent_s, self.busy = command, sent_s, True
         self._gripped, self._still_s = None, math.inf
         if drives:
+            self._calibrated = self._calibrated and not isinstance(command, Home)
             self._free = self._stands_free()
             self._driving, self._driven_s, self._under_way = command, sent_s, True
             self._held_s = self._state = None
@@ -112,18 +114,21 @@ class GripperOutcome:
         """Take a state that was requested at bench time `asked_s`."""
         newly_faulty, self.faulty = fault and not self.faulty, fault
         fresh, stops = asked_s > self._sent_s, isinstance(self._command, Stop)
+        driven, lost = asked_s > self._driven_s, False
+        if driven:
+            lost, self._calibrated = self._calibrated and not state.calibrated, state.calibrated
         statuses = []
-        if newly_faulty or (fresh and fault and self.busy and not stops):
-            statuses.append(self._broken(asked_s, state))
+        if newly_faulty or lost or (fresh and fault and self.busy and not stops):
+            statuses.append(self._broken(asked_s, state, lost))
             if not stops:
                 self.forget()
         before, found = self._state, None
-        if asked_s > self._driven_s:
+        if driven:
             self._state, found = state, self._found(asked_s, state)
             # What holds jaws that look for their ends is an end.
             there = state.calibrated if isinstance(self._driving, Home) else found is not None
             self._under_way = self._under_way and not there
-            if fault:
+            if fault or lost:
                 # Whatever it did, the drive sleeps now.
                 self._driving, self._under_way = None, False
         if not fresh:
@@ -139,7 +144,12 @@ class GripperOutcome:
                 statuses += self._releasing(asked_s, state, found)
         return statuses
 
-    def _broken(self, t_s: float, state: GripperState) -> Status:
+    def _broken(self, t_s: float, state: GripperState, lost: bool) -> Status:
+        if lost:
+            reason = (
+                "it no longer knows its ends, as after a power failure, and whatever it held may be loose"
+            )
+            return Stalled(t_s, self._device, f"{reason}; send Home", command_id=self._id)
         if state.trouble:
             return Stalled(t_s, self._device, f"{state.trouble}; send Home", command_id=self._id)
         active = [text for name, text in FAULTS.items() if getattr(state, name)]

@@ -224,7 +224,7 @@ def test_apply_says_what_was_sent_and_when(bench: Bench) -> None:
 def test_home_writes_what_is_missing_and_no_more(make_bench: Make) -> None:
     bench = make_bench(calibrated=False)
     bench.device.open()
-    assert bench.applied(HOME) == [IDLE, CLEAR, CALIBRATE]
+    assert bench.applied(HOME) == [IDLE, CLEAR, watchdog(1000), CALIBRATE]
     bench.turn(3.0)
     assert bench.applied(HOME) == [POLL]
     bench.inject("overheat")
@@ -386,12 +386,23 @@ def test_a_fault_opens_the_grip_and_is_a_stall_once(bench: Bench, fault: str, me
     assert bench.device.account()["faults"] == [fault]
 
 
-def test_a_power_failure_is_seen_as_lost_ends(bench: Bench) -> None:
+def test_a_power_failure_lets_go_and_is_a_stall_and_home_sets_the_watchdog_again(bench: Bench) -> None:
+    hold_the_mug(bench)
     bench.inject("reboot")
     bench.turn(0.2)
+    (stalled,) = bench.take(Stalled)
+    assert "no longer knows its ends" in stalled.reason
+    assert bench.drive.jaws.contact_n < 0.6
     bench.device.apply(GRIP)
     bench.turn(0.1)
     assert "does not know its ends" in bench.take(Refused)[0].reason
+    bench.place(None)
+    bench.device.apply(HOME)
+    bench.turn(5.0)
+    assert len(bench.take(Reached)) == 1
+    hold_the_mug(bench)
+    bench.bus.wait(1.5)  # the host hangs
+    assert bench.drive.jaws.contact_n < 0.6
 
 
 def test_a_bus_that_is_gone_is_a_failure_once_and_what_it_did_not_take_was_not_sent(bench: Bench) -> None:

@@ -223,3 +223,29 @@ def test_jaws_that_are_held_where_they_stood_free_before_grip_nothing(outcome: G
     assert stalled.command_id == 7
     assert "39.2 mm" in stalled.reason
     assert "nothing" in stalled.reason
+
+
+def test_jaws_that_no_longer_know_their_ends_are_reported_once_whatever_was_last_commanded(
+    outcome: GripperOutcome,
+) -> None:
+    pushed(outcome, *[CLOSING] * 5)
+    (stalled,) = pushed(outcome, *[LOOKING] * 3, begin_s=1.1)
+    assert isinstance(stalled, Stalled)
+    assert "no longer knows its ends" in stalled.reason
+    assert "send Home" in stalled.reason
+    assert (outcome.busy, outcome.resting, outcome.faulty) == (False, True, False)
+    outcome.begin(Home("gripper"), 1.2, drives=True)
+    (reached,) = pushed(outcome, LOOKING, LOOKING, MOVING, MOVING, begin_s=1.21)
+    assert isinstance(reached, Reached)
+    outcome.begin(Stop("gripper"), 1.3, drives=True)
+    statuses = pushed(outcome, MOVING, *[LOOKING] * 10, begin_s=1.31)
+    assert [type(status) for status in statuses] == [Stalled, Standstill]
+
+
+def test_jaws_that_a_home_makes_look_for_their_ends_anew_have_lost_nothing(outcome: GripperOutcome) -> None:
+    pushed(outcome, *[CLOSING] * 5)
+    outcome.begin(Home("gripper"), 1.1, drives=True)
+    assert pushed(outcome, CLOSING, begin_s=1.09) == [], "a state from before"
+    assert pushed(outcome, *[LOOKING] * 5, begin_s=1.11) == []
+    outcome.begin(Stop("gripper"), 1.2, drives=True)
+    assert [type(status) for status in pushed(outcome, *[LOOKING] * 10, begin_s=1.21)] == [Standstill]

@@ -144,6 +144,23 @@ def test_a_fault_is_a_stall_in_words_and_home_clears_it(opened: tuple[GripperBen
     bench.until(Reached)
 
 
+@pytest.mark.parametrize("after_s", [0.1, 2.0], ids=["in motion", "holding"])
+def test_a_power_failure_is_a_stall_in_motion_and_holding(
+    opened: tuple[GripperBench, Spoken], after_s: float
+) -> None:
+    bench, far = opened
+    bench.turn(0.5)
+    bench.place("mug")
+    bench.device.apply(Grip("gripper", 0.030, 0.05, 20.0, id=7))
+    bench.turn(after_s)
+    far.twin.inject("reboot", bench.clock.now())
+    stalled = bench.until(Stalled)
+    assert "no longer knows its ends" in stalled.reason
+    assert stalled.command_id == 7
+    bench.turn(1.0)
+    assert bench.of(Stalled) == []
+
+
 def test_an_order_that_was_not_taken_yet_has_not_arrived(opened: tuple[GripperBench, Spoken]) -> None:
     """The URCap's registers lag behind: `OBJ` may still be about the position before."""
     bench, far = opened
