@@ -176,7 +176,7 @@ class Campaign:
 
         Raises:
             RecordingError: no run folder can be made.
-            RunFolderError: the run that is to be resumed goes on in another program.
+            RunFolderError: the run that is to be resumed goes on, or went on, in another program.
         """
         from controller.recording.joining import hold
 
@@ -403,8 +403,13 @@ class Campaign:
                 if not loop.account.missing:  # without its samples there is nothing to measure
                     outcome, reason, row = _measured(trial, evidence, ended, reason)
             finally:
-                self._count(outcome)
-                recorder.end_trial(outcome, row, self._rig.clock.now())
+                try:
+                    recorder.end_trial(outcome, row, self._rig.clock.now())
+                except RecordingError:
+                    outcome = "fault"  # as its row says
+                    raise
+                finally:
+                    self._count(outcome)
         return outcome, reason, row, self._rig.clock.now()
 
     def _quantities(self, trial: TrialPlan, infos: Mapping[str, DeviceInfo]) -> Mapping[str, Quantity]:

@@ -180,6 +180,9 @@ def resume(run: str, out: Path, **how: Any) -> int:
             raise click.UsageError(f"{run} has parts: watch each with {PROGRAM} watch")
         return _in_turn(found, how["jobs"], how["scheduler"], how["reported"])
     loaded, plan, resumed = _what_is_left(found)
+    if resumed.unrecorded:
+        numbers = ", ".join(map(str, resumed.unrecorded))
+        verbs.say(f"not all samples were written of trials {numbers}: these are run again")
     if plan.count == 0:
         said = f"all {len(resumed.done)} trials are done; `{PROGRAM} report {run}` shows them"
         verbs.say(f"{resumed.folder.path.name}: {said}")

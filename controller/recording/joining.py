@@ -1,5 +1,6 @@
 """Run folders that are written on: of trials that have ended, for one folder of all; and a run that broke off."""
 
+import errno
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -48,16 +49,17 @@ class EndedRun:
             for event in folder.events_path.read_bytes().splitlines(keepends=True):
                 events.setdefault(json.loads(event)["trial"], []).append(event)
             index = RecordingIndex(folder.recordings)
-            known = {path: topics(path) for path in folder.recordings}
-            if damage := [*index.damage, *["the last row of trials.csv"] * cut]:
-                raise ValueError(damage[0])
+            known = {path: topics(path) for path in {trial.path for trial in index.trials.values()}}
+            if cut:
+                raise ValueError("the last row of trials.csv")
             self.columns = header.rstrip("\n").split(",")
             self.trials: dict[int, EndedTrial] = {}
             for line, cells in zip(lines, rows, strict=True):
                 number = int(cells["trial"])  # type: ignore[arg-type]
                 recorded = index.trials.get(number)
                 if recorded is None or recorded.length_s is None:
-                    raise ValueError(f"the recording of trial {number} is not whole")
+                    whole = f"the recording of trial {number} is not whole"
+                    raise ValueError("; ".join([whole, *index.damage[:1]]))
                 outcome, own = str(cells["outcome"]), events.get(number, ())
                 self.trials[number] = EndedTrial(
                     number, outcome, line, cells, own, recorded, known[recorded.path]
@@ -75,15 +77,19 @@ class ResumedRun(NamedTuple):
 
     Attributes:
         done: Outcomes of the trials that stay, by number.
+        unrecorded: Trials that were measured, and whose samples were not written to their end.
     """
 
     folder: RunFolder
     manifest: Mapping[str, Any]
     done: Mapping[int, str]
+    unrecorded: Sequence[int] = ()
 
 
 def broken_off(folder: RunFolder) -> ResumedRun:
     """Read what a run has done; nothing is changed.
+
+    A trial is done once its row and its samples are written. Where no recording is left at all, the rows stand.
 
     Raises:
         RunFolderError: no run, or one that cannot be read.
@@ -97,11 +103,18 @@ def broken_off(folder: RunFolder) -> ResumedRun:
             f"{folder.trials_path}: damaged ({error}); mend that line, or run it anew"
         ) from None
     kept = {trial: outcome for trial, outcome in whole if outcome not in UNMEASURED}
-    return ResumedRun(folder, manifest, kept)
+    if not folder.recordings:
+        return ResumedRun(folder, manifest, kept)
+    recorded = RecordingIndex(folder.recordings).trials
+    ended = {trial for trial, found in recorded.items() if found.length_s is not None}
+    done = {trial: outcome for trial, outcome in kept.items() if trial in ended}
+    return ResumedRun(folder, manifest, done, [trial for trial in kept if trial not in ended])
 
 
 def hold(folder: RunFolder) -> int:
     """Hold a run's folder for this program alone, until the file descriptor that is returned is closed.
+
+    Not every file system has such locks (some of a network): there the folder is not held.
 
     Raises:
         RunFolderError: another program writes into it.
@@ -113,23 +126,27 @@ def hold(folder: RunFolder) -> int:
         raise RecordingError(folder.path, "opening", error) from error
     try:
         lock(held)
-    except OSError:
-        os.close(held)
-        raise RunFolderError(
-            f"{folder.path}: this run goes on in another program; wait for its end"
-        ) from None
+    except OSError as error:
+        if error.errno == errno.EWOULDBLOCK:
+            os.close(held)
+            raise RunFolderError(
+                f"{folder.path}: this run goes on in another program; wait for its end"
+            ) from None
     return held
 
 
 def clear(resumed: ResumedRun) -> None:
-    """Take out of trials.csv and events.jsonl what belongs to trials that are run again.
+    """Take out of trials.csv and events.jsonl what belongs to trials that are run again, in a folder that is held.
 
     Each file is replaced whole or not at all: a kill in between leaves a run that can be resumed once more.
 
     Raises:
+        RunFolderError: another program has gone on with it since it was read.
         RecordingError: it cannot be written.
     """
     folder, done = resumed.folder, resumed.done
+    if broken_off(folder) != resumed:
+        raise RunFolderError(f"{folder.path}: another program went on with this run; resume it again")
     try:
         header, *rows = _lines(folder.trials_path) or [b""]
         events = _lines(folder.events_path)

@@ -69,6 +69,7 @@ class Recorder:
         self._now_s = self._offset_s = 0.0
         self._readings: dict[str, list[Floats]] = {}
         self._quantities: Mapping[str, Quantity] = {}
+        self._taken: list[str] = []
         self._rows = TrialRows(folder.trials_path, factors, measures)
         self._streams = StreamWriter(folder.new_recording(), wall_start, streams, mirror)
         try:
@@ -171,6 +172,8 @@ class Recorder:
     def end_trial(self, outcome: str, measures: Mapping[str, object], length_s: float = 0.0) -> None:
         """Append the trial's row to trials.csv, on the disk when this returns; it took `length_s` of bench time.
 
+        The row comes after what it summarises. Where that cannot be written, the row says fault, and nothing measured.
+
         Raises:
             RecordingError: the row, or anything of the run before it, cannot be written.
             ValueError: a measure that has no column.
@@ -179,14 +182,18 @@ class Recorder:
             self._keep_readings(detector, ended=True)
         row = {**self.trial.factors, **measures, "trial": self.trial.trial, "outcome": outcome}
         line = self._rows.line(row)
-        self._disk.post(self._rows, self._rows.add, line)
         self._log(self._now_s, f"trial {self.trial.trial} ends: {outcome}")
         self._disk.post(self._streams, self._streams.end_trial, length_s, self._rows.cells(line))
+        self._disk.flush(sync=False)
+        if self.failure is not None:
+            line = self._rows.line(row | dict.fromkeys(measures) | {"outcome": "fault"})
+        self._disk.post(self._rows, self._rows.add, line)
         self._disk.flush(sync=False)
         self._raise_failure()
 
     def take_over(self, trial: EndedTrial) -> None:
-        """Write a trial of another run folder, behind those that were written; its files stay until `flush`."""
+        """Write a trial of another run folder, behind those that were written; its files stay until `flush`, which
+        writes its row once all else of it is on the disk."""
         recorded, streams, post = trial.recorded, self._streams, self._disk.post
         post(streams, streams.begin_trial, trial.number, recorded.factors, self._offset_s)
         for chunk in recorded.chunks:
@@ -194,7 +201,7 @@ class Recorder:
         post(streams, streams.end_trial, recorded.length_s, self._rows.cells(trial.row))
         for line in trial.events:
             post(self._events, self._events.add_line, line)
-        post(self._rows, self._rows.add, trial.row)
+        self._taken.append(trial.row)
         self._offset_s += recorded.length_s or 0.0
 
     def attach(self, name: str, data: bytes) -> None:
@@ -209,6 +216,11 @@ class Recorder:
         """
         self._disk.flush()
         self._raise_failure()
+        if self._taken:
+            self._disk.post(self._rows, self._rows.add, "".join(self._taken))
+            self._taken.clear()
+            self._disk.flush()
+            self._raise_failure()
 
     def close(self) -> None:
         """Write what is left and close the files. May be called twice.

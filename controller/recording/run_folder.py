@@ -76,7 +76,7 @@ class RecordingError(OSError):
                 advice = advice if elsewhere else _IN_PLACE
         else:
             number, reason = None, f"{type(cause).__name__} ({cause})"
-            advice = "trials.csv and events.jsonl go on; run again with --debug"
+            advice = "run again with --debug"
         super().__init__(number, f"recorder: {reason} while {doing} {path}; {advice}")
 
     def __reduce__(self) -> tuple[Any, ...]:  # that of OSError gives this one its number and its line

@@ -79,9 +79,11 @@ class TrialRows:
         if not self._lines:
             return
         lines, self._lines = self._lines, ""
+        data = lines.encode()
         try:
             with self.path.open("ab", buffering=0) as file:
-                file.write(lines.encode())
+                while data:  # an unbuffered write may take a part only
+                    data = data[file.write(data) :]
                 os.fsync(file.fileno())
         except OSError as error:
             raise RecordingError(self.path, "appending to", error) from error

@@ -21,8 +21,10 @@ from config import jobs
 from config.assemble import plan_campaign
 from config.jobs import BATCH_S, DEATHS, Batch, Crew, JobsError, batches, cluster, cores, in_batches, order_of
 from config.profile import load_profile
+from controller.recording.joining import broken_off
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError
+from controller.recording.stream_writer import StreamWriter
 from tests.refusals import check_refusal
 from tests.scenarios.conftest import InTurn, Script, change_manifest, run_of, run_once
 
@@ -256,6 +258,24 @@ def test_nothing_is_joined_from_a_batch_whose_own_disk_was_full_on(one, tmp_path
     assert (outcome.exit_code, outcome.error) == (1, None)
     assert outcome.line.startswith("recorder: No space left on device")
     assert [row["trial"] for row in open_run(outcome.folder).trials] == numbers[:2]
+
+
+def test_of_a_batch_whose_samples_cannot_be_taken_over_no_row_is(one, tmp_path, monkeypatch):
+    copy, copied = StreamWriter.copy, []
+
+    def full(self, *given):
+        copied.append(given)
+        if len(copied) > 5:
+            raise OSError(28, "No space left on device")
+        copy(self, *given)
+
+    monkeypatch.setattr(StreamWriter, "copy", full)
+    outcome = in_two(tmp_path, Script())
+    assert outcome.exit_code == 1
+    assert "No space left on device" in outcome.line
+    run = open_run(outcome.folder)
+    assert 0 < len(run.trials) < 14
+    assert not broken_off(run.folder).unrecorded
 
 
 def test_what_a_worker_reports_of_its_disk_comes_back_from_it():

@@ -1,5 +1,6 @@
 """A run that broke off goes on to the rows that it would have had."""
 
+import errno
 import gc
 import json
 import os
@@ -16,7 +17,7 @@ import pytest
 
 from controller.campaign import Campaign
 from controller.loop import Loop
-from controller.recording.joining import hold
+from controller.recording.joining import broken_off, hold
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
 from drivers.core.messages import Failed
@@ -169,6 +170,55 @@ def test_a_run_that_goes_on_elsewhere_is_left_alone(verb, whole, tmp_path):
     assert code == 2
     assert "goes on in another program" in err
     assert (run / "trials.csv").read_bytes() == before
+
+
+def test_a_resume_that_began_while_another_one_went_on_deletes_nothing(verb, whole, tmp_path, monkeypatch):
+    run = broken(whole, tmp_path, 3)
+
+    def waited(folder):
+        shutil.copy(whole / "trials.csv", run)
+        return hold(folder)
+
+    monkeypatch.setattr("controller.recording.joining.hold", waited)
+    code, _, err = verb("resume", run, "--no-report")
+    assert code == 2
+    check_refusal(err, run.name, "another program", "resume it again")
+    assert (run / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+
+
+def test_a_trial_whose_samples_are_not_whole_is_run_again_and_the_run_is_merged_then(verb, whole, tmp_path):
+    run = Path(shutil.copytree(whole, tmp_path / "run"))
+    recording = (run / "recording.mcap").read_bytes()
+    (run / "recording.mcap").write_bytes(recording[: len(recording) * 3 // 4])
+    code, _, err = verb("merge", run, "--out", tmp_path / "refused")
+    assert code == 2
+    check_refusal(err, "is not whole", "resume it first")
+    code, out, err = verb("resume", run, "--no-report")
+    assert (code, err) == (0, "")
+    last = open_run(whole).trials[-1]["trial"]
+    assert f"{last}: these are run again" in out
+    assert (run / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+    (run / "recording_3.mcap").touch()  # of a resume that a full disk ended at once
+    code, out, err = verb("merge", run, "--out", tmp_path / "merged")
+    assert (code, err) == (0, "")
+    merged = open_run(run_of(tmp_path / "merged"))
+    assert merged.recorded_trials == open_run(whole).recorded_trials
+
+
+def test_the_rows_of_a_run_whose_recording_was_taken_away_stay(whole, tmp_path):
+    run = Path(shutil.copytree(whole, tmp_path / "run"))
+    (run / "recording.mcap").unlink()
+    assert len(broken_off(RunFolder(run)).done) == 14
+
+
+def test_a_file_system_without_locks_is_no_other_program(whole, monkeypatch):
+    def unknown(_):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr("controller.recording.joining.lock", unknown)
+    held = hold(RunFolder(whole))
+    os.close(held)
+    assert held > 0
 
 
 def failing(monkeypatch, times):

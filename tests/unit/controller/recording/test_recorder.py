@@ -288,7 +288,25 @@ def test_a_disk_that_fills_up_in_a_trial_is_reported_at_its_end_and_not_before(f
     with pytest.raises(RecordingError, match="No space left"):
         recorder.close()
     assert len(kept.stream("board.load_cell")) == 1010
-    assert [row["outcome"] for row in open_run(folder.path).trials] == ["contact"]
+    assert [row["outcome"] for row in open_run(folder.path).trials] == ["fault"]
+
+
+def test_a_trial_whose_samples_cannot_be_written_at_its_end_is_no_result(folder, monkeypatch):
+    recorder, _ = begun(folder)
+    recorder.record([load_cell(0)])
+    recorder.flush()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(McapWriter, "add_metadata", full)
+    with pytest.raises(RecordingError, match="No space left"):
+        recorder.end_trial("contact", {"delay_s": 0.2})
+    with pytest.raises(RecordingError, match="No space left"):
+        recorder.close()
+    assert read_rows(folder.trials_path)[0] == [
+        {"trial": 1, "outcome": "fault", "location": "f", "delay_s": None, "force_n": None}
+    ]
 
 
 def test_an_events_file_that_is_full_or_damaged_is_reported_in_one_line(folder):
@@ -297,7 +315,7 @@ def test_an_events_file_that_is_full_or_damaged_is_reported_in_one_line(folder):
     recorder.event(CONTACT, state="APPROACH")
     with pytest.raises(RecordingError, match=r"events\.jsonl; make room"):
         recorder.end_trial("contact", {})
-    assert [row["outcome"] for row in read_rows(folder.trials_path)[0]] == ["contact"]
+    assert [row["outcome"] for row in read_rows(folder.trials_path)[0]] == ["fault"]
     with pytest.raises(RecordingError, match=r"events\.jsonl"):
         recorder.close()
     folder.events_path.unlink()

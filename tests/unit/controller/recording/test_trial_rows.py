@@ -1,4 +1,5 @@
 import itertools
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,19 @@ def test_columns_that_do_not_fit_are_refused_by_name(tmp_path):
     path.write_text("trial,outcome\n1,contact\n2,contact,0.3\n")
     with pytest.raises(ValueError, match="line 3 has 3 cells, the header has 2"):
         read_rows(path)
+
+
+def test_a_row_that_is_written_in_part_is_an_error(tmp_path):
+    path = tmp_path / "trials.csv"
+    table(path, ROWS[0])
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 5, hard))
+    try:
+        with pytest.raises(RecordingError, match="File too large while appending to"):
+            table(path, ROWS[1])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert read_rows(path) == (ROWS[:1], True)
 
 
 def test_a_full_disk_is_one_line_with_the_remedy(tmp_path):
