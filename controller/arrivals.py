@@ -14,6 +14,10 @@ REST = 4.0
 """Times `limits.stale_s` that a stream may be silent where no motion depends on it. Assumption: buffers keep what comes
 while a host is away for less, and a record of half a second that gets no sample is noticed."""
 
+EQUAL = 50
+"""As many equal samples at least are a sensor that is stuck, however long a slow one takes for them. Assumption: where
+the noise is half a count, one chance in 1e8 that a sensor which works repeats one value so often."""
+
 SHOWN = 3
 """How many channels are shown of a stream that is wrong."""
 
@@ -25,7 +29,8 @@ class Arrivals:
 
     Args:
         stale_s: Longest silence of a stream that a motion depends on, while anything moves.
-        stuck_s: Longest time for which a stream with noise may repeat one raw value; None does not judge.
+        stuck_s: Longest time for which a stream with noise may repeat one raw value, in `EQUAL` samples or more; None
+            does not judge.
     """
 
     def __init__(self, stale_s: float, stuck_s: float | None) -> None:
@@ -38,7 +43,8 @@ class Arrivals:
     def begin(self) -> None:
         """Begin a trial: nothing is subscribed."""
         self._seen_s: dict[str, float] = {}
-        self._held: dict[str, tuple[NDArray[np.generic], float]] = {}
+        # of each stream with noise the value that it shows, since when, and in how many samples
+        self._held: dict[str, tuple[NDArray[np.generic], float, int]] = {}
         self._wrong: dict[str, Floats] = {}  # of each stream whose newest sample is no number, that sample
         self._urgent: frozenset[str] = frozenset()
         self._moves_since_s: float | None = None
@@ -161,14 +167,15 @@ class Arrivals:
         changes = np.flatnonzero((values[1:] != values[:-1]).any(axis=1)) + 1
         same = before is not None and not (values[0] != before[0]).any()
         if not same and len(changes) == len(values) - 1:
-            self._held[block.stream] = values[-1], last_s
+            self._held[block.stream] = values[-1], last_s, 1
             return None
         times_s = block.times
-        first_s = before[1] if before is not None and same else times_s[0]
+        first_s, earlier = (before[1], before[2]) if before is not None and same else (times_s[0], 0)
         starts_s = np.concatenate(([first_s], times_s[changes]))
-        self._held[block.stream] = values[-1], float(min(starts_s[-1], last_s))
+        equal = np.diff(changes, prepend=-earlier, append=len(values))
+        self._held[block.stream] = values[-1], float(min(starts_s[-1], last_s)), int(equal[-1])
         ends_s = np.minimum(np.concatenate((times_s[changes - 1], times_s[-1:])), last_s)
-        beyond = np.flatnonzero(ends_s - starts_s > self._stuck_s)
+        beyond = np.flatnonzero((ends_s - starts_s > self._stuck_s) & (equal >= EQUAL))
         if not len(beyond):
             return None
         last = int(beyond[-1])  # however the stream is cut into blocks
@@ -190,6 +197,12 @@ class Arrivals:
         while stream in self._sources:
             stream = self._sources[stream][0]
         return stream.partition(".")[0]
+
+
+def stuck_after_s(info: StreamInfo, stuck_s: float) -> float:
+    """After how long a stream that repeats one value is stuck: where it is slow, `EQUAL` samples take longer."""
+    period_s = 1.0 / info.rate_hz if info.rate_hz else info.longest_s or 0.0
+    return max(stuck_s, (EQUAL - 1) * period_s)
 
 
 def _within(since_s: float, gap_s: float, blocks: Iterable[SampleBlock], t_s: float) -> float:

@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from behaviors.events import Event, GuardStopped, Retreated
-from controller.arrivals import REST
+from controller.arrivals import REST, stuck_after_s
 from controller.by_hand import HandResult, HandSession, Script, scripted, until
 from controller.forecast import refusal
 from controller.guard import Guard
@@ -516,7 +516,8 @@ class Certifier:
             yield self._case(movers, "stale_s", f"{limits.stale_s:g} s", wrong)
         noisy = [name for name in [*self._guarded, *regular] if name in infos and infos[name].noisy]
         if limits.stuck_s is not None and noisy:
-            wrong = Wrong(f"{noisy[0]} repeats a value", noisy[0], held, own_s=limits.stuck_s)
+            own_s = stuck_after_s(infos[noisy[0]], limits.stuck_s)
+            wrong = Wrong(f"{noisy[0]} repeats a value", noisy[0], held, own_s=own_s)
             yield self._case(movers, "stuck_s", f"{limits.stuck_s:g} s", wrong)
         else:
             reason = "no stream of this bench has a noise that would tell"

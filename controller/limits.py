@@ -153,8 +153,9 @@ class GuardSettings(MoverLimits):
     something moves. At rest every subscribed stream may be silent four times as long; then the trial ends."""
 
     stuck_s: float | None = Field(default=0.2, gt=0.0, le=60.0)
-    """Longest time for which a sensor with noise may repeat one raw value; then the trial ends. "none" does not judge.
-    Assumption: 200 samples in a row at 1 kHz, one chance in 1e16 where the noise is a third of a count."""
+    """Longest time for which a sensor with noise may repeat one raw value, of a slow one for 50 samples at least; then
+    the trial ends. "none" does not judge. Assumption: 200 samples in a row at 1 kHz, one chance in 1e12 where the noise
+    is a third of a count."""
 
     late_s: float = Field(default=0.1, gt=0.0, le=10.0)
     """A turn of the loop later than this, while something moves, stops it."""

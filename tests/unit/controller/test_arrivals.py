@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.arrivals import Arrivals
+from controller.arrivals import Arrivals, stuck_after_s
 from drivers.core.messages import SampleBlock, StreamInfo
 
 LOAD = StreamInfo("board.load", ("force",), "N", 1e-3, rate_hz=1000.0, noisy=True)
@@ -13,7 +13,8 @@ SLOW = StreamInfo("logger.heat", ("kelvin",), "K", rate_hz=1.0)
 PLACE = StreamInfo("stage.position", ("position",), "m", rate_hz=100.0)
 TIP = StreamInfo("signals.tip", ("Fx",), "N")
 SIX = StreamInfo("six.wrench", ("fx", "fy", "fz", "tx", "ty", "tz"), "N", rate_hz=1000.0)
-INFOS = {info.name: info for info in (LOAD, PERIOD, ANSWER, SLOW, PLACE, TIP, SIX)}
+SLOW_FORCE = StreamInfo("logger.force", ("force",), "N", rate_hz=10.0, noisy=True)
+INFOS = {info.name: info for info in (LOAD, PERIOD, ANSWER, SLOW, PLACE, TIP, SIX, SLOW_FORCE)}
 
 
 def watching(*streams, urgent=(), stuck_s=0.2, made_of=("board.load",)):
@@ -164,13 +165,37 @@ def test_a_sensor_with_noise_that_repeats_one_value_is_stuck_since_the_last_chan
     arrivals = watching("board.load")
     assert arrivals.check(0.05, [block("board.load", 0.05, [1, 2, 7])], moving=False) is None
     for t_s in (0.15, 0.25):
-        assert arrivals.check(t_s, [block("board.load", t_s, [7] * 10)], moving=False) is None
+        assert arrivals.check(t_s, [block("board.load", t_s, [7] * 25)], moving=False) is None
     found = arrivals.check(0.26, [block("board.load", 0.26, [7] * 10)], moving=False)
     assert found.device == "board"
     assert found.reason.startswith("board.load sticks at 0.007 N for 0.210 s, since 0.050 s (limits.stuck_s")
 
 
-@pytest.mark.parametrize(("values", "every_s"), [([7, 8, 7], 0.1), ([8, 8, 7], 0.3)])
+@pytest.mark.parametrize("at_once", [1, 7, 60])
+def test_a_slow_sensor_is_stuck_after_fifty_equal_samples_however_it_is_cut(at_once):
+    def found(equal):
+        arrivals = watching("logger.force")
+        raw = np.array([3, *[5] * equal])
+        for first in range(0, len(raw), at_once):
+            cut = raw[first : first + at_once, None]
+            one = SampleBlock("logger.force", first, first / 10.0, cut, rate_hz=10.0, unit="N")
+            if (failed := arrivals.check(one.last_s, [one], moving=False)) is not None:
+                return failed
+        return None
+
+    assert found(49) is None
+    failed = found(50)
+    assert failed is not None
+    assert failed.reason.startswith("logger.force sticks at 5 N for 4.900 s, since 0.100 s")
+    assert stuck_after_s(SLOW_FORCE, 0.2) == pytest.approx(4.9)
+    assert stuck_after_s(SLOW_FORCE, 6.0) == 6.0
+    assert stuck_after_s(LOAD, 0.2) == 0.2
+    assert stuck_after_s(PERIOD, 0.2) == pytest.approx(49 * 0.3), "at irregular times"
+
+
+@pytest.mark.parametrize(
+    ("values", "every_s"), [([*[7] * 60, 8, *[7] * 60], 0.125), ([*[8] * 60, *[7] * 60], 0.3)]
+)
 def test_one_sample_that_differs_in_between_is_enough_to_live(values, every_s):
     arrivals = watching("board.load")
     for t_s in every_s * np.arange(1, 6):
@@ -194,15 +219,15 @@ def test_what_stood_before_it_was_unsubscribed_is_not_stuck_when_it_begins_anew(
 
 def test_one_that_stays_subscribed_stays_stuck_and_three_channels_of_it_are_shown():
     arrivals = watching("board.load")
-    raw = np.array([[7, 8, 9, 10]])
+    raw = np.array([[7, 8, 9, 10]] * 30)
     found = []
     for t_s in (0.1, 0.35):
-        one = SampleBlock("board.load", 0, t_s, raw, rate_hz=1000.0, unit="N", scale=1e-3)
+        one = SampleBlock("board.load", 0, t_s - 0.029, raw, rate_hz=1000.0, unit="N", scale=1e-3)
         found.append(arrivals.check(t_s, [one], moving=False))
         arrivals.expect(frozenset({"board.load", "person.load"}), t_s)
     assert found[0] is None
     assert found[1].t_s == pytest.approx(0.35)
-    assert found[1].reason.startswith("board.load sticks at 0.007, 0.008, 0.009 N for 0.250 s")
+    assert found[1].reason.startswith("board.load sticks at 0.007, 0.008, 0.009 N for 0.279 s")
 
 
 def test_turns_seen_as_one_are_whole_where_no_gap_is_wider_than_half_of_what_is_allowed():
