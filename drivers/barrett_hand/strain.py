@@ -9,10 +9,8 @@ from pydantic import Field, Strict
 
 from drivers.barrett_hand import codec
 from drivers.core.messages import SampleBlock, Saturated, StreamInfo
+from drivers.core.scaled import tare_samples
 from drivers.core.settings import Settings
-
-TARE_SAMPLES = 50
-"""Readings that a new zero is the mean of: 50 ms at 1 kHz (assumption)."""
 
 
 class FingerStrainSettings(Settings):
@@ -43,7 +41,7 @@ class FingerStrain:
         self.info = StreamInfo(name, ("force",), "N", settings.newton_per_count, rate_hz, noisy=True)
         self.zero = settings.zero_counts
         self._device = device
-        self._recent: deque[int] = deque(maxlen=TARE_SAMPLES)
+        self._recent: deque[int] = deque(maxlen=tare_samples(rate_hz))
         self._saturated = False
 
     def forget(self) -> None:
@@ -60,7 +58,7 @@ class FingerStrain:
 
     def block(self, seq: int, t0_s: float, raw: NDArray[np.int64], arrival_s: float | None) -> SampleBlock:
         """Consecutive readings, shape (n,), the first of them number `seq` at bench time `t0_s`."""
-        self._recent.extend(raw[-TARE_SAMPLES:].tolist())
+        self._recent.extend(raw.tolist())
         return self.info.block(seq, t0_s, (raw - self.zero)[:, None], arrival_s=arrival_s)
 
     def saturation(self, block: SampleBlock) -> list[Saturated]:

@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 from drivers.core.messages import StreamInfo
 from drivers.core.settings import Settings
 
-TARE_SAMPLES = 50
-"""A new zero is the mean of as many samples (assumption)."""
+TARE_S, TARE_LEAST = 0.05, 10
+"""A new zero is the mean of what came in so many seconds, and of so many samples at least (assumptions)."""
 
 
 class ScaledStream(Settings):
@@ -56,24 +56,35 @@ class ScaledStream(Settings):
         )
 
 
+def tare_samples(rate_hz: float | None) -> int:
+    """How many of the latest samples make a new zero; of irregular ones as many as at 1 kHz."""
+    return max(TARE_LEAST, round(TARE_S * (rate_hz or 1000.0)))
+
+
 class ScaledStreams:
     """A device's streams and their zeros.
 
     Args:
         streams: By their own names.
+        rate_hz: Of all of them; None where samples are irregular.
 
     Attributes:
         streams: By their full names, `device.stream`.
     """
 
-    def __init__(self, device: str, streams: Mapping[str, Any]) -> None:
+    def __init__(self, device: str, streams: Mapping[str, Any], rate_hz: float | None) -> None:
+        self._kept = tare_samples(rate_hz)
         self.streams: Mapping[str, Any] = {f"{device}.{own}": stream for own, stream in streams.items()}
         self.forget()
 
     def forget(self) -> None:
         """Zeros are the profile's again."""
         self.zeros = {full: [one.offset] * len(one.sources) for full, one in self.streams.items()}
-        self._recent = {full: deque[Any](maxlen=TARE_SAMPLES) for full in self.streams}
+        self._recent = {full: deque[Any](maxlen=self._kept) for full in self.streams}
+
+    def begin(self, stream: str) -> None:
+        """It was subscribed again: what came before is no reading of now."""
+        self._recent[stream].clear()
 
     def counts(self, stream: str, read: NDArray[np.float64]) -> NDArray[np.float64]:
         """What was read less the zero, shape (n, channels), positive where the value is."""

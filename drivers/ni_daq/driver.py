@@ -28,7 +28,7 @@ class NiDaq(WireDriver[DaqLink]):
 
     def _prepare(self) -> None:
         s = self._settings
-        self._scaled = ScaledStreams(self.name, s.streams)
+        self._scaled = ScaledStreams(self.name, s.streams, s.rate_hz)
         columns = [*s.analog, *s.counters]
         self._places = {
             full: [columns.index(name) for name in one.inputs] for full, one in self._scaled.streams.items()
@@ -85,6 +85,7 @@ class NiDaq(WireDriver[DaqLink]):
             case Listen(streams=streams):
                 for stream in streams - self._listening:
                     self._tracks[stream].begin()
+                    self._scaled.begin(stream)
                 self._listening = streams
                 self._received_s = self._clock.monotonic_s()
                 self._sent(command)

@@ -10,7 +10,7 @@ from drivers.core.clock_model import DeviceClock, HostClock
 from drivers.core.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
 from drivers.core.line_sensor import LineSample, LineSensor
 from drivers.core.links import SerialLink
-from drivers.core.messages import Command, DeviceInfo, Tare
+from drivers.core.messages import Command, DeviceInfo, Listen, Tare
 from drivers.core.numbering import ENDLESS, SampleStream
 from drivers.core.scaled import ScaledStreams
 from drivers.core.wire import TURN_S, check_sensor
@@ -69,7 +69,7 @@ class SerialLines(LineSensor):
     def _prepare(self) -> None:
         s = self._settings
         self._format = s.format
-        self._scaled = ScaledStreams(self.name, s.streams)
+        self._scaled = ScaledStreams(self.name, s.streams, s.rate_hz)
         self._forget()
 
     def _forget(self) -> None:
@@ -217,6 +217,9 @@ class SerialLines(LineSensor):
         return check_sensor(self.name, command, self._scaled.streams)
 
     def _carry_out(self, command: Command) -> None:
+        if isinstance(command, Listen):
+            for name in command.streams - self._listening:
+                self._scaled.begin(name)
         if not isinstance(command, Tare):
             super()._carry_out(command)
         elif self._scaled.tare(command.stream):

@@ -89,6 +89,17 @@ def test_a_new_zero_is_the_mean_of_the_latest_readings(strain: FingerStrain) -> 
     assert block(strain, 2021).physical[0, 0] == pytest.approx(0.1)
 
 
+def test_a_new_zero_is_the_mean_of_50_ms() -> None:
+    for rate_hz, n in ((1000.0, 50), (400.0, 20), (100.0, 10)):
+        slow = FingerStrain("hand", 11, rate_hz, FingerStrainSettings())
+        block(slow, *[1000] * 100, *[2000] * n)
+        assert slow.tare()
+        assert slow.zero == 2000
+        block(slow, 2000 + n)
+        assert slow.tare()
+        assert slow.zero == 2001
+
+
 def test_without_readings_there_is_no_new_zero(strain: FingerStrain) -> None:
     assert not strain.tare()
     block(strain, 2100)

@@ -10,6 +10,7 @@ import pytest
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import DeviceError, PortError, ProtocolError, SilentError
 from drivers.core.messages import Failed, Lost, Refused, Sent, Tare
+from drivers.core.scaled import ScaledStreams
 from drivers.serial_lines.bota import BotaFormat
 from drivers.serial_lines.driver import SerialLines
 from drivers.serial_lines.settings import SerialLinesSettings
@@ -350,6 +351,35 @@ def test_tare_takes_the_mean_of_its_latest_samples_as_zero() -> None:
     crank.turn(1.0)
     assert crank.values(FORCE).mean() == pytest.approx(0.0, abs=1e-9)
     assert crank.device.account()["offsets"] == {FORCE: [300.5]}
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "n"), [(10.0, 10), (100.0, 10), (1000.0, 50), (10_000.0, 500), (None, 50)]
+)
+def test_tare_takes_what_came_in_50_ms_and_since_it_was_subscribed_to(rate_hz: float | None, n: int) -> None:
+    settings = SerialLinesSettings(port="x", streams={"force": {"columns": (1,), "unit": "N"}})
+    scaled = ScaledStreams("uno", settings.streams, rate_hz)
+    scaled.counts(FORCE, np.arange(2000.0)[:, None])
+    assert scaled.tare(FORCE)
+    assert scaled.zeros[FORCE] == [1999.0 - (n - 1) / 2.0]
+    scaled.begin(FORCE)
+    assert not scaled.tare(FORCE)
+    scaled.counts(FORCE, np.full((3, 1), 7.0))
+    assert scaled.tare(FORCE)
+    assert scaled.zeros[FORCE] == [7.0]
+
+
+def test_tare_takes_nothing_from_before_the_subscription() -> None:
+    crank = opened(Board(lambda tick: b"%d,%d\n" % (10_000 * tick, 300 + tick)))
+    crank.listen(FORCE)
+    crank.turn(1.0)
+    crank.listen()
+    crank.turn(5.0)
+    crank.listen(FORCE)
+    crank.turn(0.05)
+    crank.device.apply(Tare("uno", FORCE))
+    (zero,) = crank.device.account()["offsets"][FORCE]
+    assert zero > 300 + 600, "of samples that came 6 s after the first"
 
 
 @pytest.mark.parametrize(
