@@ -339,6 +339,10 @@ SEGMENT_S: Final = 1.0
 MEMORY_S: Final = 60.0
 """The weight of an estimate falls to 1/e in this time. Assumption: crystals warm up in minutes."""
 
+CHANGES, SIGMAS = 2.0, 3.0
+"""A change of the beat is followed where it explains as many times what it leaves of the estimates' variance, and by
+as many standard deviations. Assumption: of two crystals of one temperature, or of a finger that moves, it does not."""
+
 QUIETEST_RAD: Final = 1e-5
 """Least phase noise of an estimate: 24-bit quantization of a tone at a hundredth of full scale."""
 
@@ -347,11 +351,12 @@ class Beat:
     """Estimates the beat of I + jQ, once a second, and removes it.
 
     A line is fitted to the phase of each second, and the slopes are averaged with the inverse of the residual variance:
-    quiet seconds count for thousands of others, a contact's step for nothing. Only a steady turn about the origin is
-    removed: slow drifts, undulations and steps stay, whatever their frequency.
+    quiet seconds count for thousands of others, a contact's step for nothing. Where they change with time beyond doubt,
+    as while a crystal warms up, a line through them is followed instead of their mean. Only a steady turn about the
+    origin is removed: slow drifts, undulations and steps stay, whatever their frequency.
 
     Attributes:
-        turn_rad: The beat, radians a sample; NaN until the first second is over.
+        turn_rad: The beat expected of the next second, radians a sample; NaN until the first second is over.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -362,7 +367,9 @@ class Beat:
         self._line = place / np.sum(place**2)
         self._place = place
         self.turn_rad = math.nan
-        self._weight = self._sum = 0.0
+        # Of the weights times 1, x, x^2, y, x y and y^2: the slope y of the second that is x before the next one.
+        self._sums = np.zeros(6)
+        self._squares = 0.0  # of the weights
         self._begun = np.empty(0, np.complex128)
         self._next: int | None = None
         self._angle_rad = 0.0
@@ -383,6 +390,7 @@ class Beat:
             self._begun = self._begun[:0]
             if not math.isnan(self.turn_rad):
                 self._angle_rad = (self._angle_rad + self.turn_rad * passed) % (2.0 * math.pi)
+            self._pass(passed / self._size)
         self._next = number + len(z)
         still = []
         while len(z):
@@ -405,6 +413,23 @@ class Beat:
         slope = float(self._line @ phases)
         rest = phases - np.mean(phases) - slope * self._place
         weight = 1.0 / (float(np.mean(rest**2)) + QUIETEST_RAD**2)
-        self._weight = self._keep * self._weight + weight
-        self._sum = self._keep * self._sum + weight * slope
-        self.turn_rad = self._sum / self._weight
+        self._sums = self._keep * self._sums + weight * np.array([1.0, 0.0, 0.0, slope, 0.0, slope**2])
+        self._squares = self._keep**2 * self._squares + weight**2
+        self._pass(1.0)
+        self.turn_rad = self._expected()
+
+    def _pass(self, seconds: float) -> None:
+        w, x, xx, y, xy, yy = self._sums
+        later_xx = xx - 2.0 * seconds * x + seconds**2 * w
+        self._sums = np.array([w, x - seconds * w, later_xx, y, xy - seconds * y, yy])
+
+    def _expected(self) -> float:
+        """Of the next second: the mean, or the line as far as it is beyond doubt."""
+        w, x, xx, y, xy, yy = self._sums.tolist()
+        mean, count = y / w, w**2 / self._squares
+        spread, common = xx - x**2 / w, xy - x * y / w
+        if count <= 3.0 or spread <= 0.0 or common == 0.0:
+            return mean
+        explained = common**2 / spread
+        doubt = max(0.0, yy - y * mean - explained) / explained * max(CHANGES, SIGMAS**2 / (count - 2.0))
+        return mean - max(0.0, 1.0 - doubt) * common / spread * x / w

@@ -120,6 +120,46 @@ def test_without_the_beat_the_signal_is_that_of_one_clock(beat_hz):
     assert beat_hz or np.abs(np.angle(ratio)).max() < 0.02, "hardly anything is removed without a beat"
 
 
+def beat_error_ppm(z, true_hz):
+    """RMS error of the beat expected of each second from the eleventh on, ppm of 40 kHz."""
+    beat, found = Beat(RATE_HZ), []
+    for first in range(0, len(z) - 1000, 1000):
+        beat.push(z[first : first + 1000], first)
+        found.append(beat.hz - true_hz[first + 1500])
+    return math.sqrt(np.mean(np.square(found[10:]))) / 0.04
+
+
+@pytest.mark.parametrize(("ppm_a_s", "most_ppm"), [(1.0, 0.01), (1.0 / 60.0, 0.01)])
+def test_a_crystal_that_warms_up_is_followed_without_lag(ppm_a_s, most_ppm):
+    """The mean of a minute lags by 28 ppm at 1 ppm a second."""
+    still, _ = scene(120.0, 0.0)
+    hz = 0.8 + 0.04 * ppm_a_s * np.arange(len(still)) / RATE_HZ
+    turned = still * np.exp(2j * np.pi * np.cumsum(hz) / RATE_HZ)
+    assert beat_error_ppm(turned, hz) < most_ppm
+    torn = Beat(RATE_HZ)
+    torn.push(turned[:60_300], 0)
+    torn.push(turned[72_000:73_000], 72_000)
+    assert torn.hz == pytest.approx(hz[73_500], abs=0.001)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_and_jitter_of_one_steady_beat_are_averaged_as_they_were(seed):
+    """The error is that of a mean of a minute, weighted: a line through noise would double it."""
+    rng = np.random.default_rng(seed)
+    count = 60
+    jitter_rad = np.repeat(10.0 ** rng.uniform(-3.5, -2.5, count), 1000)
+    phases = 2.0 * np.pi * 0.8 * np.arange(1000 * count) / RATE_HZ + jitter_rad * rng.standard_normal(
+        1000 * count
+    )
+    beat = Beat(RATE_HZ)
+    beat.push(0.1 * np.exp(1j * phases), 0)
+    place = np.arange(1000) - 499.5
+    slopes = phases.reshape(count, 1000) @ place / np.sum(place**2)
+    weights = jitter_rad[::1000] ** -2.0 * np.exp(-np.arange(count)[::-1] / 60.0)
+    mean_hz = float(weights @ slopes / weights.sum()) * RATE_HZ / (2.0 * np.pi)
+    assert beat.hz == pytest.approx(mean_hz, abs=2e-6)
+
+
 def test_blocks_of_any_size_give_the_same():
     turned = scene(5.0, 0.8)[1]
     at_once = Beat(RATE_HZ).push(turned, 0)
