@@ -84,17 +84,27 @@ def test_a_client_that_is_blocked_ends_the_process(arm, patience_s):
     assert len(rows) > 300 * patience_s
 
 
-def test_a_program_that_does_not_read_for_five_seconds_ends_the_process(arm):
-    arm.process._outbox.extend([arm.process._seen.row] * BACKLOG)
-    while arm.process._pipe.send(arm.process._seen.row):
-        pass
-    with pytest.raises(EndError):
-        arm.process._listen()
-    assert arm.process._outbox[-1].args == (
-        SilentError,
-        "the program does not read what it sends",
-        "is this machine overloaded?",
-    )
+def test_a_program_that_is_suspended_for_longer_than_five_seconds_finds_every_status_and_the_latest_rows(arm):
+    process, row = arm.process, arm.process._seen.row
+    numbered = [row._replace(device_s=float(number)) for number in range(BACKLOG + 3000)]
+    for one in numbered[:10]:
+        process._send(one)
+    statuses = [Sent(0.0, "arm", Stop("arm")), Standstill(0.0, "arm", 0.0)]
+    for number, one in enumerate(numbered[10:]):
+        if number in (1500, 2500):
+            process._send(statuses[number == 2500])
+        process._send(one)
+    assert len(process._outbox) == BACKLOG
+    found = []
+    while (message := arm.messages()) or process._outbox:
+        found += message
+        with process._sending:
+            while process._outbox and process._pipe.send(process._outbox[0]):
+                process._outbox.popleft()
+    kept = [message.device_s for message in found if isinstance(message, ArmRow)]
+    assert [message for message in found if not isinstance(message, ArmRow)] == statuses
+    assert kept == sorted(kept)
+    assert kept[-(BACKLOG - 2) :] == [one.device_s for one in numbered[-(BACKLOG - 2) :]]
 
 
 def test_the_last_message_waits_for_room_in_the_pipe_and_need_not_be_read(arm):
