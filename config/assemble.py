@@ -50,7 +50,8 @@ def build_rig(
 
     Raises:
         ProfileError: a setting of theirs that the lab has to give has no value.
-        RefusedError: a real port beside an emulator that runs already and whose time may pause.
+        RefusedError: a real port beside an emulator that runs already and whose time may pause; or, before an
+            emulator starts, a library that a device needs is not installed.
     """
     profile = _with_devices(profile, devices, excused)
     if profile.bench == "mock":
@@ -120,6 +121,9 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
             f"its time may pause, and {next(iter(profile.real_ports))}, at a real port, would not",
             f"start it in real time: {PROGRAM} emulate {profile.name} --realtime",
         )
+    for name, entry in profile.devices.items() if endpoints is None else ():
+        if check := getattr(entry.made, "check_installed", None):
+            check(name)  # before the emulator is compiled
     emulator = _served(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
     clock = BenchClock(ClockPage(emulator.endpoints["clock"]))
 

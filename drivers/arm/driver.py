@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
 from typing import ClassVar
 
 from drivers.arm.axis import Axis
@@ -11,7 +12,7 @@ from drivers.arm.link import ArmLink, ArmRow, LinkError, Opened
 from drivers.arm.settings import ArmSettings
 from drivers.arm.stream import Streams
 from drivers.core.clock import Clock
-from drivers.core.errors import SilentError
+from drivers.core.errors import RefusedError, SilentError, lacking
 from drivers.core.messages import Command, DeviceInfo, Stalled, Standstill, Status, Stop
 from drivers.core.wire import NOT_OPEN, Driver
 
@@ -45,6 +46,23 @@ class ArmDriver(Driver):
     """
 
     link: ClassVar[type[ArmLink]]
+
+    @classmethod
+    def check_installed(cls, name: str) -> None:
+        """See that the client is there, before anything else is started that takes time.
+
+        Args:
+            name: Of the device.
+
+        Raises:
+            RefusedError: it is not installed.
+        """
+        package = cls.link.package
+        try:
+            if package:
+                version(package)
+        except PackageNotFoundError:
+            raise RefusedError(name, "opening", *lacking(package, cls.link.extra)) from None
 
     def __init__(self, name: str, settings: ArmSettings, clock: Clock) -> None:
         super().__init__(name, clock)

@@ -12,6 +12,7 @@ from controller.limits import shown_limits
 from controller.registry import KINDS
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import RefusedError
+from drivers.ur_arm.driver import UrArm
 from tests.refusals import check_refusal, refused
 from tests.unit.config.conftest import lab_values
 
@@ -160,6 +161,20 @@ def test_a_lab_gives_its_values_in_a_profile_of_its_own_and_without_no_rig_is_ma
     assert missing(tmp_path / "student.toml") == {"devices.audio.port"}
     with refused(ProfileError, "[devices.audio] port is not set"):
         assemble.build_rig(load_profile("hardware/chirp"), devices={"audio"})
+
+
+def test_a_client_that_is_missing_is_told_before_an_emulator_starts(monkeypatch):
+    started = []
+    monkeypatch.setattr(assemble, "_served", lambda *given: started.append(given))
+    monkeypatch.setattr(UrArm.link, "package", "no_such_client")
+    monkeypatch.setattr(UrArm.link, "extra", "")
+    profile = load_profile("emulated/transient_arm")
+    with refused(RefusedError, "arm", "no_such_client is not installed", "pip install"):
+        assemble.build_rig(profile)
+    assert started == []
+    with pytest.raises(AttributeError, match="endpoints"):  # without the arm it goes on
+        assemble.build_rig(profile, devices=profile.devices.keys() - {"arm"})
+    assert len(started) == 1
 
 
 def test_a_trial_may_give_the_value_and_until_then_it_is_the_classes_own():

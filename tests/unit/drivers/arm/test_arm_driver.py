@@ -1,5 +1,7 @@
 """The arm's driver beside a process made of lists: what it sends on, and what it does when the process goes."""
 
+from typing import Any
+
 import pytest
 
 from drivers.arm.driver import ArmDriver
@@ -20,6 +22,7 @@ from drivers.core.messages import (
     Stop,
     Tare,
 )
+from tests.refusals import refused
 
 START = (0.4, 0.0, 0.2, 0.0, 3.0, 0.0)
 REST = (0.0,) * 6
@@ -383,3 +386,15 @@ def test_a_program_that_was_away_does_not_blame_the_process(desk):
     assert desk.arm.poll() == []
     desk.clock.rest(0.01)
     assert [type(status) for status in desk.arm.poll()] == [Stalled], "the turn after that was in time"
+
+
+@pytest.mark.parametrize("package", ["", "numpy"])
+def test_a_client_that_is_missing_is_told_before_the_arm_is_made(package):
+    def check(needed):
+        link = type("Link", (), {"package": needed, "extra": ""})
+        made: Any = type("Other", (ArmDriver,), {"link": link})
+        made.check_installed("arm")
+
+    check(package)
+    with refused(RefusedError, "arm", "no_such_client is not installed", "pip install no_such_client"):
+        check("no_such_client")
