@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from controller.recording.reader import Run
+from controller.reports.approaches import unjudged
 from controller.reports.counts import (
     Row,
     Trials,
@@ -45,6 +46,9 @@ MOSTLY = 0.95
 """Share of trials that end as meant in a run that went well (assumption)."""
 
 
+NEAR = 0.25
+"""How near the paper's number the whole 95 % interval of ours must lie to be about it, relative (assumption)."""
+
 MOST_SAID = 60
 """Characters of a missed goal's numbers that a sentence of verdict bears (assumption)."""
 
@@ -55,11 +59,15 @@ def went(state: str, runs: Iterable[Run]) -> str:
 
 
 def headline_of(
-    experiment: str, runs: Sequence[Run], results: Sequence[Result], given: Headline | None
+    experiment: str,
+    runs: Sequence[Run],
+    results: Sequence[Result],
+    given: Headline | None,
+    lost: bool = False,
 ) -> Headline:
     """The sentence and the numbers: what a section gives, else what papers/headlines.csv names, else, of an experiment
-    of no paper, the first column that was measured."""
-    rows, lines, done = Trials.of(runs), headlines(experiment), came_to(experiment)
+    of no paper, the first column that was measured. Where trials were `lost`, nothing stands beside the paper's."""
+    rows, lines, done = Trials.of(runs), headlines(experiment), did(experiment, runs)
     outcomes = [(title(str(row["outcome"])), run.succeeded(row)) for run in runs for row in run.trials]
     n = max(len(outcomes), sum(int(run.manifest.get("trials") or 0) for run in runs))
     good = [name for name, succeeded in outcomes if succeeded]
@@ -69,34 +77,47 @@ def headline_of(
     # of an experiment that nobody knows
     count += f" ({good[0]})" if len({*good}) == 1 and not lines else ""
     count += f" ({', '.join(f'{name}: {n}' for name, n in bad.most_common())})" if bad else ""
-    found = given or listed(lines, rows, set(map(_kind, runs))) or _measured(runs, rows)
+    found = given or listed(lines, rows, kinds_in(runs)) or (None if lines else _measured(runs, rows))
     if found is None and rows:
         found = rated("trials that ended as meant", len(good), len(rows))._replace(verdict="")
     found = found or Headline("trials that ended as meant", "none", "0 of 0")
+    if lost:
+        verdict = f"{found.what}: {found.ours}" if found.verdict else ""
+        found = found._replace(paper="", source="", side="", state="", verdict=verdict)
     # where the trials only record, how many did says nothing
     said = [] if done == RECORDED and found.verdict and not bad else [count]
     said += [found.verdict] if found.verdict else []
-    if not found.paper:
+    if not found.paper and not lost and (found.verdict or not lines):
         said.append("no paper prints this number" if lines else "there is no paper to compare with")
     if found.column == "delay_s" and any(setting_of(run, "behavior", "detector") for run in runs):
         found = found._replace(what=f"{found.what}, {_deciding(runs)}")
     marks = {result.mark for result in results}
     # by trials, goals, and the number beside the paper's together
-    if n > len(outcomes):
+    if lost or n > len(outcomes):
         state = "broken"
     elif 2 * len(good) < n or not good or found.state == "badly":
         state = "badly"
-    elif len(good) < MOSTLY * n or "missed" in marks or found.side == "worse" or found.state == "partly":
+    elif (
+        len(good) < MOSTLY * n
+        or marks & {"missed", "apart"}
+        or found.side == "worse"
+        or found.state == "partly"
+    ):
         state = "partly"
     else:
-        judged = done != RECORDED or found.side or found.state or "met" in marks
+        judged = (
+            done not in (RECORDED, UNJUDGED)
+            or found.side in ("as", "better")
+            or found.state
+            or "met" in marks
+        )
         state = "well" if judged else ""
     return found._replace(verdict=f"{went(state, runs)}: {'; '.join(said)}{goals_of(results)}.", state=state)
 
 
 def _deciding(runs: Sequence[Run]) -> str:
     """By which detector the trials were decided; where a factor or a run chooses it, by several."""
-    acting, kinds = {acting_of(run) for run in runs}, set(map(_kind, runs))
+    acting, kinds = {acting_of(run) for run in runs}, kinds_in(runs)
     chosen = any("behavior.detector" in row for run in runs for row in run.trials)
     if chosen or len(acting) > 1 or len(kinds) > 1:
         return "by several detectors"
@@ -127,26 +148,35 @@ def agreement_of(results: Iterable[Result]) -> str:
     return ", ".join(f"{marks[mark]} {word}" for mark, word in words.items() if marks[mark])
 
 
-def _kind(run: Run) -> str:
-    return str(setting_of(run, "detectors", acting_of(run), "kind") or "")
+def kinds_in(runs: Iterable[Run]) -> set[str]:
+    """Kinds of the detectors that decided."""
+    return {str(setting_of(run, "detectors", acting_of(run), "kind") or "") for run in runs}
+
+
+UNJUDGED = "ended at a detection"
+"""What trials did of which nothing on their bench tells a true contact from a false one."""
+
+
+def did(experiment: str, runs: Iterable[Run]) -> str:
+    """What trials of one experiment did that came out as they should."""
+    unknown = any(unjudged(row) for run in runs for row in run.trials if "false_contacts" in row)
+    return UNJUDGED if unknown else came_to(experiment)
 
 
 def listed(lines: Sequence[Row], rows: Sequence[Row], kinds: Iterable[str] = ()) -> Headline | None:
-    """What the first line that has a number says, of detectors of such kinds: the paper's figure stands beside the
-    trials and the `detector` that it is of alone."""
+    """What the first line says that has a number of its own trials; the paper's figure stands beside that of detectors
+    of the kind that it is of alone."""
     for line in lines:
-        own = [row for row in rows if holds(line, row)]
-        others = [] if own else [row for row in rows if holds(line, row, 1)] or rows
+        own = Trials(row for row in rows if holds(line, row))
         foreign = line["detector"] and any(kind and not kind.startswith(line["detector"]) for kind in kinds)
-        shown = line if own and not foreign else {**line, "paper": None}
-        if line["column"] and (found := _number(Trials(own or others), shown)):
+        if line["column"] and (found := _number(own, {**line, "paper": None} if foreign else line)):
             return found
     return None
 
 
-def holds(line: Row, row: Row, conditions: int | None = None) -> bool:
-    """Whether a line is of a trial, by so many of its conditions (`object!=none`, `axis=x`), or by all."""
-    for name, sign, value in re.findall(r"([\w.]+)(!?=)([\w.]+)", line["where"] or "")[:conditions]:
+def holds(line: Row, row: Row) -> bool:
+    """Whether a line is of a trial, by all its conditions (`object!=none`, `axis=x`)."""
+    for name, sign, value in re.findall(r"([\w.]+)(!?=)([\w.]+)", line["where"] or ""):
         cell = row.get(name)
         same = float(cell) == float(value) if is_number(cell) else str(cell) == value
         if name in row and same != (sign == "="):
@@ -194,16 +224,18 @@ def _number(own: Trials, line: Row) -> Headline | None:
     beside, side, theirs = f"{line['what']} {said(value)}", "", ""
     if paper is not None:
         theirs = said(paper)
-        side = "as" if low <= paper <= high or abs(value / paper - 1.0) < 0.005 else "apart"
-        if side == "apart" and less:
-            if over == "worst":
-                better = every(sum(abs(each) > paper for each in known), n)
-            else:  # one trial alone decides nothing
-                better = sure(high < paper, low > paper)
-            side = {True: "better", False: "worse", None: side}[better]
-        how = {"as": "about", "apart": "beside"}.get(side, f"{side} than")
+        # one trial alone decides nothing
+        below = sure(high < paper, low > paper)
+        if over == "worst":
+            below = every(sum(abs(each) > paper for each in known), n)
+        held = low <= paper <= high
+        if abs(value / paper - 1.0) < 0.005 or (held and max(paper - low, high - paper) <= NEAR * paper):
+            side = "as"
+        elif below is not None:
+            side = ("better" if below else "worse") if less else "apart"
+        how = {"as": "about", "apart": "beside", "": "beside"}.get(side, f"{side} than")
         beside += f", {how} the paper's {theirs}"
-        if side != "as" and (how := sized(value, paper, scale.unit)):
+        if side != "as" and (how := "too few to tell apart" if held else sized(value, paper, scale.unit)):
             beside += f" ({how})"
     spread = said(min(known), max(known)) if n > 1 and over != "worst" else ""
     spread = "" if spread == interval else spread  # of few, both may read alike

@@ -41,5 +41,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         ],
     }
     headline = rated("contacts whose link was named right", right, named) if named else None
+    if headline and decided(right, named, RELIABLY) is False:
+        headline = headline._replace(state="partly")
     heading = "Contact on either link (A4)"
     return told(runs, heading, "proximal", content, paper="backus", headline=headline)

@@ -23,12 +23,13 @@ from controller.reports.first_screen import (
     again,
     agreement_of,
     beside_each_other,
+    did,
     goals_of,
     headline_of,
     went,
 )
 from controller.reports.hero import Drawn, hero_of
-from controller.reports.papers import AUTHORS, CITATION, came_to, settings_in
+from controller.reports.papers import AUTHORS, CITATION, settings_in
 from controller.reports.run_account import early_end, experiment_in, facts_of, setting_of
 from controller.reports.section import (
     Comparing,
@@ -105,7 +106,7 @@ def build_report_with_summary(
     except OSError as error:
         raise RecordingError(path, "writing", error, option="") from error
     lines = [line for part in parts for line in terminal_lines(part)]
-    return path, [*lines, *guard_lines(runs), _verdict(parts)[0]]
+    return path, [*lines, *guard_lines(runs), _verdict(runs, parts)[0]]
 
 
 def comparison_page(first: Run, second: Run, comparing: Comparing) -> tuple[str, str]:
@@ -113,7 +114,7 @@ def comparison_page(first: Run, second: Run, comparing: Comparing) -> tuple[str,
     runs = [first, second] if first.folder.path != second.folder.path else [first]
     title = " beside ".join(_told_apart(runs))
     page, parts = _page(runs, None, title, (), (), comparing)
-    return page, _verdict(parts, comparing=True)[0]
+    return page, _verdict(runs, parts, comparing=True)[0]
 
 
 def _beside(runs: Sequence[Run]) -> Path:
@@ -175,7 +176,7 @@ def _page(
         "comparing": comparing,
         "ends": [end for run in runs if (end := early_end(run)) is not None],
         "runs": [(run.folder.path.name, run.notes, facts_of(run)) for run in runs],
-        "verdict": _verdict(parts, comparing is not None),
+        "verdict": _verdict(runs, parts, comparing is not None),
         "again": list(dict.fromkeys(again(run) for run in runs)),
         "summary": _experiment(runs[-1]).summary if len(kinds) == 1 else "",
         "started": str(runs[0].manifest.get("started_utc", "?"))[:19].replace("T", " "),
@@ -188,7 +189,7 @@ def _page(
     return f"{before}{payload(runs, room, {each.key for part in parts for each in part.drawn})}{after}", parts
 
 
-def _verdict(parts: Sequence[SectionPart], comparing: bool = False) -> tuple[str, str]:
+def _verdict(runs: Sequence[Run], parts: Sequence[SectionPart], comparing: bool = False) -> tuple[str, str]:
     """Of all parts in one sentence, and how they went, of `WENT`; with their numbers where a few measure the same."""
     heads = [part.headline for part in parts]
     if len(parts) == 1:
@@ -196,19 +197,20 @@ def _verdict(parts: Sequence[SectionPart], comparing: bool = False) -> tuple[str
     pair = [part.runs for part in parts] if comparing and heads[0].column == heads[1].column else []
     if pair and (said := beside_each_other(*pair)):
         return said, ""
-    runs = [run for part in parts for run in part.runs]
     good = sum(run.succeeded(row) for run in runs for row in run.trials)
     states = {head.state for head in heads}
     state = states.pop() if len(states) == 1 else "well" if states == {"well", ""} else "partly"
+    state = "broken" if "broken" in states else state
     alike = len({head.what for head in heads}) == 1 and len(heads) <= MOST_ALIKE
     ours = (" beside " if len(heads) == 2 else ", ").join(head.ours for head in heads)
     beside = f"; {heads[0].what}: {ours}" if alike else ""
-    words = {came_to(experiment_in(run)) for run in runs if run.trials}
+    words = {did(experiment_in(part.runs[-1]), part.runs) for part in parts if part.runs[0].trials}
     done = words.pop() if len(words) == 1 else "ended as meant"
     results = [result for part in parts for result in part.results]
     agreement = agreement_of(results)
     papers = f"; of the paper's own results {agreement}" if agreement and not comparing else ""
-    count = f"{good} of {sum(len(run.trials) for run in runs)} trials {done}, in {len(parts)} parts"
+    n = sum(max(len(run.trials), int(run.manifest.get("trials") or 0)) for run in runs)
+    count = f"{good} of {n} trials {done}, in {len(parts)} parts"
     return f"{went(state, runs)}: {count}{beside}{goals_of(results)}{papers}.", state
 
 
@@ -266,7 +268,7 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
         settings_table(runs[0], printed),
         Markup(FIGURE.sub("", body)),  # figures stand before what is said about them
         ours,
-        headline_of(experiment, runs, results, section.headline),
+        headline_of(experiment, runs, results, section.headline, bool(lost)),
         hero_of(experiment, runs, figures.page or runs) if section.shows_trials else [],
         [Markup(each) for each in FIGURE.findall(body)],
         [

@@ -100,7 +100,7 @@ class Headline(NamedTuple):
         rows: Filter of the table of trials that leaves those it is made of; "" for all.
         column: Of trials.csv that it is made of.
         state: How it went, of `first_screen.WENT`; before the verdict is made "" where the trials say it.
-        side: Ours is `better` than the paper's, `worse`, `as` it, or `apart`; "" where none is told.
+        side: Ours is `better` than the paper's, `worse`, `as` it, or `apart`; "" where so many trials do not tell.
         spread: The least and the largest of single trials; "" for none.
     """
 

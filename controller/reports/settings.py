@@ -47,12 +47,16 @@ def varied_of(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _parts(run: Run) -> list[tuple[str, Run]]:
+    """A run's trials by the settings that they varied, each part with the manifest of a run of so many trials."""
     found: dict[str, list[Mapping[str, Any]]] = {}
     for row in run.trials:
         found.setdefault(json.dumps(varied_of(row), sort_keys=True), []).append(row)
     if len(found) < 2:
         return [(varied, run) for varied in found or ("",)]
-    return [(varied, replace(run, trials=rows)) for varied, rows in found.items()]
+    return [
+        (varied, replace(run, trials=rows, manifest={**run.manifest, "trials": len(rows)}))
+        for varied, rows in found.items()
+    ]
 
 
 def differences(groups: Mapping[str, Sequence[Run]]) -> list[Row]:

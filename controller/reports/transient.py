@@ -112,7 +112,8 @@ def _table_row(row: TableRow, other: str, terminal: bool = False) -> Row:
     line[ROWS] = rows_where(row.approaches[0], "location", "speed_m_s")
     line |= {} if terminal else under("position_m", paper.get("micrometer_m"), digits=2)
     line |= under("speed_m_s", row.speed_m_s, "" if terminal else None, 2 if terminal else 3)
-    line |= {"n": len(row.contacts), "false": row.approaches.total("false_contacts")}
+    judged = len(row.approaches) > len(row.approaches.where(unjudged))
+    line |= {"n": len(row.contacts), "false": row.approaches.total("false_contacts") if judged else NOTHING}
     for bound in BOUNDS:
         column, digits, factor = bound["column"], int(bound["decimals"]), scale_of(bound["column"]).factor
         here = row.mean(column)

@@ -35,7 +35,9 @@ from controller.reports.trial_signals import trial_table
 from tests.unit.controller.reports.synthetic_runs import (
     ONSET_S,
     Given,
+    begun,
     text_of,
+    write_rows,
     write_static,
     write_transient,
 )
@@ -532,7 +534,22 @@ def test_one_trial_is_neither_better_nor_worse_than_the_paper(delays_s, how):
 
 
 @pytest.mark.parametrize(
-    ("errors_m", "side"), [((0.0079,), "apart"), ((0.0082,), "worse"), ((0.001,) * 29, "better")]
+    ("delays_s", "said", "side"),
+    [  # Student's t of two values 0.07 apart: 12.71 x 0.035 s, from 0 to 0.53 s; of four 0.01 apart 8 ms either way
+        ((0.05, 0.12), "85 ms, beside the paper's 300 ms (too few to tell apart)", ""),
+        ((0.29, 0.30, 0.31, 0.30), "300 ms, about the paper's 300 ms", "as"),
+        ((0.28, 0.29, 0.30, 0.31), "295 ms, about the paper's 300 ms", "as"),
+    ],
+)
+def test_a_number_is_about_the_papers_where_its_whole_interval_is_near(delays_s, said, side):
+    rows = [{"delay_s": delay_s, "outcome": "contact"} for delay_s in delays_s]
+    found = first_screen.listed(headlines("transient"), rows)
+    assert found.verdict.endswith(said)
+    assert found.side == side
+
+
+@pytest.mark.parametrize(
+    ("errors_m", "side"), [((0.0079,), ""), ((0.0082,), "worse"), ((0.001,) * 29, "better")]
 )
 def test_the_largest_is_better_than_the_papers_once_so_many_trials_show_it(errors_m, side):
     rows = [{"error_m": error_m, "method": "ours", "outcome": "centred"} for error_m in errors_m]
@@ -542,8 +559,12 @@ def test_the_largest_is_better_than_the_papers_once_so_many_trials_show_it(error
 def test_the_papers_number_stands_only_beside_what_it_is_of():
     rows = [{"object": "pipe", "axis": "y", "seen_paper": 1, "approaches": 1, "outcome": "approached"}] * 4
     listed, aura = first_screen.listed, headlines("aura")
-    beside = [listed(aura, [{**row, "axis": axis} for row in rows]).paper for axis in "xy"]
-    assert beside == ["92.4 %", ""]
+    beside = [listed(aura, [{**row, "axis": axis} for row in rows]) for axis in "xy"]
+    assert (beside[0].paper, beside[1]) == ("92.4 %", None)
+    free = [{"condition": "none", "frequency_hz": 28.0, "outcome": "recorded"}]
+    assert listed(headlines("static"), free).verdict == (
+        "frequency without contact 28 Hz, about the paper's 28 Hz"
+    ), "and not the frequency in full contact"
     touched = [{"delay_s": 0.1, "outcome": "contact"}] * 4
     kinds = ({"resonance.paper", "resonance"}, {"force.threshold"})
     delays = [listed(headlines("transient"), touched, each).paper for each in kinds]
@@ -653,6 +674,64 @@ def test_a_trial_that_is_only_recorded_is_not_said_to_succeed_and_a_grasp_opens_
     found = headline_of("grasp", [replace(run, trials=rows)], [], None)
     assert (found.ours, found.of) == ("1.35", "median of 6; less is better")
     assert found.interval == "1.1 to 1.6", "of six the least and the largest: 96.9 %"
+
+
+def planned(run, trials):
+    """The same run of so many planned trials."""
+    run.folder.write_manifest({**run.folder.read_manifest(), "trials": trials})
+    return open_run(run.folder.path)
+
+
+def verdicts(*runs):
+    """What the page opens with, and each of its parts."""
+    parts = report._page(runs, None, "", (), ())[1]
+    return [report._verdict(runs, parts)[0], *(part.headline.verdict for part in parts)]
+
+
+def test_a_whole_run_in_which_a_setting_was_varied_is_not_called_broken_off(tmp_path, undrawn):
+    run = planned(write_static(tmp_path, {"none": 28.0, "light": 30.0, "full": 50.0}, repeats=2), 6)
+    varied = [{**row, "plant.wander": n % 2} for n, row in enumerate(run.trials)]
+    whole, *parts = verdicts(replace(run, trials=varied))
+    assert "in simulation: 6 of 6 trials recorded, in 2 parts" in whole
+    assert [said.partition(":")[0] for said in (whole, *parts)] == ["Went well in simulation"] * 3
+    cut, *parts = verdicts(replace(run, trials=varied[:4]))
+    assert cut.startswith("Broken off in simulation: 4 of 6 trials recorded, in 2 parts")
+    assert [said.partition(":")[0] for said in parts] == ["Broken off in simulation"] * 2
+
+
+def test_where_trials_are_missing_no_sentence_says_better_than_the_papers(tmp_path, undrawn):
+    quick = [Given("d", 0.004487, 0.1 + 0.001 * n) for n in range(10)]
+    (said, _) = verdicts(planned(write_transient(tmp_path, quick), 20))
+    assert said == (
+        "Broken off in simulation: 10 of 20 trials stopped at the contact (not run: 10); "
+        "time from touch to detection: 104 ms."
+    )
+    static = write_static(tmp_path, {"none": 28.0, "light": 30.0, "full": 50.0})
+    both = verdicts(planned(write_transient(tmp_path, quick), 20), static)[0]
+    assert both.startswith("Broken off in simulation: 13 of 23 trials ended as meant, in 2 parts")
+    stopped = verdicts(write_transient(tmp_path, [*quick, Given(outcome="guard")]))[0]
+    assert stopped.startswith("Broken off in simulation: 10 of 11 trials stopped at the contact (guard: 1)")
+
+
+def test_what_is_not_judged_or_is_otherwise_did_not_go_well(tmp_path, undrawn):
+    off = verdicts(write_static(tmp_path, {"none": 28.0, "light": 30.0, "full": 35.0}, repeats=3))[0]
+    assert off.startswith("Recorded in simulation: frequency in full contact 35 Hz, beside the paper's 50 Hz")
+    real = verdicts(write_static(tmp_path, {"full": 35.0, "none": 28.0}, bench="hardware", repeats=3))[0]
+    assert real.startswith("Went partly well: frequency in full contact 35 Hz")
+    unknown = write_transient(tmp_path, [Given(delay_s=None)] * 4, bench="hardware")
+    assert verdicts(unknown)[0].startswith("Recorded: 4 of 4 trials ended at a detection.")
+    touched = ({"location": "p"}, "contact", {"identified": "distal", "false_contacts": 0})
+    wrong = write_rows(
+        begun(tmp_path, "proximal", "mock", {}), [touched] * 5, ("identified", "false_contacts")
+    )
+    assert verdicts(wrong)[0].startswith("Went partly well in simulation: 5 of 5 trials ended as meant; ")
+
+
+def test_contacts_that_nothing_judges_are_not_counted_as_none_false(tmp_path, undrawn):
+    text = text_of(build_report([write_transient(tmp_path, [Given(delay_s=None)] * 4, bench="hardware")]))
+    assert "pad f 12.70 4.843 4 – " in text
+    known = text_of(build_report([write_transient(tmp_path, [Given(delay_s=None), Given()])]))
+    assert "pad f 12.70 4.843 2 0 " in known
 
 
 def test_what_was_forecast_of_approaches_stands_beside_what_they_did():
