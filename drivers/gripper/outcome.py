@@ -146,10 +146,10 @@ class GripperOutcome:
 
     def _broken(self, t_s: float, state: GripperState, lost: bool) -> Status:
         if lost:
-            reason = (
+            lost_ends = (
                 "it no longer knows its ends, as after a power failure, and whatever it held may be loose"
             )
-            return Stalled(t_s, self._device, f"{reason}; send Home", command_id=self._id)
+            return Stalled(t_s, self._device, f"{lost_ends}; send Home", command_id=self._id)
         if state.trouble:
             return Stalled(t_s, self._device, f"{state.trouble}; send Home", command_id=self._id)
         active = [text for name, text in FAULTS.items() if getattr(state, name)]

@@ -1,15 +1,22 @@
 """A National Instruments device through NI-DAQmx: analog inputs, counters, an analog output."""
 
 from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.core.clock_model import DeviceClock
 from drivers.core.errors import wrong
-from drivers.core.messages import Command, DeviceInfo, Excite, Listen, Tare, Tone
+from drivers.core.messages import Command, DeviceInfo, Excite, Listen, SampleBlock, Saturated, Tare, Tone
 from drivers.core.numbering import ENDLESS, StreamTrack
 from drivers.core.scaled import ScaledStreams
 from drivers.core.wire import WireDriver, check_sensor
 from drivers.ni_daq.link import DaqBlock, DaqLink, open_daq
 from drivers.ni_daq.settings import NiDaqSettings
+
+FULL: Final = 0.99
+"""From this share of its range on an input counts as clipped (assumption: converters end within 1 % of it)."""
 
 
 class NiDaq(WireDriver[DaqLink]):
@@ -19,7 +26,8 @@ class NiDaq(WireDriver[DaqLink]):
     device and dated by its clock (`clock_model`), never by their arrival. The device loses none: where they are not
     fetched in time, its task ends, and the device has failed.
 
-    Streams are the profile's, in volts or counts less the zero, with the profile's scale. The output is at 0 V from
+    Streams are the profile's, in volts or counts less the zero, with the profile's scale. An input at the end of the
+    range that the device took is reported as `Saturated`. The output is at 0 V from
     `open` on, at any failure and at `close`; nothing else takes it there when this program dies.
     """
 
@@ -40,6 +48,7 @@ class NiDaq(WireDriver[DaqLink]):
     def _forget(self) -> None:
         self._scaled.forget()
         self._listening: frozenset[str] = frozenset()
+        self._clipped: dict[str, bool] = {}  # streams, and whether their last sample was
         self._received_s = self._clock.monotonic_s()
         clock = self._own_clock = DeviceClock(self._settings.max_drift_ppm)
         self._tracks = {full: StreamTrack(clock, self._settings.rate_hz, ENDLESS) for full in self._infos}
@@ -50,7 +59,7 @@ class NiDaq(WireDriver[DaqLink]):
         details: dict[str, object] = {
             "port": s.port,
             "server": s.server,
-            "range_v": s.range_v,
+            "range_v": link.range_v,
             "terminal": s.terminal,
         }
         if s.drive is not None:
@@ -86,6 +95,7 @@ class NiDaq(WireDriver[DaqLink]):
                 for stream in streams - self._listening:
                     self._tracks[stream].begin()
                     self._scaled.begin(stream)
+                    self._clipped[stream] = False
                 self._listening = streams
                 self._received_s = self._clock.monotonic_s()
                 self._sent(command)
@@ -121,14 +131,28 @@ class NiDaq(WireDriver[DaqLink]):
         n, arrival_s = len(block.values), block.arrival_s
         placed = self._tracks[stream].place(shown_s, arrival_s, n, counter=block.first)
         bench_s = self._clock.from_monotonic(0.0)
-        self._blocks.append(
-            self._infos[stream].block(
-                placed.seq,
-                placed.t0_s + bench_s,
-                self._scaled.counts(stream, block.values[:, self._places[stream]]),
-                device_t0_s=placed.device_s,
-                arrival_s=arrival_s + bench_s,
-            )
+        read = block.values[:, self._places[stream]]
+        samples = self._infos[stream].block(
+            placed.seq,
+            placed.t0_s + bench_s,
+            self._scaled.counts(stream, read),
+            device_t0_s=placed.device_s,
+            arrival_s=arrival_s + bench_s,
         )
+        self._blocks.append(samples)
+        if not self._scaled.streams[stream].counts:
+            self._saturate(samples, read)
         if placed.lost is not None:
             self._lost(placed.t0_s + bench_s, stream, placed.lost)
+
+    def _saturate(self, samples: SampleBlock, volts: NDArray[np.float64]) -> None:
+        """Report where an input of this stream came to the end of its range, once for each excursion."""
+        assert self._link is not None
+        lowest_v, highest_v = self._link.range_v
+        clipped = (volts <= FULL * lowest_v) | (volts >= FULL * highest_v)
+        any_clipped = np.logical_or.reduce(clipped, axis=1)
+        before = np.append(self._clipped[samples.stream], any_clipped[:-1])
+        for place in np.flatnonzero(any_clipped & ~before):
+            value = float(samples.physical[place, clipped[place].argmax()])
+            self._report(Saturated(float(samples.times[place]), self.name, samples.stream, value))
+        self._clipped[samples.stream] = bool(any_clipped[-1])

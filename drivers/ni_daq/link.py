@@ -76,7 +76,7 @@ def open_daq(device: str, settings: NiDaqSettings, clock: Clock) -> DaqLink:
             terminal = f"{settings.port}/{settings.drive.output}"
             output = DaqOutput(device, terminal, settings.drive, remote, clock)
             ending.callback(output.close)
-        task, reads = _inputs(device, settings, remote, ending)
+        task, range_v, reads = _inputs(device, settings, remote, ending)
         reads += [
             _counter(name, counts, settings, remote, ending) for name, counts in settings.counters.items()
         ]
@@ -90,7 +90,7 @@ def open_daq(device: str, settings: NiDaqSettings, clock: Clock) -> DaqLink:
             raise
         advice = "compare port, inputs, range_v and terminal with what NI MAX shows"
         raise PortError(device, doing, first_line(error), advice) from error
-    return DaqLink(device, ending, reads, settings, clock, (model, serial), output)
+    return DaqLink(device, ending, reads, settings, clock, (model, serial), range_v, output)
 
 
 def _server(device: str, settings: NiDaqSettings) -> dict[str, Any]:
@@ -111,8 +111,8 @@ def _server(device: str, settings: NiDaqSettings) -> dict[str, Any]:
 
 def _inputs(
     device: str, settings: NiDaqSettings, remote: dict[str, Any], ending: ExitStack
-) -> tuple[Any, list[Read]]:
-    """The task of all analog inputs, not started, and what reads it."""
+) -> tuple[Any, tuple[float, float], list[Read]]:
+    """The task of all analog inputs, not started, the range that the device took for them, and what reads it."""
     import nidaqmx
     from nidaqmx.constants import TerminalConfiguration
     from nidaqmx.stream_readers import AnalogMultiChannelReader
@@ -120,7 +120,7 @@ def _inputs(
     task = nidaqmx.Task("", **remote)
     ending.callback(task.close)
     for name in settings.analog:
-        task.ai_channels.add_ai_voltage_chan(
+        channel = task.ai_channels.add_ai_voltage_chan(
             f"{settings.port}/{name}",
             terminal_config=TerminalConfiguration[TERMINALS[settings.terminal]],
             min_val=-settings.range_v,
@@ -133,7 +133,8 @@ def _inputs(
         raise RefusedError(device, f"opening {settings.port}", reason, f"set rate_hz = {rate_hz:.9g}")
     reader = AnalogMultiChannelReader(task.in_stream)
     reader.verify_array_shape = False
-    return task, [(reader.read_many_sample, np.empty((len(settings.analog), settings.block)))]
+    range_v = channel.ai_rng_low, channel.ai_rng_high  # the same of all: they are asked for the same
+    return task, range_v, [(reader.read_many_sample, np.empty((len(settings.analog), settings.block)))]
 
 
 def _counter(
@@ -176,6 +177,7 @@ class DaqLink:
         ending: Closes tasks and server.
         reads: Reads samples into the array beside it, of each task.
         found: The device's model and serial number.
+        range_v: Ends of the range of its inputs.
         output: Its analog output, where it has one.
     """
 
@@ -187,9 +189,10 @@ class DaqLink:
         settings: NiDaqSettings,
         clock: Clock,
         found: tuple[str, str],
+        range_v: tuple[float, float],
         output: DaqOutput | None,
     ) -> None:
-        self.found = found
+        self.found, self.range_v = found, range_v
         self._fault: str | None = None
         self._ending, self._reads, self._clock, self._output = ending, reads, clock, output
         self._samples = settings.block

@@ -1,12 +1,12 @@
 """What a profile says of a device's inputs, counters and output."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
 from drivers.core.scaled import ScaledStream
-from drivers.core.settings import Settings
+from drivers.core.settings import Mismatch, Settings
 
 
 class DaqStream(ScaledStream):
@@ -88,6 +88,25 @@ class NiDaqSettings(Settings):
         if not self.analog:
             raise ValueError("a counter is sampled by the clock of the analog inputs; name one of those, ai0")
         return self
+
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterator[Mismatch]:
+        """A limit of the force that no voltage in the range reaches would never act."""
+        limits = profile.get(("limits",))
+        device, _, own = (getattr(limits, "force_stream", None) or "").partition(".")
+        stream = self.streams.get(own)
+        if device != path[-1] or stream is None or stream.counts:
+            return
+        most_n = abs(stream.scale) * (self.range_v + abs(stream.offset))
+        for key in ("force_n", "retreat_n"):
+            limit_n = getattr(limits, key)
+            if limit_n is not None and limit_n >= most_n:
+                mistake = (
+                    f" = {limit_n:g}: {device}.{own} ends at {most_n:.4g} N, where range_v ends; lower the limit, or"
+                    " choose a sensor that goes beyond it"
+                )
+                yield Mismatch(("limits",), key, mistake)
 
     @property
     def analog(self) -> list[str]:

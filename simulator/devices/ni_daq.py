@@ -14,17 +14,24 @@ DRIFT_PPM = 31.0
 
 DEVICE = "analog inputs"
 
+RANGES_V = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Ends of the ranges that it has: a USB-6363's (data sheet). It takes the next wider one, where there is one."""
+
 
 class EmulatedNiDaq:
     """Samples its inputs from its first moment on, without noise of its own, within its range; its output switches what
     excites the bench.
+
+    Attributes:
+        range_v: Where its inputs end, of either sign.
 
     Raises:
         RefusedError: an input that is named shows nothing of this bench.
     """
 
     def __init__(self, settings: NiDaqSettings, bench: Bench) -> None:
-        self._bench, self._range_v = bench, settings.range_v
+        self._bench = bench
+        self.range_v = next((end_v for end_v in RANGES_V if end_v >= settings.range_v), settings.range_v)
         self._hz = settings.rate_hz * (1.0 + DRIFT_PPM * 1e-6)
         self._shown = ShownColumns(settings.streams, bench, DEVICE)
         self._order = [self._shown.columns.index(name) for name in (*settings.analog, *settings.counters)]
@@ -57,7 +64,7 @@ class EmulatedNiDaq:
         self._bench.advance(t_s)
         times_s = np.minimum(self._begun_s + np.arange(first, self.next) / self._hz, t_s)
         shown = self._shown.at(times_s)[:, self._order]
-        shown[:, : self._analog] = np.clip(shown[:, : self._analog], -self._range_v, self._range_v)
+        shown[:, : self._analog] = np.clip(shown[:, : self._analog], -self.range_v, self.range_v)
         shown[:, self._analog :] = np.rint(shown[:, self._analog :])
         return shown
 

@@ -153,6 +153,7 @@ class NiDaqServer:
             "CreateCICountEdgesChan": self._add_input,
             "CreateCIAngEncoderChan": self._add_input,
             "CreateAOVoltageChan": self._add_output,
+            "GetChanAttributeDouble": self._range,
             "CfgSampClkTiming": self._clock,
             "GetTimingAttributeDouble": lambda request, _: {"value": self._task(request).asked_hz},
             "StartTask": self._start,
@@ -192,6 +193,10 @@ class NiDaqServer:
         task.channels.append(request.physical_channel)
         task.limit_v = request.max_val
         return {}
+
+    def _range(self, request: Any, context: Any) -> Fields:
+        low = request.attribute_raw == pb.CHANNEL_ATTRIBUTE_AI_RNG_LOW
+        return {"value": -self._device.range_v if low else self._device.range_v}
 
     def _clock(self, request: Any, context: Any) -> Fields:
         self._task(request).asked_hz = self.given_hz or request.rate

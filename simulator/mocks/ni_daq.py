@@ -17,6 +17,7 @@ class DaqMemory(MemoryLine):
     def __init__(self, device: EmulatedNiDaq, settings: Any, clock: Any, faults: Any) -> None:
         super().__init__(device, clock, faults)
         self._settings = settings
+        self.range_v = -device.range_v, device.range_v
         self._done: list[tuple[Command, float]] = []
 
     def drive(self, command: Command) -> None:
@@ -43,7 +44,7 @@ class DaqMemory(MemoryLine):
         while self.fault is None and (due_s := self._device.due_s(n)) <= t_s:
             first, values = self._device.next, self._device.take(due_s)
             if self.faults.active(t_s, "full_scale"):
-                values[:] = self._settings.range_v
+                values[:] = self._device.range_v
             if not self.faults.active(t_s, "silent", "lose", "corrupt"):
                 blocks.append(DaqBlock(first, values, self._clock.monotonic_s() - (t_s - due_s)))
         return blocks

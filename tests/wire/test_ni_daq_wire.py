@@ -121,6 +121,7 @@ def test_inputs_and_counters_come_by_name_number_and_the_device_s_clock(served: 
     asked = [one for one in served.server.asked if hasattr(one, "physical_channel")]
     assert [one.physical_channel for one in asked] == ["Dev1/ai2", "Dev1/ai0", "Dev1/ai1"]
     assert {(one.min_val, one.max_val) for one in asked} == {(-5.0, 5.0)}
+    assert bench.info.details["range_v"] == (-10.0, 10.0), "what it took"
     bench.turn(0.05)
     assert bench.blocks == []
     bench.listen(FORCE, AXES, TRAVEL, EVENTS)
