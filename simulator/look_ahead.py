@@ -131,7 +131,8 @@ def turns_before(t_s: float, first: int, stride: int, rate_hz: float) -> int:
 
 
 class Snapshot:
-    """The state of some objects, down to the last array, to be restored in place.
+    """The state of some objects, down to the last array, to be restored in place. An array stays itself and gets its
+    values back, as do its views, whoever has them.
 
     Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which never change;
     nor does a read-only array. A class names in `lasting` what need not be put back: a ring of the
@@ -148,6 +149,8 @@ class Snapshot:
     def __init__(self, roots: Iterable[object]) -> None:
         kept = list(roots)
         memo: dict[int, Any] = {id(root): root for root in kept}
+        self._arrays: list[tuple[Any, Any]] = []
+        memo[_ARRAYS] = self._arrays
         self._kept = [(root, _copy(root.__dict__, memo)) for root in kept]
 
     def restore(self) -> None:
@@ -155,6 +158,9 @@ class Snapshot:
         for root, state in self._kept:
             root.__dict__.clear()
             root.__dict__.update(state)
+        for array, values in self._arrays:
+            array.flags.writeable = True  # a block that was made of it meanwhile is not to be written to
+            array[...] = values
 
 
 def _copy(thing: Any, memo: dict[int, Any]) -> Any:
@@ -239,8 +245,10 @@ def _function(thing: Any, _: dict[int, Any]) -> Any:
 def _array(thing: Any, memo: dict[int, Any]) -> Any:
     if thing.dtype.hasobject:
         raise TypeError("an array of objects")
-    made = memo[id(thing)] = thing.copy("K") if thing.flags.writeable else thing
-    return made
+    memo[id(thing)] = thing
+    if thing.flags.writeable:
+        memo[_ARRAYS].append((thing, thing.copy("K")))
+    return thing
 
 
 def _dict(thing: Any, memo: dict[int, Any]) -> Any:
@@ -278,6 +286,9 @@ _PLAIN: set[type] = set(_VALUES)
 
 _FIXED: dict[int, Any] = {}
 """Tuples of the trial with nothing in them that can change, by their id: legs of a motion, a scene's constants."""
+
+_ARRAYS = 0
+"""Where a snapshot's copies note arrays and their values; nothing has this id."""
 
 _OF_PYTHON = 1 << 9
 """Flag of a class that is made by a class statement (CPython: Py_TPFLAGS_HEAPTYPE)."""

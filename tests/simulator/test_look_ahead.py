@@ -47,6 +47,30 @@ def test_what_is_put_back_is_as_it_was_and_shares_what_it_shared():
     assert other.thing is thing and thing.act() == 1
 
 
+def test_views_of_what_is_put_back_are_views_of_it_still():
+    n = 4
+    ring = np.arange(2.0 * n)
+    windows = np.lib.stride_tricks.sliding_window_view(ring, n)  # read-only, and it changes
+    thing = SimpleNamespace(low=ring[:n], high=ring[n:], ring=ring, windows=windows)
+    kept = Snapshot([thing])
+    thing.low[:] = thing.high[:] = -1.0
+    kept.restore()
+    assert thing.ring.tolist() == list(range(2 * n))
+    thing.low[0] = thing.high[0] = 9.0
+    assert thing.ring.tolist() == [9.0, 1.0, 2.0, 3.0, 9.0, 5.0, 6.0, 7.0]
+    assert thing.windows[0].tolist() == [9.0, 1.0, 2.0, 3.0]
+
+
+def test_an_array_that_was_given_away_in_what_is_put_back_can_be_written_to_again():
+    thing = SimpleNamespace(filled=np.zeros(2))
+    kept = Snapshot([thing])
+    thing.filled[:] = 1.0
+    thing.filled.flags.writeable = False
+    kept.restore()
+    thing.filled[1] = 2.0
+    assert thing.filled.tolist() == [0.0, 2.0]
+
+
 def _closure():
     kept = []
     return lambda: kept.append(1)
