@@ -165,8 +165,14 @@ def _exit(story: Any) -> Iterator[Violation]:
 
 def _of_drawn(story: Any) -> bool:
     """Whether what was drawn ended the run: a limit that every trial meets, a loop too slow for an approach."""
-    pairs = (("limits.force_n", "limits.force_n"), ("limits.peak_n", "loop.rate_hz"))
-    return any(limit in story.line and drawn in story.plan.settings for limit, drawn in pairs)
+    pairs = {
+        "limits.force_n": ("limits.force_n",),
+        "limits.peak_n": ("loop.rate_hz", "limits.force_n", "limits.force_median_s"),
+    }
+    settings = story.plan.settings
+    return any(
+        limit in story.line and any(map(settings.__contains__, drawn)) for limit, drawn in pairs.items()
+    )
 
 
 def _full(story: Any) -> bool:

@@ -68,8 +68,13 @@ _FINGER = {
     "behavior.settle_s": (1.0, 3.0),
     "loop.rate_hz": (60.0, 400.0),
     "limits.stale_s": (0.06, 0.2),
+    "limits.stuck_s": (0.05, 0.5),
+    "limits.late_s": (0.03, 0.3),
     "limits.force_n": (0.03, 2.0),
+    "limits.force_median_s": (0.003, 0.05),
+    "limits.retreat_m": (0.0005, 0.004),
 }
+_NEAR_OR_FAR = {"plant.surface_m": (0.0004, 0.0095), "behavior.approach_limit_m": (0.002, 0.0115)}
 _SONIC: Settings = {
     "behavior.handling_speed_m_s": 0.05,
     "behavior.open_speed_m_s": 0.05,
@@ -123,6 +128,7 @@ SCENES: Mapping[str, Excerpt] = {
         _TRANSIENT,
         {
             **_FINGER,
+            **_NEAR_OR_FAR,
             "behavior.hold_s": (0.05, 0.4),
             "plant.noise_scale": (0.3, 1.5),
             "detectors.contact.threshold_sigma": (4.0, 100.0),
@@ -131,7 +137,7 @@ SCENES: Mapping[str, Excerpt] = {
     "reckless": Excerpt(
         4,
         _TRANSIENT,
-        {**_FINGER, "detectors.contact.threshold_sigma": (4.0, 100.0)},
+        {**_FINGER, **_NEAR_OR_FAR, "detectors.contact.threshold_sigma": (4.0, 100.0)},
         "transient",
         "config.swarm.reckless:Reckless",
         {"HEEDLESS": _STOPPED, "DRIVING_ON": _STOPPED},
@@ -154,7 +160,7 @@ SCENES: Mapping[str, Excerpt] = {
     "transient_arm": Excerpt(
         5,
         _TRANSIENT,
-        {**_FINGER, "behavior.hold_s": (0.05, 0.4)},
+        {**_FINGER, **_NEAR_OR_FAR, "behavior.hold_s": (0.05, 0.4)},
     ),
     "pretouch": Excerpt(2, _NEAR, {"limits.stale_s": (0.06, 0.2)}),
     "touch": Excerpt(1, _NEAR, {"limits.stale_s": (0.06, 0.2)}),
@@ -348,15 +354,7 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
     first = dice.choice(of.rows if cell is None else _entering(*cell[:3]))
     rows = [first, *(dice.choice(of.rows) for _ in range(count - 1))]
     rows = [{**row, **{key: first[key] for key in of.grid}} for row in rows]
-    settings = dict(scene.short)
-    for key, (least, most) in scene.drawn.items():
-        if dice.random() < 0.5:
-            settings[key] = _rounded(math.exp(dice.uniform(math.log(least), math.log(most))))
-    if dice.random() < 0.3 and "board" in of.profile.devices:
-        settings["devices.board.block_samples"] = dice.choice([16, 64, 501])
-    if dice.random() < 0.3:  # redundant positions would hide that the others are not watched
-        settings["limits.follow_m"] = "none"
-    settings |= way.settings
+    settings = {**_settings(dice, scene, of), **way.settings}
     there = frozenset(BENCH_WIDE).union(*(of.used.get(tuple(row.items()), ()) for row in rows))
     could = [(device, kind) for device, kind in of.faults if device in there]
     if cell is not None:
@@ -383,6 +381,20 @@ def drawn(seed: int, experiments: Sequence[str] = ()) -> Plan:
             device = dice.choice([device for device, each in could if each == kind])
             faults.append(_fault(dice, device, kind, dice.choice(of.states[:-2] or of.states), count))
     return Plan(seed, experiment, settings, rows, faults[:EVENTS_MAX])
+
+
+def _settings(dice: random.Random, scene: Excerpt, of: Known) -> dict[str, Any]:
+    settings = dict(scene.short)
+    for key, (least, most) in scene.drawn.items():
+        if dice.random() < 0.5:
+            settings[key] = _rounded(math.exp(dice.uniform(math.log(least), math.log(most))))
+    if "limits.force_n" in settings and dice.random() < 0.5:  # a push that is not much harder is sent back
+        settings["limits.retreat_n"] = _rounded(settings["limits.force_n"] * dice.uniform(1.1, 2.0))
+    if dice.random() < 0.3 and "board" in of.profile.devices and not scene.behavior:
+        settings["devices.board.block_samples"] = dice.choice([16, 64, 501])
+    if dice.random() < 0.3:  # redundant positions would hide that the others are not watched
+        settings["limits.follow_m"] = "none"
+    return settings
 
 
 def _passed(cell: Cell) -> bool:

@@ -55,6 +55,7 @@ DEFECTS = (
     Planted(f"{LOOP}._stop_all", "self._send(Stop(name))", "pass"),
     Planted(f"{LOOP}._stop_and_see", "self._stop_all()", "pass", '"abort"'),
     Planted(f"{LOOP}._stop_and_see", "self.account.not_at_rest += sorted(pending)", "pass", '"silent"'),
+    Planted(f"{GUARD}.way_out", "-speed_m_s, end_m", "speed_m_s, bounds.travel_m", 'retreat_n.*"overrun"'),
     Planted(f"{LOOP}._passes_on", "self._trial.outdated(event)", "False", '"late".*"pause"|"pause".*"late"'),
     Planted(f"{LOOP}._handle", "self._give_up(event)", "pass"),
     Planted(
