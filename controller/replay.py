@@ -407,9 +407,12 @@ def _other_rate(chosen: Chosen, asked_hz: float) -> str:
 
 
 def _no_times(times_s: Floats) -> NDArray[np.bool_]:
-    """Which rows' times are none, or do not come after that of the row before; shape (n,)."""
+    """Which rows' times are none, or do not come after that of the row before, unless those of a steady rate repeat
+    because they were rounded; shape (n,)."""
+    none = ~(np.abs(times_s) < LATEST_S)
     rises = np.diff(times_s, prepend=-math.inf) >= LEAST_STEP_S
-    return ~((np.abs(times_s) < LATEST_S) & rises)
+    repeat = not none.any() and not rises.all() and _rounded(times_s) is not None
+    return none if repeat else none | ~rises
 
 
 def _check_values(path: Path, name: str, blocks: Sequence[SampleBlock]) -> str:
@@ -487,6 +490,17 @@ ROUNDING = 0.25
 """Rows are regular samples where their times are within this share of a period of a common grid: times that were
 rounded when they were written, as 1 ms at 400 Hz (assumption)."""
 
+ROUNDED = 1.25
+"""Times that were rounded to whole units are within so many units of each other beside the line through them: one, and
+what the line is off and the clock wanders (assumption)."""
+
+WHOLE = 1e-3
+"""Steps this near a whole number of units are one: what numbers in binary leave of decimals (assumption)."""
+
+ALTERNATES, OFTEN = 12, 0.05
+"""Steps of both lengths that must be there at the least, and share of the longer ones: losses by chance are not as even
+as a rate that was rounded, and a program that loses a row of each block loses fewer (assumptions)."""
+
 WANDERING = 0.95
 """So large a share of the steps must be in that range for the rows to be samples at all (assumption)."""
 
@@ -510,7 +524,8 @@ class Regular(NamedTuple):
 def regular(times_s: Floats, values: Floats) -> Regular | None:
     """Samples at a regular rate, or None where the times are those of events, not of samples.
 
-    Times on a grid are kept as they are. Times that wander about one are interpolated to it by cubic splines,
+    Times on a grid are kept as they are, and those that were rounded so coarsely that they repeat are those of the line
+    through them. Times that wander about one are interpolated to it by cubic splines,
     each stretch between two gaps by itself.
 
     Args:
@@ -519,6 +534,8 @@ def regular(times_s: Floats, values: Floats) -> Regular | None:
     """
     if len(times_s) < 2:
         return None
+    if (rounded := _rounded(times_s)) is not None:
+        return _pieces(*rounded, values)
     steps_s = np.diff(times_s)
     median_s = float(np.median(steps_s))
     # their mean: where 2.5 ms was rounded to 2 or 3, the median is one of the two; twice, for 5 ms is usual beside 3
@@ -535,13 +552,58 @@ def regular(times_s: Floats, values: Floats) -> Regular | None:
     period_s += slope_s
     jitter_s = 0.5 * float(np.ptp(off_s - slope_s * centred))
     if np.diff(places).min() >= 1 and jitter_s <= ROUNDING * period_s:
-        starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
-        pieces = [
-            (int(places[first]), values[first:last], times_s[first:last])
-            for first, last in zip(starts, [*starts[1:], len(values)], strict=True)
-        ]
-        return Regular(1.0 / period_s, pieces, jitter_s, False)
+        return _pieces(period_s, places, times_s, jitter_s, values)
     return _resampled(times_s, values, median_s)
+
+
+def _pieces(
+    period_s: float, places: NDArray[np.int64], times_s: Floats, jitter_s: float, values: Floats
+) -> Regular:
+    """Samples at their numbers on a grid, as they are."""
+    starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
+    pieces = [
+        (int(places[first]), values[first:last], times_s[first:last])
+        for first, last in zip(starts, [*starts[1:], len(values)], strict=True)
+    ]
+    return Regular(1.0 / period_s, pieces, jitter_s, False)
+
+
+def _rounded(times_s: Floats) -> tuple[float, NDArray[np.int64], Floats, float] | None:
+    """Period, numbers on its grid, times and jitter of samples at a steady rate whose times were rounded to a unit
+    (a power of ten, s) that is about as long as the period: 800 Hz in whole milliseconds has steps of 1, 1, 1 and 2.
+    None of any others, in which a step of 2 is a gap."""
+    steps_s = np.diff(times_s)
+    units_s = [10.0**-power for power in range(7)]
+    unit_s = next((unit_s for unit_s in units_s if _whole(steps_s / unit_s)), None)
+    if unit_s is None:
+        return None
+    ticks = np.rint(steps_s / unit_s)
+    least = int(np.median(ticks))
+    if np.count_nonzero(ticks == least - 1) > np.count_nonzero(ticks == least + 1):
+        least -= 1
+    short, long = (np.count_nonzero(ticks == step) for step in (least, least + 1))
+    if least not in (0, 1) or ticks.min() < least or min(short, long) < ALTERNATES:
+        return None
+    if least == 1 and long < OFTEN * short:
+        return None
+    # each stretch between two gaps beside one line, all of one slope
+    stretch = np.concatenate(([0], np.cumsum(ticks > least + 1)))
+    rows, sizes = np.arange(len(times_s)), np.bincount(stretch)
+    middles = (np.bincount(stretch, rows) / sizes)[stretch]
+    middles_s = (np.bincount(stretch, times_s) / sizes)[stretch]
+    period_s = float((rows - middles) @ (times_s - middles_s)) / float((rows - middles) @ (rows - middles))
+    grid_s = middles_s + period_s * (rows - middles)
+    firsts = np.flatnonzero(np.diff(stretch, prepend=-1))
+    off_s = times_s - grid_s
+    jitter_s = float((np.maximum.reduceat(off_s, firsts) - np.minimum.reduceat(off_s, firsts)).max())
+    if jitter_s > ROUNDED * unit_s:
+        return None
+    places = np.concatenate(([0], np.cumsum(np.rint(np.diff(grid_s) / period_s).astype(np.int64))))
+    return period_s, places, times_s if least else grid_s, 0.5 * jitter_s
+
+
+def _whole(steps: Floats) -> bool:
+    return bool(np.abs(steps - np.rint(steps)).max(initial=0.0) < WHOLE)
 
 
 def _usual(steps_s: Floats, period_s: float) -> NDArray[np.bool_]:

@@ -157,6 +157,56 @@ def test_samples_whose_times_were_rounded_to_milliseconds_are_kept_as_they_are(r
         assert not with_gaps.resampled
 
 
+def numbers_of(found):
+    return np.concatenate([seq + np.arange(len(piece)) for seq, piece, _ in found.pieces])
+
+
+@pytest.mark.parametrize("rounding", [np.floor, np.rint])
+@pytest.mark.parametrize("rate_hz", [300.0, 400.0, 600.0, 700.0, 800.0, 900.0, 1200.0, 1700.0, 2500.0])
+def test_a_rate_in_whole_milliseconds_is_that_of_the_span_whatever_the_usual_step_is(rate_hz, rounding):
+    places = np.arange(3000)
+    values = np.sin(places)[:, None]
+    times_s = 90.0 + 1e-3 * rounding(1e3 * places / rate_hz + 0.01)
+    found = regular(times_s, values)
+    assert found.rate_hz == pytest.approx(rate_hz, rel=1e-5)
+    ((seq, piece, at_s),) = found.pieces
+    assert seq == 0
+    assert np.array_equal(piece, values)
+    assert np.abs(at_s - 90.0 - places / rate_hz).max() < 1.1e-3
+    assert (np.diff(at_s) > 0.0).all()
+    kept = np.delete(places, np.r_[700:760, 1500:1520])
+    with_gaps = regular(times_s[kept], values[kept])
+    assert with_gaps.rate_hz == pytest.approx(rate_hz, rel=1e-4)
+    assert len(with_gaps.pieces) == 3
+    assert np.abs(numbers_of(with_gaps) - kept).max() <= (1 if rate_hz > 1000.0 else 0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_thousand_hertz_with_rows_missing_is_that_however_they_are_missing(seed):
+    rng, places = np.random.default_rng(seed), np.arange(3000)
+    for lost in (
+        slice(30, None, 40),
+        slice(500, 512),
+        rng.choice(places[1:-1], 30, replace=False),
+        rng.choice(places[1:-1], 600, replace=False),
+    ):
+        kept = np.delete(places, lost)
+        found = regular(kept / 1000.0, np.zeros((len(kept), 1)))
+        assert found.rate_hz == pytest.approx(1000.0, rel=1e-9)
+        assert np.array_equal(numbers_of(found), kept)
+
+
+def test_times_that_repeat_are_read_where_they_are_those_of_a_steady_rate(tmp_path):
+    places = np.arange(400)
+    steady, burst = tmp_path / "steady.csv", tmp_path / "burst.csv"
+    steady.write_text("t_ms,a\n" + "".join(f"{int(k / 1.2)},{k}\n" for k in places))
+    (block,) = read_blocks(steady, STREAM)
+    assert block.rate_hz == pytest.approx(1200.0, rel=1e-3)
+    burst.write_text("t_ms,a\n" + "".join(f"{k // 40 * 30 + k % 2},{k}\n" for k in sorted(places)))
+    with refused(ReplayError, "rounded too coarsely", "--rate HZ"):
+        read_blocks(burst, STREAM)
+
+
 def test_two_steps_of_which_neither_is_usual_are_no_samples():
     assert regular(np.array([0.0, 0.01, 1.01]), np.zeros((3, 1))) is None
 
