@@ -2,7 +2,7 @@
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final, Literal, NamedTuple
 
 from drivers.core.errors import CodecError
@@ -21,26 +21,57 @@ _RECORD = struct.Struct(">3I6i")
 COMMANDS: Final = {"stop": 0x0000, "start": 0x0002, "bias": 0x0042}
 """Of a request; `start` is real-time streaming, of a number of records, 0 for ever."""
 
-SATURATED: Final = 1 << 17
-LATCHED: Final = 1 << 16 | 1 << 31
-"""A threshold of the box's own was passed, or any bit is set: no error by itself."""
+ZERO_HERE: Final = 0xFF
+"""What `bias` takes for its number: an OnRobot's box takes its zero away with 0, a Net F/T ignores it."""
 
-FAULTS: Final = {
-    30: "CPU or memory",
-    29: "digital board",
-    28: "analog board",
-    27: "serial link",
-    26: "program memory",
-    25: "halted by its configuration",
-    24: "settings",
-    23: "configuration that does not fit the calibration",
-    22: "network",
-    21: "CAN",
-    20: "RDT",
-    19: "EtherNet/IP",
-    18: "DeviceNet",
+
+class StatusWord(NamedTuple):
+    """What the bits of a make's status word mean.
+
+    Attributes:
+        saturated: Beyond what it measures.
+        passed: No error by themselves.
+        faults: By number, errors of the box.
+    """
+
+    saturated: int
+    passed: int
+    faults: Mapping[int, str]
+
+
+STATUS: Final[Mapping[str, StatusWord]] = {
+    "net_ft": StatusWord(
+        1 << 17,
+        1 << 16 | 1 << 31,  # a threshold of its own was passed; any bit is set
+        {
+            30: "CPU or memory",
+            29: "digital board",
+            28: "analog board",
+            27: "serial link",
+            26: "program memory",
+            25: "halted by its configuration",
+            24: "settings",
+            23: "configuration that does not fit the calibration",
+            22: "network",
+            21: "CAN",
+            20: "RDT",
+            19: "EtherNet/IP",
+            18: "DeviceNet",
+        },
+    ),
+    "axia": StatusWord(
+        1 << 30 | 1 << 27,  # force or torque, a gage
+        1 << 3 | 1 << 31,  # busy; any bit is set
+        {
+            29: "checksum of the calibration",
+            28: "simulated error",
+            2: "broken gage",
+            1: "supply voltage",
+            0: "temperature",
+        },
+    ),
 }
-"""Bits of the status word that are errors of the box; the lower half tells more of them."""
+"""Of ATI's Net F/T, whose lower half tells more of its errors, and Axia (manuals)."""
 
 NEWTONS: Final = {
     **{"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605},
@@ -69,12 +100,12 @@ class ForceRecord(NamedTuple):
 
 
 def encode_request(command: Literal["stop", "start", "bias"], records: int = 0) -> bytes:
-    """A request."""
+    """A request; `records` is the number in it, of whatever it is."""
     return _REQUEST.pack(_HEADER, COMMANDS[command], records)
 
 
 def decode_request(data: bytes) -> tuple[str, int]:
-    """Command and number of records.
+    """Command and number.
 
     Raises:
         CodecError: it is no request.
@@ -102,12 +133,13 @@ def decode_records(data: bytes) -> Iterator[ForceRecord]:
         yield ForceRecord(rdt, ft, status, tuple(counts))
 
 
-def faults_of(status: int) -> str:
-    """What a status word says is wrong with the box; "" where nothing is."""
-    wrong = status & ~(SATURATED | LATCHED)
+def faults_of(status: int, make: str) -> str:
+    """What a status word of a make says is wrong with the box; "" where nothing is."""
+    word = STATUS[make]
+    wrong = status & ~(word.saturated | word.passed)
     if not wrong:
         return ""
-    named = [name for bit, name in FAULTS.items() if wrong >> bit & 1]
+    named = [name for bit, name in word.faults.items() if wrong >> bit & 1]
     return f"status {status:08x}: {', '.join(named) or 'see the table of status bits in its manual'}"
 
 

@@ -1,5 +1,6 @@
 """A six-axis force sensor behind a Net F/T box: forces, torques, and the force along one axis."""
 
+import math
 import socket
 import threading
 import urllib.request
@@ -33,12 +34,20 @@ PAGE = "http://{}/netftapi2.xml"
 DATAGRAM = 65_536
 """Bytes that are taken at once: any datagram."""
 
+TAKEN_S = 0.05
+"""How long after a tare its zero shows, and how long the level after it is averaged (assumption)."""
+
+TARED_N = 1.0
+"""Force that a tare may leave (assumption: drift, and the noise of such an average)."""
+
 
 class UdpForceSettings(Settings):
     """The box, and how its sensor is mounted."""
 
     host: Address
     """Address of the box, as `192.168.1.1`; another UDP port than 49152 behind a colon."""
+    make: Literal["net_ft", "axia"] = "net_ft"
+    """Whose status word it sends: ATI's Net F/T's, as OnRobot's, or its Axia's."""
     normal: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "-z"
     """Axis of the sensor along which the stream `normal` is positive: "-z" where a push on the tool is."""
     counts_per_n: float | None = Field(default=None, gt=0.0)
@@ -143,6 +152,8 @@ class UdpForce(WireDriver[UdpLink]):
         self._received_s = 0.0
         self._latest: int | None = None
         self._old = False
+        self._tare: tuple[Tare, float, list[float]] | None = None
+        """The last one, when it was sent, and the forces after it."""
         self._saturated: set[str] = set()
         """Streams whose excursion has been reported."""
 
@@ -162,7 +173,7 @@ class UdpForce(WireDriver[UdpLink]):
         )
         link.send(codec.encode_request("stop"))  # an earlier host may have left it on
         first = inquiry.ask(lambda: link.send(codec.encode_request("start", 1)), self._first)
-        if fault := codec.faults_of(first.status):
+        if fault := codec.faults_of(first.status, s.make):
             raise RefusedError(
                 self.name, "reading its status", fault, "switch it off and on; see its own pages"
             )
@@ -221,8 +232,11 @@ class UdpForce(WireDriver[UdpLink]):
     def _carry_out(self, command: Command) -> None:
         assert self._link is not None
         if isinstance(command, Tare):
-            self._sent(command, self._link.send(codec.encode_request("bias")))
+            sent_s = self._link.send(codec.encode_request("bias", codec.ZERO_HERE))
+            self._sent(command, sent_s)
+            self._tare = None if sent_s is None else (command, sent_s, [])
         elif isinstance(command, Listen) and command.streams != self._listening:
+            self._tare = None
             for name in command.streams - self._listening:
                 self._streams[name].begin()
                 self._saturated.discard(name)
@@ -237,7 +251,7 @@ class UdpForce(WireDriver[UdpLink]):
     def _update(self, link: UdpLink) -> str | None:
         for arrival_s, data in link.receive():
             for record in self._records(data):
-                if fault := codec.faults_of(record.status):
+                if fault := codec.faults_of(record.status, self._settings.make):
                     return fault
                 if self._listening and self._in_order(record, arrival_s):
                     self._received_s = arrival_s
@@ -271,12 +285,28 @@ class UdpForce(WireDriver[UdpLink]):
             t_s, lost = self._streams[name].push(counts, shown_s, arrival_s, record.rdt)
             if lost is not None:
                 self._lost(t_s, name, lost)
-            if not record.status & codec.SATURATED:
+            if not record.status & codec.STATUS[self._settings.make].saturated:
                 self._saturated.discard(name)
             elif name not in self._saturated:
                 self._saturated.add(name)
                 value = max(map(abs, counts)) * self._streams[name].info.scale
                 self._report(Saturated(t_s, self.name, name, value))
+
+        self._check_tare(math.hypot(*force) * self._streams[f"{self.name}.force"].info.scale, arrival_s)
+
+    def _check_tare(self, force_n: float, arrival_s: float) -> None:
+        """The box does not answer a tare: its level says whether it was taken."""
+        if self._tare is None or arrival_s < self._tare[1] + TAKEN_S:
+            return
+        command, sent_s, forces_n = self._tare
+        forces_n.append(force_n)
+        if arrival_s < sent_s + 2.0 * TAKEN_S:
+            return
+        self._tare, left_n = None, sum(forces_n) / len(forces_n)
+        if left_n > TARED_N:
+            self._refuse(
+                command, f"it still reads {left_n:.3g} N; is the tool at rest, and did the box take it?"
+            )
 
     def _first(self, arrived: tuple[float, bytes]) -> ForceRecord | None:
         return next(iter(self._records(arrived[1])), None)

@@ -34,6 +34,7 @@ INT32: Final = np.iinfo(np.int32)
 
 class EmulatedUdpForce:
     """Answers as the box does: datagrams in, records out, time from outside. The pushed axis is the profile's `normal`.
+    A zero is taken, or with the number 0 taken away, as OnRobot's boxes do it.
 
     Args:
         settings: Of its driver; what they leave open is `BOX`.
@@ -72,17 +73,17 @@ class EmulatedUdpForce:
         """Take a request at `t_s`; returns the records that are due, and one that was asked for by itself."""
         sent = self.step(t_s)
         try:
-            command, records = decode_request(data)
+            command, number = decode_request(data)
         except CodecError:
             return sent
         if command == "bias":
-            self._zero = self._latest + self._zero
+            self._zero = self._latest + self._zero if number else np.zeros(6, np.int64)
         else:
-            self._bench.feel(command == "start" and records != 1)
+            self._bench.feel(command == "start" and number != 1)
             now = math.floor((t_s - (self._on_s or 0.0)) * self._hz + 1e-9)
-            self._next = now + 1 if command == "start" and records != 1 else None
+            self._next = now + 1 if command == "start" and number != 1 else None
             self._rdt = 0
-            sent += self._record(now) if command == "start" and records == 1 else b""
+            sent += self._record(now) if command == "start" and number == 1 else b""
         return sent
 
     def step(self, t_s: float) -> bytes:

@@ -61,18 +61,24 @@ def test_what_is_no_request_is_an_error(data: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("status", "said"),
+    ("make", "status", "said"),
     [
-        (0, ""),
-        (0x80010000, ""),
-        (0x80020000, ""),
-        (0x90000000, "analog board"),
-        (0x82000000, "halted by its configuration"),
-        (0x80000004, "see the table"),
+        ("net_ft", 0, ""),
+        ("net_ft", 0x80010000, ""),
+        ("net_ft", 0x80020000, ""),
+        ("net_ft", 0x90000000, "analog board"),
+        ("net_ft", 0x82000000, "halted by its configuration"),
+        ("net_ft", 0x80000004, "see the table"),
+        ("axia", 0x00000008, ""),
+        ("axia", 0xC0000000, ""),
+        ("axia", 0x88000000, ""),
+        ("axia", 0xA0000000, "checksum of the calibration"),
+        ("axia", 0x80000004, "broken gage"),
+        ("axia", 0x80020000, "see the table"),
     ],
 )
-def test_the_status_word_says_what_is_wrong_with_the_box(status: int, said: str) -> None:
-    found = faults_of(status)
+def test_the_status_word_says_what_is_wrong_with_the_box(make: str, status: int, said: str) -> None:
+    found = faults_of(status, make)
     assert (found == "") == (said == "")
     assert said in found
 

@@ -11,9 +11,10 @@ import pytest
 
 from drivers.core.clock import VirtualClock, WallClock
 from drivers.core.errors import PortError, ProtocolError, RefusedError, SilentError
-from drivers.core.messages import Failed, Listen, Lost, Saturated, Sent, Tare
+from drivers.core.messages import Failed, Listen, Lost, Refused, Saturated, Sent, Tare
 from drivers.udp_force.codec import ForceRecord, decode_request, encode_record
 from drivers.udp_force.driver import UdpForce, UdpForceSettings, open_udp
+from simulator.devices.udp_force import EmulatedUdpForce
 from simulator.mocks.base import MemoryLine
 from tests.contracts.crank import Crank
 from tests.refusals import refused
@@ -178,13 +179,60 @@ def test_a_saturation_that_lasts_is_reported_again_where_a_stream_is_listened_to
     assert [one.stream for one in crank.take(Saturated)] == ["ft.normal"], "it is another trial's first"
 
 
+@pytest.mark.parametrize("word", [0xC0000000, 0x88000000])
+def test_an_axia_beyond_its_range_is_saturated(word: int) -> None:
+    crank = opened(Box(lambda k, record: record._replace(status=word if k == 50 else 8)), make="axia")
+    crank.listen("ft.normal")
+    crank.turn(0.2)
+    assert [one.value for one in crank.of(Saturated)] == pytest.approx([0.15])
+    assert not crank.of(Failed)
+
+
 def test_tare_asks_the_box() -> None:
     box = Box()
     crank = opened(box)
     crank.device.apply(Tare("ft", "ft.normal"))
     crank.turn(0.01)
-    assert box.requests[-1] == ("bias", 0)
+    assert box.requests[-1] == ("bias", 255)
     assert [sent.command for sent in crank.of(Sent)] == [Tare("ft", "ft.normal")]
+
+
+class Tool:
+    """A bench whose sensor carries a tool of 3 N."""
+
+    def feel(self, on: bool) -> None:
+        pass
+
+    def advance(self, t_s: float) -> None:
+        pass
+
+    def wrench(self, times_s: Any, towards: Any) -> Any:
+        return np.array([[0.0, 0.0, -3.0, 0.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_a_tare_is_taken_or_refused_by_what_the_box_reads_then(heard: bool) -> None:
+    class Twin(EmulatedUdpForce):
+        """As the emulated one; what is lost on its way to it, it cannot take."""
+
+        def receive(self, data: bytes, t_s: float) -> bytes:
+            lost = decode_request(data)[0] == "bias" and not heard
+            return b"" if lost else super().receive(data, t_s)
+
+    clock, given = VirtualClock(), UdpForceSettings(host="192.168.1.1", **GIVEN)
+    box = Twin(given, Tool())  # type: ignore[arg-type]
+    crank = Crank(UdpForce("ft", given, clock, MemoryLine(box, clock).connect))
+    crank.listen("ft.normal")
+    for _ in range(2):  # the second one of a zero that is there already
+        crank.turn(0.1)
+        crank.blocks.clear()
+        crank.device.apply(Tare("ft", "ft.normal"))
+        crank.turn(0.2)
+        refusals = crank.take(Refused)
+        level_n = crank.values("ft.normal")[-1, 0]
+        assert level_n == pytest.approx(0.0 if heard else 3.0, abs=0.01)
+        assert [type(each.command) for each in refusals] == ([] if heard else [Tare])
+        assert all("still reads 3 N" in each.reason for each in refusals)
 
 
 def test_silence_is_a_failure() -> None:
