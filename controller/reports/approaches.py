@@ -1,6 +1,7 @@
 """The numbers of A2: approaches read from runs, grouped, and compared with the paper's Table I, bounds and trends."""
 
 import math
+import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -49,7 +50,7 @@ def read_approaches(runs: Iterable[Run]) -> Trials:
     return Trials(
         {**row, "run": run, "varied": varied_of(row)}
         for run in runs
-        for row in sorted(Trials.of([run], broken_off=True), key=itemgetter("trial"))
+        for row in sorted(Trials.of([run]), key=itemgetter("trial"))
     )
 
 
@@ -101,17 +102,36 @@ def table_rows(approaches: Trials) -> list[TableRow]:
     a setting was varied are in none."""
     found: dict[tuple[int, str, float], TableRow] = {}
     for each in approaches.where(varied={}):
-        place, paper = next(
-            ((n, row) for n, row in enumerate(TABLE_1) if _belongs(each, row)), (len(TABLE_1), None)
-        )
+        paper = row_of(each)
+        place = TABLE_1.index(paper) if paper else len(TABLE_1)
         at = (paper["location"], paper["speed_m_s"]) if paper else (place_of(each), speed_of(each))
         found.setdefault((place, *at), TableRow(at[0], at[1], Trials(), paper)).approaches.append(each)
     return [found[key] for key in sorted(found)]
 
 
-def _belongs(approach: Row, paper: Row) -> bool:
-    times = speed_of(approach) / paper["speed_m_s"]
-    return bool(place_of(approach) == paper["location"] and abs(times - 1.0) <= SPEED_TOLERANCE)
+def row_of(approach: Row) -> dict[str, Any] | None:
+    """The row of Table I that an approach belongs to."""
+    for row in TABLE_1:
+        times = speed_of(approach) / row["speed_m_s"]
+        if place_of(approach) == row["location"] and abs(times - 1.0) <= SPEED_TOLERANCE:
+            return row
+    return None
+
+
+def papers_mean(contacts: Trials, column: str, printed: float, source: str) -> tuple[float | None, str]:
+    """The paper's mean that contacts stand beside, and where it stands.
+
+    Returns:
+        The printed one where each row of Table I has a contact, for it is over all of them; else that of the rows that
+            have, each as often; None where a contact belongs to no row.
+    """
+    rows = [row_of(each) for each in contacts]
+    known = [row for row in rows if row is not None]
+    if not known or len(known) < len(rows):
+        return None, ""
+    if len({id(row) for row in known}) == len(TABLE_1):
+        return printed, source
+    return statistics.fmean(row[column] for row in known), "Table I, these rows"
 
 
 class Bounded(NamedTuple):
@@ -148,12 +168,16 @@ class Bounded(NamedTuple):
 
 
 def compare_columns(approaches: Trials, rows: Sequence[TableRow]) -> list[Bounded]:
-    """Each column of Table I beside what the paper has."""
+    """Each column of Table I beside what the paper has; a mean is of the contacts that belong to its rows."""
     contacts = approaches.where(stopped, varied={})
     found = []
-    for bound in BOUNDS:
-        column = bound["column"]
+    for printed in BOUNDS:
+        bound, column = printed, printed["column"]
         known = contacts.known(column)
+        if bound["over"] == "mean":
+            known, digits = known.where(row_of), len(f"{printed['bound']:g}".partition(".")[2])
+            limit, source = papers_mean(known, column, printed["bound"], printed["source"])
+            bound = printed | {"bound": math.nan if limit is None else limit, "source": source}
         worst = max(known, key=itemgetter(column), default=None)
         mean = known.mean(column)
         value = mean.mean if bound["over"] == "mean" else math.nan if worst is None else float(worst[column])
@@ -162,8 +186,7 @@ def compare_columns(approaches: Trials, rows: Sequence[TableRow]) -> list[Bounde
         tests = [same for mean, theirs in own if (same := within_scatter(mean, theirs, TRIALS)) is not None]
         kept = every(sum(each > bound["bound"] for each in known.values(column)), len(known))
         if bound["over"] == "mean":
-            rounded = 0.5 * 10.0 ** -len(f"{bound['bound']:g}".partition(".")[2])
-            kept = larger(Mean(bound["bound"] + rounded, 0.0, 2), mean)
+            kept = larger(Mean(bound["bound"] + 0.5 * 10.0**-digits, 0.0, 2), mean)
         met = kept if not kept else (agree and agree.met) or None
         beside = Comparison(value, bound["bound"], met, n=len(known))
         found.append(Bounded(bound, beside, worst, agree, sum(tests), len(tests), kept))
@@ -239,16 +262,21 @@ class DetectorScore(NamedTuple):
     Attributes:
         n: How many approaches that tell a true contact from a false one.
         true: Contacts after the touch.
+        delays_s: From onset, of each of them, by the approach's place; None where its onset is not known.
         false: Contacts before it.
         silent: Approaches that ended, stopped by another detector or at the limit, before it detected anything.
-        delay_s: From onset, over the true ones.
     """
 
     n: int
     true: int
     false: int
     silent: int
-    delay_s: Mean
+    delays_s: Mapping[int, float | None]
+
+    @property
+    def delay_s(self) -> Mean:
+        """Over the true ones."""
+        return mean_of(self.delays_s.values())
 
 
 def score_detectors(approaches: Trials) -> Mapping[str, DetectorScore]:
@@ -259,9 +287,13 @@ def score_detectors(approaches: Trials) -> Mapping[str, DetectorScore]:
     }
     scores = {}
     for name in sorted(set().union(*listening.values())):
-        members = [each for each in approaches if name in listening[id(each["run"])] and not unjudged(each)]
-        false, silent, delays_s = 0, 0, []
-        for each in members:
+        members = {
+            place: each
+            for place, each in enumerate(approaches)
+            if name in listening[id(each["run"])] and not unjudged(each)
+        }
+        false, silent, delays_s = 0, 0, dict[int, float | None]()
+        for place, each in members.items():
             t_s, onset_s, touch_s = _contact_s(each, name), each.get("onset_s"), each.get("truth_contact_s")
             touch_s = onset_s if touch_s is None else touch_s
             if t_s is None:
@@ -269,8 +301,8 @@ def score_detectors(approaches: Trials) -> Mapping[str, DetectorScore]:
             elif touch_s is None or not not_before(t_s, touch_s):
                 false += 1
             else:
-                delays_s.append(None if onset_s is None else t_s - onset_s)
-        scores[name] = DetectorScore(len(members), len(delays_s), false, silent, mean_of(delays_s))
+                delays_s[place] = None if onset_s is None else t_s - onset_s
+        scores[name] = DetectorScore(len(members), len(delays_s), false, silent, delays_s)
     return scores
 
 

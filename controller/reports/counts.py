@@ -206,18 +206,16 @@ class Trials(list[Row]):
     """Some trials, row by row, as sections count and average them; empty cells count nothing."""
 
     @classmethod
-    def of(
-        cls, runs: Iterable[Run], factors: type[Settings] | None = None, *, broken_off: bool = False
-    ) -> Trials:
-        """All trials that were measured, or that were `broken_off` as well; a factor that a trial does not vary is the
-        behavior's default, and text in a column whose name has a unit an empty cell."""
+    def of(cls, runs: Iterable[Run], factors: type[Settings] | None = None) -> Trials:
+        """All trials but those that were broken off; a factor that a trial does not vary is the behavior's default, and
+        text in a column whose name has a unit an empty cell."""
         fields = factors.model_fields if factors else {}
         usual = {name: field.default for name, field in fields.items() if not field.is_required()}
         return cls(
             usual | {name: cell for name, cell in known.items() if cell is not None or name not in usual}
             for run in runs
             for row in run.trials
-            if broken_off or row.get("outcome") not in UNMEASURED
+            if row.get("outcome") not in UNMEASURED
             for known in [{name: None if _misplaced(name, cell) else cell for name, cell in row.items()}]
         )
 
@@ -325,10 +323,10 @@ def quantity(name: str, value: object, digits: int = 2) -> str:
 
 
 def mean_within(mean: Mean) -> str:
-    """`0.031 (0.028 to 0.034)`: a mean with its 95 % interval (normal)."""
-    half = NormalDist().inv_cdf(0.975) * mean.sigma / math.sqrt(mean.n)
+    """`0.031 (0.028 to 0.034)`: a mean with its 95 % interval (Student's t); of one trial without."""
+    half = half_width(mean)
     ends = " to ".join(number(mean.mean + end, 3) for end in (-half, half))
-    return number(mean.mean, 3) if math.isnan(half) else f"{number(mean.mean, 3)} ({ends})"
+    return f"{number(mean.mean, 3)} ({ends})" if math.isfinite(half) else number(mean.mean, 3)
 
 
 def sized(ours: float, paper: float, unit: str = "") -> str:

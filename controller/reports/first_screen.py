@@ -46,7 +46,7 @@ MOSTLY = 0.95
 """Share of trials that end as meant in a run that went well (assumption)."""
 
 
-NEAR = 0.25
+NEAR = 0.3
 """How near the paper's number the whole 95 % interval of ours must lie to be about it, relative (assumption)."""
 
 MOST_SAID = 60
@@ -252,7 +252,7 @@ def beside_each_other(before: Sequence[Run], after: Sequence[Run]) -> str:
     if line is None:
         return ""
     name, what = str(line["column"]), line["what"]
-    all_ = (Trials.of(each, broken_off=True) for each in (before, after))
+    all_ = (Trials.of(each) for each in (before, after))
     one, other = (each.where(lambda row: holds(line, row)).mean(name) for each in all_)
     if not one.n or not other.n:
         return ""

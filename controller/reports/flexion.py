@@ -17,7 +17,7 @@ NAMES = dict(zip(LISTENERS, ("fixed (the paper's)", "follows the tendon", "wavef
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """False contacts of each detector by the tendon's speed, and the free resonance against its position."""
-    rows = Trials.of(runs, broken_off=True).known("flexed_s")
+    rows = Trials.of(runs).known("flexed_s")
     rise, detectors = rows.mean("free_rise_hz"), {}
     for name in LISTENERS:
         if blind := rows.values(f"{name}_blind"):

@@ -16,7 +16,7 @@ PANELS = 24
 
 def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     """Trials, their outcomes, and each measured column's mean and spread."""
-    rows = Trials(row for run in runs for row in run.trials)
+    rows = Trials.of(runs)
     names = list(dict.fromkeys(name for row in rows for name in row))
     factors = [name for name in names if any(name in run.factors for run in runs)]
     measured = [name for name in names if name not in ("trial", "outcome", *factors)]
@@ -43,7 +43,7 @@ def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
         )
         drawn = _draw(figures, groups, numbers[:PANELS])
         content["drawn"] = Figure(drawn, f"{shown} deviation (n − 1).{left_out}")
-    good = sum(run.succeeded(row) for run in runs for row in run.trials)
+    good = sum(run.succeeded(row) for run in runs for row in Trials.of([run]))
     counts = {name: len(own) for (name,), own in rows.by("outcome", order=str).items()}
     if len(counts) == 1 and good:
         counts.clear()  # it would say the same

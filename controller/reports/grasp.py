@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from behaviors.lift import LIFTING
-from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.series import TrialRecording
 from controller.reports.counts import (
@@ -50,7 +49,7 @@ GRIP = re.compile(r"Grip\(.*, ([0-9.e+-]+)\)")
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Outcomes, NIST's measures, told against true slips, and the timeline of one grasp."""
-    rows = Trials.of(runs, broken_off=True)
+    rows = Trials.of(runs)
     over = rows.values("grip_over_least")
     content: dict[str, Any] = {
         "rows": rows,
@@ -76,7 +75,7 @@ def _headline(runs: Sequence[Run]) -> Headline | None:
     known = [
         (row, setting_of(run, "behavior", "grip_force_n") or 0.0)
         for run in runs
-        for row in Trials.of([run], broken_off=True).known("grip_over_least", "grip_n")
+        for row in Trials.of([run]).known("grip_over_least", "grip_n")
     ]
     over = np.sort([float(row["grip_over_least"]) for row, least_n in known if row["grip_n"] > least_n])
     if not len(over):
@@ -123,8 +122,8 @@ def _told(rows: Trials) -> list[Row]:
 
 def _goals(rows: Trials) -> Iterator[Row]:
     """Each goal, the figure, and whether it is met; None where so many trials do not decide it (95 % interval)."""
-    # a trial that found or gripped nothing, or was broken off, shows neither that it lifts nor that it does not
-    lifts = rows.known("slips").where(lambda row: row["outcome"] not in UNMEASURED)
+    # a trial that found or gripped nothing shows neither that it lifts nor that it does not
+    lifts = rows.known("slips")
     n = len(lifts)
     for name, outcomes in (
         ("dropped, or never lifted", ("dropped", "not_lifted")),

@@ -17,7 +17,7 @@ MEANS = {name: COLUMNS[name].digits for name in ("ratio_db", "delay_s", "force_n
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """The confusion table, and delay and force by link."""
-    rows = Trials.of(runs, broken_off=True)
+    rows = Trials.of(runs)
     near = rows.where(location="p")
     of = {"proximal": near, "distal": rows.where(lambda row: row.get("location") != "p")}
     names = {link: [row.get("identified") for row in own] for link, own in of.items()}

@@ -30,7 +30,7 @@ Scores = Mapping[str, np.ndarray[Any, Any]]
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """A table of thresholds, and the curves."""
-    rows = Trials.of(runs, broken_off=True)
+    rows = Trials.of(runs)
     scores: dict[str, Scores] = {}
     for method in METHODS:
         own = [[row.get(f"{method}_{when}") for when in WHEN] for row in rows]

@@ -19,9 +19,11 @@ from controller.reports.approaches import (
     NOISE,
     SAMPLE_HZ,
     TABLE_1,
+    DetectorScore,
     TableRow,
     compare_columns,
     figure_rows,
+    papers_mean,
     place_of,
     read_approaches,
     score_detectors,
@@ -31,10 +33,25 @@ from controller.reports.approaches import (
     trends,
     unjudged,
 )
-from controller.reports.counts import Mean, Row, Trials, number, quantity, share, signed, spread, title, under
+from controller.reports.counts import (
+    Mean,
+    Row,
+    Trials,
+    larger,
+    mean_of,
+    number,
+    quantity,
+    share,
+    signed,
+    spread,
+    title,
+    under,
+)
 from controller.reports.figures import LOOKS, OURS, PAPER, Figures
+from controller.reports.first_screen import MOSTLY, kinds_in, listed
+from controller.reports.papers import headlines
 from controller.reports.run_account import acting_of, criterion_of, setting_of
-from controller.reports.section import ROWS, Section, rows_where, told
+from controller.reports.section import ROWS, Headline, Section, rows_where, told
 from controller.reports.settings import shown
 from controller.scales import NOTHING, scale_of
 
@@ -51,6 +68,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     others = [name for name in scores if name != acting]
     ours = (name for name in others if setting_of(run, "detectors", name, "kind") != "resonance.paper")
     other = next(ours, next(iter(others), ""))
+    both = _both(scores[other], scores[acting]) if other and acting in scores else []
     outcomes = Counter(str(each["outcome"]) for each in approaches).most_common()
     own = setting_of(run, "detectors", acting) or {}
     content = {
@@ -60,6 +78,9 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "criterion": criterion_of(run, acting),
         "acting": acting,
         "other": other,
+        "both": list(map(mean_of, zip(*both, strict=True))),
+        "mostly": MOSTLY,
+        "sooner": larger(mean_of(theirs_s - mine_s for mine_s, theirs_s in both), Mean(0.0, 0.0, 2)),
         "chosen": run.simulated and own.get("sigma_of") == "samples",
         "onset": f"{ONSET_N:g}",
         "n": len(approaches),
@@ -99,7 +120,15 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         **_study(figures, study_rows(approaches)),
     }
     terminal = [_table_row(row, other, terminal=True) for row in rows]
-    return told(runs, "Stop at first contact (A2)", "transient", content, paper="backus", terminal=terminal)
+    more: dict[str, Any] = {"paper": "backus", "terminal": terminal, "headline": _headline(runs)}
+    return told(runs, "Stop at first contact (A2)", "transient", content, **more)
+
+
+def _headline(runs: Sequence[Run]) -> Headline | None:
+    """The mean delay, beside the paper's of the same rows of Table I."""
+    (line,), rows = headlines("transient"), Trials.of(runs)
+    paper, source = papers_mean(rows.known("delay_s"), "delay_s", line["paper"], line["source"])
+    return listed([{**line, "paper": paper, "source": source}], rows, kinds_in(runs))
 
 
 # --- tables ------------------------------------------------------------------------------------------
@@ -175,6 +204,12 @@ def _stops(approaches: Trials) -> Iterator[Row]:
 
 
 # --- what sentences say ------------------------------------------------------------------------------
+
+
+def _both(one: DetectorScore, other: DetectorScore) -> list[tuple[float, float]]:
+    """The delays of two detectors where both detected after the same touch."""
+    pairs = [(delay_s, other.delays_s.get(place)) for place, delay_s in one.delays_s.items()]
+    return [(mine_s, theirs_s) for mine_s, theirs_s in pairs if mine_s is not None and theirs_s is not None]
 
 
 def _scatter(rows: Sequence[TableRow]) -> Sequence[float] | None:

@@ -15,7 +15,7 @@ from controller.reports.approaches import (
     table_rows,
     trends,
 )
-from controller.reports.counts import Trials, all_of, every, larger, mean_of, near
+from controller.reports.counts import Trials, all_of, every, larger, mean_of, mean_within, near
 from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 
@@ -57,7 +57,7 @@ def test_bounds_name_the_worst_approach_and_are_met_at_the_bound_itself(approach
     late = Given("h", 0.01, force_n=0.02, delay_s=0.382)
     approaches = approaches_of(Given(force_n=0.15, delay_s=0.1), late, Given(outcome="guard"))
     _, extent, force = columns = compare_columns(approaches, table_rows(approaches))
-    assert [each.beside.ours for each in columns] == pytest.approx([0.241, 0.00382, 0.15])
+    assert [each.beside.ours for each in columns] == pytest.approx([0.1, 0.00382, 0.15])
     assert [each.beside.met for each in columns] == [None, False, None], "one row is no evidence of agreement"
     assert [(each.worst or {})["trial"] for each in (extent, force)] == [2, 1]
 
@@ -174,6 +174,11 @@ def test_rows_come_out_the_same_in_whatever_order_trials_ran(tmp_path):
 )
 def test_a_mean_is_near_where_its_whole_interval_is(values, aim, met):
     assert near(mean_of(values), aim, within=0.5) is met
+
+
+def test_a_mean_is_printed_with_students_interval_and_of_one_trial_without():
+    assert mean_within(mean_of((0.9, 1.0, 1.1))) == "1.000 (0.752 to 1.248)"
+    assert mean_within(mean_of((0.9,))) == "0.900"
 
 
 def test_one_mean_is_larger_where_both_intervals_say_so():

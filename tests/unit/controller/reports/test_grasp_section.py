@@ -3,8 +3,10 @@
 from types import SimpleNamespace
 
 from controller.reports.counts import Trials
-from controller.reports.grasp import GRIP, _goals, _headline, _measures, _told
+from controller.reports.figures import Figures
+from controller.reports.grasp import GRIP, _goals, _headline, _measures, _told, section
 from controller.reports.section import Section, rendered
+from tests.unit.controller.reports.synthetic_runs import begun, write_rows
 
 
 def row(outcome="held", **about):
@@ -26,12 +28,21 @@ def test_a_goal_has_its_figure_its_interval_and_whether_it_is_met():
     assert goals["grip over least force, median"] == ("1.1", None), "four do not decide it"
 
 
-def test_a_trial_that_lifted_nothing_or_was_broken_off_counts_in_no_goal_of_lifts():
-    none = [row(name, slips=None) for name in ("not_found", "not_gripped")] * 200 + [row("guard")] * 9
+def test_a_trial_that_lifted_nothing_counts_in_no_goal_of_lifts():
+    none = [row(name, slips=None) for name in ("not_found", "not_gripped")] * 200
     goals = found([*none, row(), row("dropped")])
     assert goals["dropped, or never lifted"] == ("1 of 2: 9.45 to 90.5 %", False)
     assert found(none)["crushed"] == ("no lift", None)
-    assert _measures(Trials([*none, row()]))["lifts"] == 10
+    assert _measures(Trials([*none, row()]))["lifts"] == 1
+
+
+def test_a_trial_that_was_broken_off_counts_in_no_share_and_no_goal(tmp_path, undrawn):
+    measured = {name: cell for name, cell in row().items() if name != "outcome"}
+    rows = [({}, outcome, measured) for outcome in [*["held"] * 8, *["guard"] * 2]]
+    run = write_rows(begun(tmp_path, "grasp", "mock", {}), rows, list(measured))
+    found = section([run], Figures(tmp_path))
+    assert found.summary[0].text == "Held: 100.0 % (67.6 to 100.0)."
+    assert [goal["found"] for goal in found.content["goals"]][:2] == ["0 of 8: 0 to 32.4 %"] * 2
 
 
 def test_a_goal_is_met_where_so_many_trials_decide_it_and_slips_in_the_air_where_there_were_any():

@@ -126,7 +126,7 @@ def test_the_page_has(campaign, what):
 def test_the_guards_stop_comes_before_anything_else_and_nothing_is_judged(campaign):
     text, page = text_of(campaign[1]), campaign[1].read_text("utf-8")
     stop = "The guard stopped every mover 2026-11-20T12-00-00Z_mock-transient_"
-    assert 0 < text.index(stop) < text.index("7 approaches: 5 stopped at a contact")
+    assert 0 < text.index(stop) < text.index("6 approaches: 5 stopped at a contact")
     assert "missed" not in re.findall(r'class="(?:verdict )?(met|missed|neither)"', page)
     assert "<h1>A &lt;title&gt;</h1>" in page, "a title cannot break the page"
     assert f'title="delay_s: {COLUMNS["delay_s"].meaning}"' in page
@@ -628,6 +628,55 @@ def test_a_page_of_two_runs_leaves_the_page_of_each_alone(tmp_path, undrawn):
     assert page.parent.parent == tmp_path
     assert page.parent.name == f"report_{runs[0].folder.path.name}_{runs[1].folder.path.name}"
     assert [(run.folder.path / "report.html").read_bytes() for run in runs] == before
+
+
+def test_beside_trials_of_some_rows_of_table_1_stands_the_papers_mean_of_these(tmp_path, undrawn):
+    """Of a and d: (0.33 s + 3 x 0.37 s) / 4."""
+    some = [Given("a", 0.003785, 0.32), *[Given("d", 0.004487, 0.35 + 0.01 * n) for n in range(3)]]
+    run = write_transient(tmp_path, some)
+    found = section([run], Figures(tmp_path))
+    assert (found.headline.paper, found.headline.source) == ("360 ms", "the paper's (Table I, these rows)")
+    (time,) = [result.text for result in found.summary if result.text.startswith("Time at detection")]
+    assert "mean 0.35 s, the paper's 0.36 s (Table I, these rows)" in time
+    other = section([write_transient(tmp_path, [*some, Given("f", 0.007)])], Figures(tmp_path))
+    assert other.headline.paper == "", "no row of Table I is at 7 mm/s"
+    papers = [Given(row["location"], row["speed_m_s"], row["delay_s"]) for row in TABLE_1]
+    whole = section([write_transient(tmp_path, papers)], Figures(tmp_path))
+    assert (whole.headline.paper, whole.headline.source) == ("300 ms", "the paper's (V.B)")
+
+
+@pytest.mark.parametrize(
+    ("observed", "said"),
+    [
+        (
+            2,
+            "detected contact in 2 of 20 of these approaches, silent in 18; in the 2 in which both did after 0.051 ",
+        ),
+        (
+            20,
+            "is 4.3 times sooner on the 20 approaches in which both detected contact: 0.069 (0.063 to 0.075) s",
+        ),
+    ],
+)
+def test_a_detector_is_sooner_only_where_it_detected_as_often_and_over_the_same_touches(
+    tmp_path, undrawn, observed, said
+):
+    """Mean 0.069 s, deviation 0.0118 s: 2.093 x 0.0118 s / sqrt(20) = 0.0055 s either way."""
+    given_ = [
+        Given(delay_s=0.29 + 0.001 * n, observer_s=0.05 + 0.002 * n if n < observed else None)
+        for n in range(20)
+    ]
+    found = section([write_transient(tmp_path, given_)], Figures(tmp_path))
+    (sentence,) = [result.text for result in found.summary if "“observer”" in result.text]
+    assert said in sentence
+
+
+def test_trials_that_were_broken_off_stand_in_no_share_of_any_section(tmp_path, unsectioned):
+    kept = [({"k": 1}, "kept", {"push_n": push_n}) for push_n in (1.0, 1.2)]
+    broken = [({"k": 1}, outcome, {"push_n": 50.0}) for outcome in ("guard", "fault", "aborted")]
+    run = write_rows(begun(tmp_path, "border", "mock", {}, successes=["kept"]), [*kept, *broken], ["push_n"])
+    text = text_of(build_report([run]))
+    check_said(text, ("Succeeded: 100.0 % (34.2 to 100.0).", "1.1 ± 0.14 (2)"), ("60.0 %",))
 
 
 def test_a_bound_has_its_verdict_and_its_worst_trial_in_one_line(tmp_path, undrawn):
