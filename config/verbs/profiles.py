@@ -82,6 +82,7 @@ def check(
     from config.costs import counted
     from config.source import to_toml
     from config.trials import chosen, distinct
+    from controller.holding import Holding, addresses
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
     origins, asked = loaded.source.origins, chosen(loaded.trials(0), numbers)
@@ -104,7 +105,11 @@ def check(
     ]
     code, said = verbs.DONE, ""
     if connect or loaded.bench == "mock":
-        with closing(build_rig(loaded, devices=campaign.devices, excused=excused)) as rig:
+        with (
+            closing(build_rig(loaded, devices=campaign.devices, excused=excused)) as rig,
+            # a device that another program has would be stopped by being opened
+            Holding(loaded.name, "check", addresses(rig), loaded.bench == "hardware"),
+        ):
             code, said = _tried(loaded, rig, campaign.trials, named, connect, ask)
     elif named:
         names = ", ".join(sorted({name for _, name in named}))

@@ -1,6 +1,7 @@
 """The command line as its users hold it: verbs, exit codes, one line for each mistake."""
 
 import errno
+import fcntl
 import json
 import os
 import re
@@ -18,6 +19,7 @@ from config.profile import load_profile
 from config.rehearsal import refusals
 from config.source import profile_names, read_source
 from config.trials import distinct
+from controller.holding import folder
 from run import cli
 from tests.refusals import check_refusal
 from tests.unit.config.conftest import lab_values
@@ -246,6 +248,22 @@ def test_check_connect_needs_ports_alone_and_names_what_a_run_would_miss(verb):
     assert [line.partition("] ")[2].split()[0] for line in err.splitlines()] == [
         *("microstep_m", "travel_m", "force_n", "travel_m", "approach_limit_m", "threshold")
     ]
+
+
+def test_check_connect_opens_nothing_of_a_bench_that_another_program_has(verb, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder().mkdir()
+    theirs = {"carriage": {"port": "/dev/nowhere/stage"}}
+    note = {"pid": os.getpid() + 1, "profile": "hardware/other", "doing": "run", "devices": theirs}
+    with (folder() / "other.json").open("w") as held:
+        json.dump(note, held)
+        held.flush()
+        fcntl.flock(held, fcntl.LOCK_EX)
+        sets = [f"--set=devices.{name}.port=/dev/nowhere/{name}" for name in ("stage", "board")]
+        code, out, err = verb("check", "hardware/transient", "--connect", *sets)
+    assert code == 3
+    check_refusal(err.strip(), "stage", "run of hardware/other", "stop hardware/other")
+    assert "board" not in out, "no device was opened"
 
 
 def test_all_values_that_a_lab_has_to_give_are_told_at_once_and_shown_as_not_set(verb):
