@@ -749,9 +749,10 @@ class Loop:
         request = self._request()
         if request == "abort":
             raise Aborted
+        if request in ("pause", "suspend"):
+            self._trial.resuming = False  # also where it was to go on as soon as every mover stands
         if request in ("pause", "suspend") and self._trial.paused_s is None:
             self._trial.paused_s = t_s
-            self._trial.resuming = False
             self._stop_all()
             self._arrange(())
             self._record_aside(Paused(t_s))

@@ -1049,6 +1049,17 @@ def test_two_pauses_are_added_up_and_one_within_a_pause_changes_nothing(bench):
     assert bench.behavior.outcome == "contact"
 
 
+@pytest.mark.parametrize("request_", ["pause", "suspend"])
+def test_a_pause_that_comes_while_movers_brake_for_the_one_before_is_kept(bench, restless, request_):
+    bench.requests = [("pause", 0.15), ("resume", 0.16), (request_, 0.17)]
+    bench.stage.brake_s, bench.third = 0.1, "abort"
+    with pytest.raises(Aborted):
+        bench.run()
+    assert [event for event in bench.loop.events if isinstance(event, Resumed)] == []
+    assert len(bench.sent(MoveTo)) == 1, "nothing began anew"
+    assert bool(bench.suspended) == (request_ == "suspend")
+
+
 def test_no_deadline_passes_in_a_pause(bench):
     """REST is to last 0.1 s and is paused for three times as long; afterwards the behavior may enter it anew."""
     bench.requests = [("pause", 0.05), ("resume", 0.4)]
