@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from behaviors.events import Event, GuardStopped, Tick
+from behaviors.events import Event, GuardStopped, Resumed, Tick
 from behaviors.machine import Behavior, StatePlan, on
 from controller.detectors.protocol import Compiled
 from controller.guard import Guard, GuardRefusal, GuardSettings
@@ -387,10 +387,10 @@ def scripted(script: Script) -> Steer:
 
 
 def until(command: Command, *ends: type[Status]) -> Script:
-    """The script that commands something, and waits for one of these of its device."""
+    """The script that commands something, anew after a pause, and waits for one of these of its device."""
     event = yield [command]
     while not (isinstance(event, ends) and event.device == command.device):
-        event = yield ()
+        event = yield [command] if isinstance(event, Resumed) else ()
 
 
 def home(session: HandSession, mover: str, deadline_s: float) -> HandResult:

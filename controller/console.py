@@ -163,6 +163,11 @@ class ConsoleOperator:
         return self._abort
 
     @property
+    def halted(self) -> bool:
+        """Whether somebody has stopped or paused the run, heeded yet or not, and has not let it go on."""
+        return self._abort or self._pause or self._suspend or self._paused
+
+    @property
     def question(self) -> Question | None:
         """What a device asks the person now."""
         asked = self._open_question()
@@ -265,10 +270,8 @@ _KEY = re.compile(r"\x1b[\[O][0-9;]*[A-Za-z~]|.", re.DOTALL)
 
 
 class KeyOperator(ConsoleOperator):
-    """The same where single keys steer: each is read as it is pressed, and Ctrl+C ends instead of pausing.
-
-    After Ctrl+Z what goes on is what a key begins anew.
-    """
+    """The same by hand: each key is read as it is pressed, Ctrl+C ends instead of pausing, and a program that is
+    continued after Ctrl+Z goes on."""
 
     _single = True
 

@@ -116,14 +116,14 @@ def started_here(loaded: Profile, arm: str, overrides: Mapping[str, str], endpoi
     if tuple(key.split(".")) not in loaded.deferred:
         return loaded
     excused = [key]
-    with (
-        KeyOperator() as operator,
-        session_on(loaded, [arm], operator, endpoints, moves=True, excused=excused) as session,
-    ):
-        for t_s, _ in session.listen([f"{arm}.pose"]):
-            if len(poses := session.latest.values(f"{arm}.pose")) or t_s > POSE_S:
-                break
-    if not len(poses):
+    with KeyOperator() as operator:
+        with session_on(loaded, [arm], operator, endpoints, moves=True, excused=excused) as session:
+            for t_s, _ in session.listen([f"{arm}.pose"]):
+                if len(session.latest.values(f"{arm}.pose")) or t_s > POSE_S:
+                    break
+        if operator.stopped:
+            raise KeyboardInterrupt
+    if not len(poses := session.latest.values(f"{arm}.pose")):
         raise click.UsageError(f"{arm} tells no pose; give it start_pose")
     verbs.say(f"{arm}: start_pose is not set; limits count from where it stands now")
     return loaded_bench(loaded.name, {**overrides, key: str(poses[-1].tolist())})
@@ -180,27 +180,27 @@ def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
     Exit codes: 0 at home, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130 interrupted.
     """
     from controller import by_hand
-    from controller.console import ConsoleOperator
+    from controller.console import KeyOperator
     from drivers.core.messages import Reached
 
     loaded, found = loaded_bench(profile, overrides), False
-    for mover in [known_device(loaded, device)] if device else may_move(loaded):
-        devices = needed(loaded, mover)
-        with (
-            ConsoleOperator() as operator,
-            session_on(loaded, devices, operator, endpoints, moves=True, doing="home") as session,
-        ):
-            if mover not in session.movers:
-                if device:
-                    raise click.UsageError(f"{mover} has no home: it does not move by itself")
-                continue
-            verbs.say(f"{mover}: going home")
-            result = by_hand.home(session, mover, by_hand.HOME_S)
-            if code := ended(result):
-                return code
-            found = True
-            at_m = next(each.position_m for each in reversed(result.events) if isinstance(each, Reached))
-            verbs.say(f"{mover}: stands at home, at {at_m * 1e3:.3f} mm")
+    with KeyOperator() as operator:  # one for all: what is pressed between two movers counts
+        for mover in [known_device(loaded, device)] if device else may_move(loaded):
+            devices = needed(loaded, mover)
+            with session_on(loaded, devices, operator, endpoints, moves=True, doing="home") as session:
+                if mover not in session.movers:
+                    if device:
+                        raise click.UsageError(f"{mover} has no home: it does not move by itself")
+                    continue
+                verbs.say(f"{mover}: going home")
+                result = by_hand.home(session, mover, by_hand.HOME_S)
+                if code := ended(result):
+                    return code
+                found = True
+                at_m = next(each.position_m for each in reversed(result.events) if isinstance(each, Reached))
+                verbs.say(f"{mover}: stands at home, at {at_m * 1e3:.3f} mm")
+            if operator.stopped:
+                raise KeyboardInterrupt
     if not found:
         raise click.UsageError(f"{loaded.name} has nothing that moves")
     return verbs.DONE
@@ -218,13 +218,13 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
       run.py tare hardware/slip arm
     """
     from controller import by_hand
-    from controller.console import ConsoleOperator
+    from controller.console import KeyOperator
 
     loaded = loaded_bench(profile, overrides)
     asked = [known_device(loaded, device)] if device else list(loaded.devices)
     codes = []
     with (
-        ConsoleOperator() as operator,
+        KeyOperator() as operator,
         session_on(loaded, asked, operator, endpoints, doing="tare") as session,
     ):
         forces = [

@@ -237,10 +237,10 @@ def _carried_out(
     """
     from controller.recording.run_folder import RunFolder
 
-    outcome, again, stopped = _once(loaded, plan, out, resumed, jobs=jobs, **how)
+    outcome, again, operator = _once(loaded, plan, out, resumed, jobs=jobs, **how)
     permitted = loaded.trial_settings.reconnects
     for number in range(1, permitted + 1):
-        if outcome.exit_code != verbs.DEVICE or stopped or not again:
+        if outcome.exit_code != verbs.DEVICE or operator.halted or not again:
             break
         if outcome.not_at_rest:
             verbs.complain("it is not reconnected: something may still move")
@@ -248,7 +248,7 @@ def _carried_out(
         verbs.complain(f"{outcome.line}; reconnected, {number} of {permitted}")
         rest(0.0 if loaded.bench == "mock" else RECONNECT_S)
         _, plan, resumed = _what_is_left(RunFolder(outcome.folder))
-        outcome, _, stopped = _once(loaded, plan, out, resumed, jobs=1, **how)
+        outcome, _, operator = _once(loaded, plan, out, resumed, jobs=1, **how)
     if outcome.error is None:
         (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
     try:
@@ -260,7 +260,7 @@ def _carried_out(
         verbs.complain(f"no report: {verbs.explained(error)[1]}")
     if outcome.error is not None:
         raise outcome.error
-    return outcome.exit_code or (verbs.INTERRUPTED if stopped else verbs.DONE)  # it came at the end
+    return outcome.exit_code or (verbs.INTERRUPTED if operator.stopped else verbs.DONE)  # it came at the end
 
 
 def _once(
@@ -275,9 +275,9 @@ def _once(
     watched: bool,
     realtime: bool = False,
     foxglove: bool = False,
-) -> tuple[Outcome, bool, bool]:
-    """Run a campaign with its devices opened once: how it ended, whether they were opened in this process, and whether
-    somebody has stopped it."""
+) -> tuple[Outcome, bool, ConsoleOperator]:
+    """Run a campaign with its devices opened once: how it ended, whether they were opened in this process, and what
+    the person has pressed."""
     from config.assemble import build_rig
     from config.costs import duration
     from config.jobs import in_batches
@@ -306,7 +306,7 @@ def _once(
             with Holding(loaded.name, "run", addresses(rig), loaded.bench == "hardware") as note:
                 outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
                 note.tell(not_at_rest=outcome.not_at_rest)
-    return outcome, rig is not None, operator.stopped
+    return outcome, rig is not None, operator
 
 
 def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reported: bool) -> int:

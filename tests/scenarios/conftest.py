@@ -1,7 +1,10 @@
 """Whole campaigns on the mock bench, in virtual time."""
 
 import json
+import os
 import pickle
+import pty
+import sys
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -175,6 +178,16 @@ def verb(capsys, monkeypatch):
         return ended.value.code, output.out, output.err
 
     return call
+
+
+@pytest.fixture
+def at_terminal(monkeypatch):
+    """Has the program read its keys from a terminal, at which nobody types."""
+    hand, descriptor = pty.openpty()
+    with os.fdopen(descriptor, "r") as keyboard:
+        monkeypatch.setattr(sys, "stdin", keyboard)
+        yield
+    os.close(hand)
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """A bench by hand, on the mock bench in virtual time: the guard and the limits are those of a run."""
 
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,9 @@ from config.verbs import by_hand as verbs
 from controller import by_hand, hand_view, jogging
 from drivers.core.axis import AxisLimits
 from drivers.core.errors import SilentError
-from drivers.core.messages import MOTION, Grip, Home, Lead, MoveAt, Reached, Release, Standstill, Stop
+from drivers.core.messages import MOTION, Grip, Home, Lead, MoveAt, MoveTo, Reached, Release, Standstill, Stop
 from simulator.devices.faults import Fault
+from simulator.mocks.zaber_stage import MockZaberStage
 from tests.refusals import check_refusal
 
 SLOWLY = {"loop__rate_hz": "50.0"}
@@ -126,6 +128,48 @@ def test_an_interruption_stops_what_moves(session):
     assert one.run(steer, "stage").outcome == "interrupted"
     assert Stop("stage") in sent
     assert not stage.axis.moving(one.rig.clock.now())
+
+
+def test_what_was_commanded_is_commanded_anew_after_a_pause(session):
+    one = session()
+    requests = ["resume", "pause"]
+    one.operator.poll = lambda: requests.pop() if requests and one.rig.clock.now() > 1.0 else None
+
+    def script():
+        yield from by_hand.until(Home("stage"), Reached)
+        yield from by_hand.until(MoveTo("stage", 0.01, 0.002), Reached)
+
+    result = one.run(by_hand.scripted(script()), "stage", ["stage.position"], deadline_s=60.0)
+    assert (result.outcome, requests) == ("done", [])
+    assert position_m(one, "stage") == pytest.approx(0.01, abs=1e-5)
+
+
+def test_ctrl_c_at_a_terminal_ends_a_way_home(verb, monkeypatch, at_terminal):
+    apply = MockZaberStage.apply
+
+    def applied(self, command):
+        if isinstance(command, Home):
+            signal.raise_signal(signal.SIGINT)
+        return apply(self, command)
+
+    monkeypatch.setattr(MockZaberStage, "apply", applied)
+    code, out, err = verb("home", "mock/transient")
+    assert (code, out) == (130, "stage: going home\n")
+    assert err == "interrupted: the bench is still\n"
+
+
+@pytest.mark.parametrize("pressed", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_between_two_movers_keeps_the_second_from_going_home(verb, monkeypatch, at_terminal, pressed):
+    leave = by_hand.HandSession.__exit__
+
+    def left(self, *error):
+        signal.raise_signal(pressed)
+        leave(self, *error)
+
+    monkeypatch.setattr(by_hand.HandSession, "__exit__", left)
+    code, out, err = verb("home", "mock/grasp", "--set", "loop.rate_hz=50")
+    assert (code, err.strip()) == (130, "interrupted")
+    assert out.count("going home") == out.count("stands at home") == 1
 
 
 def test_a_mover_that_was_not_seen_standing_is_named(session):
@@ -311,6 +355,19 @@ def test_jog_wants_a_terminal(verb):
     code, _, err = verb("jog", "mock/transient", "stage")
     assert code == 2
     check_refusal(err.strip(), "jog", "terminal")
+
+
+def test_ctrl_c_while_an_arm_opens_whose_start_pose_is_not_known_ends_a_jog(verb, monkeypatch, at_terminal):
+    enter = by_hand.HandSession.__enter__
+
+    def opened(self):
+        signal.raise_signal(signal.SIGINT)
+        return enter(self)
+
+    monkeypatch.setattr(by_hand.HandSession, "__enter__", opened)
+    unset = "devices.arm.start_pose=? jog there"
+    code, out, err = verb("jog", "mock/slip", "arm", "--set", unset)
+    assert (code, out, err.strip()) == (130, "", "interrupted")
 
 
 def test_where_the_start_pose_is_not_known_it_is_where_the_arm_stands():

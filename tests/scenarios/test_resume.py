@@ -260,6 +260,18 @@ def test_a_trial_whose_device_failed_is_repeated_with_devices_opened_anew(verb, 
     assert len(open_run(run_of(found)).manifest["resumed_utc"]) == 2
 
 
+def test_a_bench_is_not_reconnected_where_a_person_pressed_ctrl_c_while_its_devices_closed(
+    verb, tmp_path, monkeypatch, at_terminal
+):
+    failing(monkeypatch, 1)
+    close = Campaign._close
+    monkeypatch.setattr(Campaign, "_close", lambda self: (signal.raise_signal(signal.SIGINT), close(self))[1])
+    twice = ("--set", "trials.reconnects=2")
+    code, _, err = verb("run", "mock/transient", *SHORT, *RECONNECTING, *twice, "--out", tmp_path)
+    assert code == 3
+    assert "reconnected" not in err
+
+
 def test_nothing_is_kept_of_a_bench_that_was_reconnected(verb, tmp_path, monkeypatch):
     failing(monkeypatch, 2)
     benches, alive, go = [], [], Campaign.run
