@@ -1,5 +1,6 @@
 """C2, C4, C5: a finger approaches an object with one of its sides, and may touch it (Rupavatharam et al., IV)."""
 
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal
 
 from pydantic import Field, Strict
@@ -8,7 +9,7 @@ from behaviors.events import Contact
 from behaviors.machine import StatePlan, from_mover, on
 from behaviors.sonic import COMING_IN, GOING_OUT, Place, SonicBehavior, SonicSettings
 from drivers.core.messages import Stop
-from drivers.core.settings import Settings, StreamName
+from drivers.core.settings import Mismatch, Settings, StreamName
 
 
 class PathSettings(Settings):
@@ -50,6 +51,13 @@ class AuraSettings(SonicSettings):
 
     hold_s: float = Field(default=2.0, ge=0.0, le=600.0)
     """Rest at the end of the path, in contact or before it (Fig. 7: about 2 s of contact)."""
+
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterator[Mismatch]:
+        """Its paths are of the base frame, the guard's travel is on the approach axis."""
+        yield from super().mismatches(path, profile)
+        yield from self.axis_mismatches(profile)
 
 
 class AuraFactors(Settings):

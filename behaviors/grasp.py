@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 
 from behaviors.grip import gripping, gripping_plans
 from behaviors.lift import LIFTING, Lifting, LiftSettings, lifting_plans
 from behaviors.machine import from_mover, on
 from behaviors.search import SEARCHING, Search, SearchFactors, SearchSettings
 from behaviors.sonic import COMING_IN, CONTACTS, GOING_OUT, Place
+from drivers.core.settings import Mismatch, Settings
 
 
 class GraspSettings(SearchSettings, LiftSettings):
@@ -16,6 +18,14 @@ class GraspSettings(SearchSettings, LiftSettings):
 
     center: bool = True
     """Whether the middle is sought; else the jaws close where the start pose is."""
+
+    def mismatches(
+        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
+    ) -> Iterator[Mismatch]:
+        """The middle is found on the approach axis, and lifted from as a place in the base frame."""
+        yield from super().mismatches(path, profile)
+        if self.center:
+            yield from self.axis_mismatches(profile)
 
 
 def _where_it_is(behavior: Grasp) -> bool:

@@ -16,6 +16,12 @@ CONTACTS = frozenset({"left_contact", "right_contact"})
 Place = tuple[float, float, float]
 """A displacement from the mover's start pose along the axes of its base frame, m."""
 
+BASE_X: Place = (1.0, 0.0, 0.0)
+"""Unit vector."""
+
+AXIS_TOLERANCE = 1e-3
+"""How far an approach axis may be off it (assumption: three digits in a profile)."""
+
 
 class SonicSettings(Settings):
     """The devices, the drive, and how the fingers come and go."""
@@ -61,6 +67,17 @@ class SonicSettings(Settings):
                         f" = {heard_hz}: [behavior] has drive_hz = {self.drive_hz}; write the same in both"
                     )
                     yield Mismatch(place, key, mistake)
+
+    def axis_mismatches(self, profile: Mapping[tuple[str, ...], Settings]) -> Iterator[Mismatch]:
+        """Places are along the axes of the base frame: for kinds of which one must lie on the approach axis."""
+        place = ("devices", self.mover)
+        axis = getattr(profile.get(place), "approach_axis", BASE_X)
+        if math.dist(axis, BASE_X) > AXIS_TOLERANCE:
+            mistake = (
+                f" = {list(axis)}: this experiment goes along x of the base frame; choose a start_pose in which the"
+                f" jaws close along it, and write {list(BASE_X)}"
+            )
+            yield Mismatch(place, "approach_axis", mistake)
 
 
 class SonicBehavior(Behavior):

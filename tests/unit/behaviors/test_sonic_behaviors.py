@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from behaviors.aura import Aura, AuraFactors, AuraSettings
 from behaviors.centering import Centering, CenteringSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, PreTouch, Resumed, Tick
+from behaviors.grasp import GraspSettings
 from behaviors.search import SearchFactors
 from drivers.core.messages import (
     Grip,
@@ -29,6 +30,7 @@ from drivers.core.messages import (
     Stop,
     Twist,
 )
+from drivers.ur_arm.settings import UrArmSettings
 
 END = (0.0565, 0.0, 0.0)
 FOUND_BY = {"RUNNING_UP": "right_ours", "SEEKING_FORWARD": "left_ours", "SEEKING_BACKWARD": "right_ours"}
@@ -265,3 +267,24 @@ def test_pauses_and_touches_in_any_order_command_nothing_unsafe(name, felt, happ
     assert bench.behavior.state == "DONE"
     assert bench.place_m[2] == pytest.approx(0.1)
     assert bench.jaws == "open"
+
+
+PATHS = {"x": {"start_m": (0.0, 0.0, 0.0), "end_m": (0.05, 0.0, 0.0)}}
+
+
+@pytest.mark.parametrize(
+    ("chosen", "follows"),
+    [
+        (AuraSettings(paths=PATHS), False),
+        (GraspSettings(), False),
+        (GraspSettings(center=False), True),
+        (CenteringSettings(), True),
+    ],
+)
+def test_what_goes_to_places_of_the_base_frame_refuses_another_approach_axis(chosen, follows):
+    def found(*axis):
+        arm = UrArmSettings(host="127.0.0.2", start_pose=(0.4, 0.0, 0.3, 0.0, 3.1, 0.0), approach_axis=axis)
+        return [*chosen.mismatches(("behavior",), {("devices", "arm"): arm})]
+
+    assert found(1.0, 0.0, 0.0) == []
+    assert [each.key for each in found(0.0, 1.0, 0.0)] == ([] if follows else ["approach_axis"])
