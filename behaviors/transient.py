@@ -22,7 +22,7 @@ class TransientSettings(FingerTrialSettings):
     """Where the mover is (m)."""
 
     waveform_streams: tuple[StreamName, ...] = ()
-    """The finger's accelerometers (m/s2), where a measure needs them: proximal link, then distal."""
+    """The finger's accelerometers (m/s2), where they are to be recorded: proximal link, then distal."""
 
     baseline_timeout_s: float = Field(default=30.0, gt=0.0, le=3600.0)
     """Longest wait for every detector's baseline."""
@@ -137,7 +137,6 @@ class Transient(FingerTrial, Approaching):
         on("baseline_refused", "BASELINE", "APPROACH", listens, all_ready, label="the last one"),
         on("contact", "BASELINE", "RETRACTING", Approaching.touched, do=too_early, label="too early"),
         *approaching("APPROACH", stopped="HOLDING", missed="RETRACTING"),
-        on("deadline", "APPROACH", "STOPPING", do=Approaching.conclude_no_contact),
         on("deadline", "HOLDING", "RETRACTING"),
         on("reached", "RETRACTING", "DONE", from_mover),
         on("resumed", ["STARTING", "BASELINE", "APPROACH"], "STARTING"),

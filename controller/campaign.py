@@ -402,6 +402,9 @@ class Campaign:
             try:
                 if not loop.account.missing:  # without its samples there is nothing to measure
                     outcome, reason, row = _measured(trial, evidence, ended, reason)
+            except BaseException:
+                outcome = ended or "fault"  # a trial without its row is run again
+                raise
             finally:
                 try:
                     recorder.end_trial(outcome, row, self._rig.clock.now())

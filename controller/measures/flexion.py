@@ -50,12 +50,15 @@ def measure(evidence: TrialEvidence, settings: FlexionSettings, outcome: str) ->
         return outcome, row
     until_s = touch_s or evidence.entered_s.get("RETRACTING", evidence.ended_s)
     row |= {"flexed_s": until_s - begun_s, "free_rise_hz": _rise_hz(evidence, settings, begun_s)}
-    for name in (each for each in LISTENERS if each in evidence.detectors):
+    for name in LISTENERS:
+        if name not in evidence.detectors or evidence.unlearnt(name):
+            continue
         scores = _scores(evidence, name, begun_s, until_s, touch_s)
         row |= {f"{name}_{what}": value for what, value in scores}
     if evidence.truth is None or outcome not in ("contact", "false_contact"):
         return outcome, row
-    row["false_contacts"] = row[f"{settings.detector}_false"]
+    if settings.detector in LISTENERS:
+        row["false_contacts"] = row[f"{settings.detector}_false"]
     return outcome, row
 
 

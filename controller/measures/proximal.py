@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from behaviors.transient import TransientSettings
+from behaviors.proximal import ProximalSettings
 from controller.measures import Column, transient
 from controller.measures.trial import Measured, TrialEvidence
 
@@ -24,7 +24,7 @@ LISTENS_S = 0.3
 the touch it made little difference on 240 other approaches, to a kind and a hard finger."""
 
 
-def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) -> Measured:
+def measure(evidence: TrialEvidence, settings: ProximalSettings, outcome: str) -> Measured:
     """Measure one approach, and identify the link touched.
 
     Contact holds a link: its accelerometer measures the knocks, and the other link swings on. The distal swing is
@@ -32,15 +32,18 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
     fitted.
 
     Returns:
-        As `measures.transient`, with more columns; they are empty where no contact was detected.
+        As `measures.transient`, with more columns; they are empty where no contact was detected, or the probe went
+        back within `LISTENS_S` of it.
     """
     outcome, row = transient.measure(evidence, settings, outcome)
     row |= {"identified": None, "ratio_db": None}
     detect_s, begun_s = row["detect_s"], evidence.entered_s.get("APPROACH")
     if outcome != "contact" or detect_s is None or begun_s is None:
         return outcome, row
+    if evidence.entered_s.get("RETRACTING", math.inf) < detect_s + LISTENS_S:
+        return outcome, row
     levels = []
-    for stream in settings.waveform_streams[:2]:
+    for stream in settings.waveform_streams:
         _, free = evidence.series(stream, evidence.entered_s["BASELINE"], begun_s)
         _, held = evidence.series(stream, detect_s, detect_s + LISTENS_S)
         levels.append(math.log10(float(np.std(held)) / float(np.std(free))))

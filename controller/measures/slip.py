@@ -7,9 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from behaviors.events import (
-    BaselineReady,
-    BaselineRefused,
-    Contact,
     Event,
     GuardStopped,
     Paused,
@@ -87,7 +84,7 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     run = settings.sensors[evidence.factors["sensor"]]
     row["clock_s"] = evidence.entered_s.get("RESTING")
-    touch = evidence.last(Contact, detector=run.touch)
+    touch = evidence.ending_contact(run.touch)
     row["touch_s"] = None if touch is None else touch.t_s
     row["touch_truth_s"] = evidence.touched_s()
     _require_samples(evidence, run, row["touch_s"])
@@ -106,7 +103,7 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     cuts_s = _cuts_s(evidence)
     for detector in DETECTORS:
         name = getattr(run, detector)
-        if name not in evidence.detectors or _unlearnt(evidence, name):
+        if name not in evidence.detectors or evidence.unlearnt(name):
             continue
         events = _events_of(evidence.events, name, listen_s)
         if listen_s is not None:
@@ -122,13 +119,6 @@ def measure(evidence: TrialEvidence, settings: RollSlipSettings, outcome: str) -
     row.update(_spectrum(evidence, run, slips, listen_s))
     row.update(_stop(evidence, settings, run))
     return outcome, row
-
-
-def _unlearnt(evidence: TrialEvidence, detector: str) -> bool:
-    """Whether a detector refused its baseline and has learned none since: its silence means nothing."""
-    refused = evidence.last(BaselineRefused, detector=detector)
-    ready = evidence.last(BaselineReady, detector=detector)
-    return refused is not None and (ready is None or ready.t_s < refused.t_s)
 
 
 def _require_samples(evidence: TrialEvidence, run: SensorRunSettings, touch_s: float | None) -> None:

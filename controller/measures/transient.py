@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from behaviors.events import BaselineReady, Contact
+from behaviors.events import BaselineReady
 from behaviors.transient import TransientSettings
 from controller.detectors.protocol import quantity_of
 from controller.measures import Column
@@ -64,7 +64,7 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
             row["baseline_hz"] = ready.value
         if quantity.unit == "Hz":
             row["threshold_hz"] = ready.threshold
-    contact = evidence.last(Contact, detector=settings.detector)
+    contact = evidence.ending_contact(settings.detector)
     baseline_s = evidence.entered_s.get("BASELINE")
     if baseline_s is not None:
         ended_s = evidence.entered_s.get("STOPPING", evidence.entered_s.get("RETRACTING", math.inf))

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from behaviors.events import Event
+from behaviors.events import BaselineReady, BaselineRefused, Contact, Event
 from controller.detectors.protocol import Detector
 from controller.recording.series import Series, Span, TrialRecording
 from drivers.core.messages import Floats, Lost, Sent, Stop, StreamInfo
@@ -176,9 +176,19 @@ class TrialEvidence:
         """First event of a kind in a span (since_s <= t < until_s) whose attributes are as wanted, or None."""
         return next(_matching(self.events, kind, since_s, until_s, wanted), None)
 
-    def last(self, kind: type[E], **wanted: object) -> E | None:
-        """Last event of a kind whose attributes are as wanted, or None."""
-        return next(_matching(reversed(self.events), kind, -math.inf, math.inf, wanted), None)
+    def last(self, kind: type[E], until_s: float = math.inf, **wanted: object) -> E | None:
+        """Last event of a kind up to a time (t < until_s) whose attributes are as wanted, or None."""
+        return next(_matching(reversed(self.events), kind, -math.inf, until_s, wanted), None)
+
+    def ending_contact(self, detector: str) -> Contact | None:
+        """The contact that ended the approach, or the last one where none did; the detector may stay armed after it."""
+        stopped_s = self.entered_s.get("STOPPING", math.inf)
+        return self.last(Contact, math.nextafter(stopped_s, math.inf), detector=detector)
+
+    def unlearnt(self, detector: str) -> bool:
+        """Whether a detector refused its baseline and has learned none since: its silence means nothing."""
+        refused, ready = (self.last(kind, detector=detector) for kind in (BaselineRefused, BaselineReady))
+        return refused is not None and (ready is None or ready.t_s < refused.t_s)
 
 
 def _matching(

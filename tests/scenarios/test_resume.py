@@ -17,6 +17,7 @@ import pytest
 
 from controller.campaign import Campaign
 from controller.loop import Loop
+from controller.measures import transient
 from controller.recording.joining import broken_off, hold
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
@@ -103,6 +104,25 @@ def test_a_trial_that_ended_the_run_is_run_again(verb, whole, tmp_path):
     assert (run / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
     torn = [json.loads(line) for line in (run / "interrupted.jsonl").read_text().splitlines()]
     assert int(number) in {event["trial"] for event in torn}
+
+
+def test_a_trial_whose_measure_raised_is_run_again(verb, whole, tmp_path, monkeypatch):
+    tared, measured = transient.tared, []
+
+    def failing_once(*given):
+        measured.append(given)
+        if len(measured) == 2:
+            raise IndexError("of a measure")
+        return tared(*given)
+
+    monkeypatch.setattr(transient, "tared", failing_once)
+    found = tmp_path / "found"
+    code, _, err = verb("run", "mock/transient", *SHORT, "--jobs", "1", "--out", found)
+    assert (code, "IndexError: of a measure" in err) == (1, True)
+    run = run_of(found)
+    assert open_run(run).manifest["outcomes"]["fault"] == 1
+    assert verb("resume", run, "--no-report")[0] == 0
+    assert (run / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
 
 
 def test_a_run_that_is_done_reports_it(verb, whole):

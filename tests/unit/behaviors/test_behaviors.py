@@ -224,6 +224,9 @@ def test_a_state_that_outlives_its_deadline_ends_the_trial_and_is_named_with_wha
     said = "STOPPING took longer than 30 s: it waited for standstill of stage; nothing came"
     assert behavior.reason == said
     assert behavior.outcome == "fault", "a mover that does not stop is no matter of the experiment"
+    behavior = to("APPROACH")
+    assert behavior.handle(Tick(93.0 + 30.0 + 0.01 / 0.005)) == [Stop("stage"), Excite("board", False)]
+    assert (behavior.outcome, behavior.done) == ("fault", True), "nor is one that never answers an approach"
     behavior = to("BASELINE", ("contact", "other"))
     tell(behavior, ready(93.0), Tick(125.0))
     assert behavior.reason == (

@@ -8,11 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from behaviors.chirp import ChirpSettings
-from behaviors.events import Contact
+from behaviors.events import BaselineReady, BaselineRefused, Contact
 from behaviors.first_contact import FirstContactSettings
 from behaviors.flexion import FlexionSettings
+from behaviors.proximal import ProximalSettings
 from behaviors.transient import TransientSettings
-from controller.measures import chirp, first_contact, flexion
+from controller.measures import chirp, first_contact, flexion, proximal
 from controller.measures.pointer import Touch, errors_of, touches_of, turned_rad
 from controller.measures.transient import measure
 from controller.measures.trial import TrialEvidence, spans_of
@@ -163,6 +164,46 @@ def test_flexion_counts_a_contact_before_the_touch_as_false(t_s, false):
     _, row = flexion.measure(evidence(t_s, TOUCH), FlexionSettings(), "contact")
     assert (row["contact_false"], row["contact_blind"]) == (false, false)
     assert row["contact_event_s"] == (None if false else pytest.approx(max(0.0, t_s - 2.5)))
+
+
+def test_a_contact_of_a_detector_that_stays_armed_after_the_stop_is_not_the_one_that_stopped():
+    found = evidence(2.7, TOUCH)
+    found.entered_s["STOPPING"] = 2.7
+    found.events.append(Contact(2.95, "contact", 29.0, 28.5))
+    _, row = measure(found, TransientSettings(), "contact")
+    assert (row["detect_s"], found.ending_contact("contact").t_s) == (2.7, 2.7)
+    del found.entered_s["STOPPING"]
+    assert found.ending_contact("contact").t_s == 2.95
+
+
+def test_what_refused_its_baseline_has_no_score_and_a_detector_of_another_name_no_column():
+    found = evidence(2.7, TOUCH)
+    found.events.insert(0, BaselineRefused(0.5, "contact", 28.0, math.nan, "no variance"))
+    _, row = flexion.measure(found, FlexionSettings(), "contact")
+    assert row["contact_false"] is row["contact_share"] is row["contact_blind"] is None
+    found.events.insert(1, BaselineReady(0.9, "contact", 28.0, 28.5))
+    assert flexion.measure(found, FlexionSettings(), "contact")[1]["contact_false"] == 0
+    found = evidence(2.7, TOUCH)
+    found.events.append(Contact(2.7, "mine", 29.0, 28.5))
+    _, row = flexion.measure(found, FlexionSettings(detector="mine"), "contact")
+    assert (row["false_contacts"], row["contact_false"]) == (0, 0)
+
+
+@pytest.mark.parametrize(("back_s", "heard"), [(3.0, True), (2.99, False)])
+def test_the_link_is_told_only_where_both_were_heard_for_long_enough_after_the_detection(back_s, heard):
+    """The proximal link stands still from the touch on."""
+    settings = ProximalSettings(waveform_streams=("board.near", "board.far"))
+    found = evidence(2.7, TOUCH)
+    swing = np.sin(0.2 * np.arange(4000))
+    for stream, after in (("board.near", 0.1), ("board.far", 1.0)):
+        values = np.where(np.arange(4000) < 2600, 1.0, after) * swing
+        found.recording.add(SampleBlock(stream, 0, 0.0, values[:, None], rate_hz=1000.0, unit="m/s2"))
+    found.entered_s |= {"STOPPING": 2.7, "RETRACTING": back_s}
+    outcome, row = proximal.measure(found, settings, "contact")
+    assert (outcome, row["identified"]) == ("contact", "distal" if heard else None)
+    assert row["ratio_db"] == (pytest.approx(20.0, abs=0.5) if heard else None)
+    with pytest.raises(ValueError, match="waveform_streams"):
+        ProximalSettings.model_validate({})
 
 
 @pytest.mark.parametrize(("noise_n", "told"), [(0.0002, True), (0.003, False)])
