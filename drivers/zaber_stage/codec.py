@@ -45,6 +45,10 @@ FLAGS = {
     "FD": "its driver is disabled",
     "FE": "it hit a limit",
     "FS": "it stalled",
+    "WL": "it met a limit switch that it did not expect",
+    "WV": "its supply voltage is out of range",
+    "WT": "it is too hot",
+    "WS": "it stalled and went on",
     "WH": "it is not homed",
     "WR": "it has no reference position",
     "WM": "it was displaced while it stood still",
@@ -175,8 +179,8 @@ def meaning(flag: str) -> str:
 
 
 def astray(flag: str) -> bool:
-    """Whether a flag means that the device is not where its commands put it: all faults, and WM."""
-    return flag.startswith("F") or flag == "WM"
+    """Whether a flag means that the device is not where its commands put it: all faults, and some warnings."""
+    return flag.startswith("F") or flag in ("WL", "WS", "WM")
 
 
 def velocity_data(velocity_m_s: float, microstep_m: float) -> int:

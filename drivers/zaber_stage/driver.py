@@ -72,6 +72,8 @@ class ZaberStage(WireDriver[SerialLink]):
         self._poll: StageQuestion | None = None  # for the position
         self._halt: StageQuestion | None = None
         self._renewal: StageQuestion | None = None  # sends it on
+        self._rest: StageQuestion | None = None  # what became of the way home
+        self._rested = (0.0, 0)  # when and where it ended
         self._motion: Command | None = None  # the stage is on its way
         self._way: StageWay | None = None  # of the motion; None on the way home
         self._stopping: Stop | None = None  # not yet answered
@@ -143,10 +145,10 @@ class ZaberStage(WireDriver[SerialLink]):
             self._fail(self._link.fault)
 
     def _abandon(self) -> None:
-        for question in (self._question, self._renewal):
+        for question in (self._question, self._renewal, self._rest):
             if question is not None:
                 self._dialogue.withdraw(question)
-        self._question = self._renewal = None
+        self._question = self._renewal = self._rest = None
         self._procedure = self._command = self._waiting = self._motion = None
 
     def _update(self, link: SerialLink) -> str | None:
@@ -157,7 +159,7 @@ class ZaberStage(WireDriver[SerialLink]):
         if dialogue.fault is not None:
             what = _doing(self._command or self._motion)
             self._fail(f"{dialogue.fault} while {what}; is the cable in {self._settings.port}?")
-        elif not (self._halt or self._poll or self._question or self._renewal):
+        elif not (self._halt or self._poll or self._question or self._renewal or self._rest):
             self._proceed(dialogue)
         return None
 
@@ -193,6 +195,9 @@ class ZaberStage(WireDriver[SerialLink]):
                 reason = f"it rejects {question.text!r} with {question.reply.data}"
                 self._stall(self._clock.from_monotonic(question.arrival_s), reason)
                 self._motion = None
+        elif question is self._rest:
+            self._rest = None
+            self._stand_still(*self._rested, question.reply.data.split()[1:])
         elif question is self._question:
             self._advance(dialogue, question.reply)
 
@@ -233,7 +238,12 @@ class ZaberStage(WireDriver[SerialLink]):
             if ahead is not None and (reply.busy or counts == self._way.bound):
                 self._send_on(dialogue, ahead, standing=not reply.busy)
                 return
-        if not reply.busy:
+        if reply.busy:
+            return
+        if self._motion is not None and self._way is None:
+            # The flag that came is the gravest alone: it may hide that the way home was interrupted.
+            self._rest, self._rested = dialogue.ask("warnings"), (t_s, counts)
+        else:
             self._stand_still(t_s, counts)
 
     def _send_on(self, dialogue: StageDialogue, ahead: StageWay, *, standing: bool) -> None:
@@ -249,12 +259,14 @@ class ZaberStage(WireDriver[SerialLink]):
         self._samples.push(self._seq, t_s, arrival_s, (counts,))
         self._seq += 1
 
-    def _stand_still(self, t_s: float, counts: int) -> None:
+    def _stand_still(self, t_s: float, counts: int, flags: Sequence[str] = ()) -> None:
+        """Report what became of the motion that has ended; `flags` are all that a way home left."""
+        wrong = next((flag for flag in flags if flag in codec.NOT_HOME or codec.astray(flag)), None)
         position_m = self._mounting.position_m(counts)
         if self._stopping is not None:
             self._report(Standstill(t_s, self.name, position_m, command_id=self._stopping.id))
-        elif self._motion is not None and self._way is None and self._flag in codec.NOT_HOME:
-            self._stall(t_s, f"it came to rest on its way home: {codec.meaning(self._flag)} ({self._flag})")
+        elif wrong is not None:
+            self._stall(t_s, f"it came to rest on its way home: {codec.meaning(wrong)} ({wrong})")
         elif self._motion is not None and self._way is not None and self._way.target != counts:
             aim_m = self._mounting.position_m(self._way.target)
             reason = f"it stopped at {position_m:.6f} m on the way to {aim_m:.6f} m ({self._flag})"

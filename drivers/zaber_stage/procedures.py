@@ -145,7 +145,9 @@ class Procedures:
         warnings = yield from _accepted("warnings clear")
         if not isinstance(command, MoveAt | MoveTo):
             yield from _accepted("home")
-            if warnings.busy:  # the motion that this replaced was interrupted, and not the way home
+            flagged = yield from _accepted("warnings")
+            # The motion that this replaced was interrupted, or a way home whose reply was lost, and not this one.
+            if flagged.busy and "NI" in flagged.data.split():
                 yield from _accepted("warnings clear")
             return None
         if codec.UNHOMED.intersection(warnings.data.split()):

@@ -22,6 +22,9 @@ OF_THE_DEVICE = ("comm.", "deviceid", "system.", "version")
 STORAGE = (7, 30)
 """The first firmware with storage (Zaber Motion Library, `DeviceStorage`)."""
 
+LASTING = codec.UNHOMED | {"FD", "WV", "WT"}
+"""Flags that `warnings clear` leaves: what they say still holds (Zaber ASCII protocol)."""
+
 DATA = 2**31 - 1
 """Greatest number of a command (Zaber ASCII protocol: 32 bits, signed)."""
 
@@ -344,7 +347,7 @@ class EmulatedZaberStage:
     def _warnings(self, arguments: list[str], t_s: float) -> str:
         active = [name for name in codec.FLAGS if name in self._flags]
         if arguments == ["clear"]:
-            self._flags &= codec.UNHOMED | {"FD"}
+            self._flags &= LASTING
         elif arguments:
             raise _RejectedError("BADCOMMAND")
         return " ".join([f"{len(active):02d}", *active])

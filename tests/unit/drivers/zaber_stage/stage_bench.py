@@ -29,6 +29,7 @@ class Wire:
 
     Attributes:
         spoils: What becomes of its next reply, of `SPOILT`; "" is nothing.
+        loses: The reply to the next line with this is lost.
         silent: Nothing that it sends arrives.
     """
 
@@ -37,12 +38,14 @@ class Wire:
         self.device = EmulatedZaberStage(self.axis, **settings)
         self.received = b""
         self.deaf_to = b"\0"
-        self.spoils = ""
+        self.spoils, self.loses = "", b"\0"
         self.silent = False
         self._late: list[tuple[float, bytes]] = []
 
     def receive(self, data: bytes, t_s: float) -> bytes:
         self.received += data
+        if self.loses in data:
+            self.spoils, self.loses = "lose", b"\0"
         reply = b"" if self.deaf_to in data else self.device.receive(data, t_s)
         if reply and self.spoils:
             if self.spoils == "late":

@@ -128,7 +128,8 @@ def test_speeds_become_the_data_of_the_page() -> None:
 
 
 @pytest.mark.parametrize(
-    ("flag", "lost"), [("FS", True), ("FD", True), ("FQ", True), ("WM", True), ("NI", False)]
+    ("flag", "lost"),
+    [*((flag, True) for flag in ("FS", "FD", "FQ", "WM", "WS", "WL")), ("NI", False), ("WV", False)],
 )
 def test_faults_and_displacement_say_that_the_stage_has_lost_its_way(flag: str, lost: bool) -> None:
     assert codec.astray(flag) is lost

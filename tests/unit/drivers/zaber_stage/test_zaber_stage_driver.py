@@ -492,6 +492,48 @@ def test_a_way_home_that_something_interrupted_did_not_reach_home(homed: bool, b
     assert b.expect(Reached).command_id == 7, "it is asked anew, and what was before does not count"
 
 
+@pytest.mark.parametrize("graver", ["WV", "WT"])
+def test_a_graver_warning_hides_no_interrupted_way_home_and_is_none_itself(graver: str) -> None:
+    b = Bench()
+    b.wire.device._flags.add(graver)
+    b.wire.axis.place(b.clock.now(), 0.01)
+    b.begin(Home("stage", id=6))
+    b.turn_until(lambda: b.stage._motion is not None)
+    b.inject("interrupt")
+    assert b.expect(Stalled).reason == f"it came to rest on its way home: {meaning('NI')} (NI)"
+    b.begin(Home("stage", id=7))
+    assert b.expect(Reached).command_id == 7
+
+
+@pytest.mark.parametrize("flag", ["WS", "WL"])
+def test_a_stage_that_stalled_and_went_on_or_met_a_switch_has_stalled(flag: str) -> None:
+    b = Bench()
+    b.begin(MoveTo("stage", 0.01, 0.01))
+    b.wire.device._flags.add(flag)
+    assert b.expect(Stalled).reason == f"{meaning(flag)} ({flag})"
+
+
+def test_a_home_whose_reply_is_lost_interrupts_itself_and_reaches_home() -> None:
+    """It is written again while the stage is on its way: the device flags what the first one began (NI)."""
+    b = Bench()
+    b.wire.axis.place(b.clock.now(), 0.01)
+    b.wire.loses = b" home"
+    b.begin(Home("stage", id=6))
+    reached = b.expect(Reached)
+    assert (reached.command_id, reached.position_m) == (6, 0.0)
+    assert b.wire.lines().count("home") == 2
+    assert b.statuses == []
+
+
+def test_a_stop_on_the_way_home_is_answered_and_what_became_of_the_way_is_not_asked() -> None:
+    b = Bench()
+    b.begin(Home("stage", id=6))
+    b.turn_until(lambda: b.stage._rest is not None)
+    b.stage.apply(Stop("stage", id=7))
+    assert b.expect(Standstill).command_id == 7
+    assert b.statuses == []
+
+
 def test_a_stage_that_is_sent_home_from_a_motion_of_ours_reaches_home() -> None:
     """The way home interrupts that motion, and the device flags it (NI)."""
     b = Bench()
