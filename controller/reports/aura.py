@@ -16,6 +16,7 @@ from controller.reports.counts import (
     all_of,
     decided,
     every,
+    paired,
     percent,
     quantity,
     rate,
@@ -144,12 +145,22 @@ def _headline(there: Trials, touching: bool) -> Headline | None:
     if touching and {row["object"] for row in own} == {PIPE}:  # of which the paper tells all but one side's
         own = own.where(lambda row: row["side"] != DEAF) or own
         what, printed = f"{what} with the sides other than the {DEAF}", "IV.A.3 prints all"
-    n, ours, theirs = own.total(of), own.values(f"{column}_ours"), own.values(f"{column}_paper")
-    if not n or not ours:
+    own = own.known(f"{column}_ours")
+    both, n = own.known(f"{column}_paper"), own.total(of)
+    if not n:
         return None
-    paper = sum(theirs) / n if theirs else None
-    source = f"the paper's detector (same samples; {printed})" if theirs else ""
-    found = rated(f"{what} by our detector", int(sum(ours)), n, paper, source, column=f"{column}_ours")
+    beside = both.total(of)
+    paper = both.total(f"{column}_paper") / beside if beside else None
+    source = f"the paper's detector (same samples; {printed})" if beside else ""
+    found = rated(
+        f"{what} by our detector",
+        own.total(f"{column}_ours"),
+        n,
+        paper,
+        source,
+        column=f"{column}_ours",
+        above=paired((row[f"{column}_ours"], row[f"{column}_paper"]) for row in both),
+    )
     return found._replace(rows=f"{column}_ours>-1e300")
 
 

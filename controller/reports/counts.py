@@ -109,6 +109,28 @@ def decided(hits: int, of: int, least: float) -> bool | None:
     return sure(low >= least, high < least)
 
 
+def paired(pairs: Iterable[Sequence[float]]) -> bool | None:
+    """Whether the first of two hit more often in the same trials than the second: where the exact sign test over trials
+    in which they differ (McNemar) says so at 95 % confidence, else None."""
+    from scipy.special import bdtr
+
+    found = list(pairs)
+    first, second = sum(a > b for a, b in found), sum(a < b for a, b in found)
+    told = float(bdtr(min(first, second), first + second, 0.5)) <= 0.025
+    return sure(told and first > second, told and first < second)
+
+
+def share_above(hits: int, of: int, others: int, of_others: int) -> bool | None:
+    """Whether a share is larger than another: where the 95 % interval of their difference (Newcombe, of Wilson's two)
+    says so, else None."""
+    share, other = hits / of, others / of_others
+    (low, high), (other_low, other_high) = wilson(hits, of), wilson(others, of_others)
+    off = share - other
+    return sure(
+        off > math.hypot(share - low, other_high - other), -off > math.hypot(high - share, other - other_low)
+    )
+
+
 def every(beyond: int, of: int) -> bool | None:
     """Whether every trial keeps a bound: not where one is beyond it; where none is, once that shows at 95 % confidence
     that nine in ten do (29 trials), else None."""

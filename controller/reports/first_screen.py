@@ -15,6 +15,7 @@ from controller.reports.approaches import unjudged
 from controller.reports.counts import (
     Row,
     Trials,
+    decided,
     every,
     half_width,
     is_number,
@@ -29,7 +30,7 @@ from controller.reports.counts import (
 )
 from controller.reports.papers import RECORDED, came_to, headlines
 from controller.reports.run_account import acting_of, experiment_in, setting_of
-from controller.reports.section import Headline, Result, rated
+from controller.reports.section import UNTOLD, Headline, Result, rated
 from controller.reports.trial_signals import is_instant
 from controller.scales import Scale, scale_of
 
@@ -208,7 +209,9 @@ def _number(own: Trials, line: Row) -> Headline | None:
         return None
     if over in ("ratio", "share"):
         of = own.total(line["of"]) if over == "ratio" else len(known)
-        return rated(line["what"], int(sum(known)), of, paper, source, rows, name) if of else None
+        hits = int(sum(known))
+        above = None if paper is None or not of else decided(hits, of, paper)
+        return rated(line["what"], hits, of, paper, source, rows, name, above) if of else None
     made, value_of, span_of = OVER[over]
     value, n = value_of(known), len(known)
     low, high = span_of(known) if n > 1 else (math.nan, math.nan)
@@ -235,7 +238,7 @@ def _number(own: Trials, line: Row) -> Headline | None:
             side = ("better" if below else "worse") if less else "apart"
         how = {"as": "about", "apart": "beside", "": "beside"}.get(side, f"{side} than")
         beside += f", {how} the paper's {theirs}"
-        if side != "as" and (how := "too few to tell apart" if held else sized(value, paper, scale.unit)):
+        if side != "as" and (how := UNTOLD if held else sized(value, paper, scale.unit)):
             beside += f" ({how})"
     spread = said(min(known), max(known)) if n > 1 and over != "worst" else ""
     spread = "" if spread == interval else spread  # of few, both may read alike

@@ -6,7 +6,7 @@ import numpy as np
 
 from controller.measures.flexion import LISTENERS, curve
 from controller.recording.reader import Run
-from controller.reports.counts import Mean, Row, Trials, decided, larger, number, under
+from controller.reports.counts import Mean, Row, Trials, decided, larger, number, paired, under
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.run_account import entered_s, recorded, setting_of
 from controller.reports.section import Headline, Kind, Section, kind_of, rated, told
@@ -39,12 +39,16 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
 
 def _headline(rows: Trials) -> Headline | None:
     """How often each threshold was blind to the touch, having reported contact before it."""
-    fixed, following = (rows.values(f"{name}_blind") for name in ("contact", "following"))
-    if not fixed or not following:
+    both = rows.known("contact_blind", "following_blind")
+    if not both:
         return None
-    what = "touches to which a threshold that follows the tendon was blind"
-    beside, n = sum(fixed) / len(fixed), len(following)
-    return rated(what, int(sum(following)), n, beside, "the paper's fixed one (same approaches)", more=False)
+    what, source = (
+        "touches to which a threshold that follows the tendon was blind",
+        "the paper's fixed one (same approaches)",
+    )
+    n, hits, theirs = len(both), both.total("following_blind"), both.total("contact_blind")
+    above = paired((row["following_blind"], row["contact_blind"]) for row in both)
+    return rated(what, hits, n, theirs / n, source, above=above, more=False)
 
 
 def _by_speed(rows: Trials) -> Iterator[Row]:

@@ -118,6 +118,10 @@ class Headline(NamedTuple):
     spread: str = ""
 
 
+UNTOLD = "too few to tell apart"
+"""What is said of two numbers that so few trials do not tell apart."""
+
+
 def rated(
     what: str,
     hits: int,
@@ -126,11 +130,13 @@ def rated(
     source: str = "",
     rows: str = "",
     column: str = "",
+    above: bool | None = None,
     more: bool = True,
 ) -> Headline:
     """A share of some trials with its 95 % interval (Wilson), beside the paper's or a rival's; `of` is not 0.
 
     Args:
+        above: Whether it is the larger one; None where so many trials do not tell.
         more: Whether more is better.
     """
     low, high = wilson(hits, of)
@@ -139,16 +145,11 @@ def rated(
         return Headline(what, ours, f"{hits} of {of}", "", source, interval, f"{what}: {ours}", rows, column)
     theirs, whose = percent(paper), source.partition(" (")[0]
     whose = f"{whose} {theirs}" if whose.endswith("'s") else f"{whose} with {theirs}"
-    side = "as" if low <= paper <= high else "better" if (hits / of > paper) == more else "worse"
-    beside = f"beside {whose}{untold(hits, of, paper)}" if side == "as" else f"{side} than {whose}"
-    beside = f"{what}: {ours}, {beside}"
+    side = "as" if hits == paper * of else "" if above is None else "better" if above == more else "worse"
+    beside = f"{what}: {ours}, " + {"as": f"beside {whose}", "": f"beside {whose} ({UNTOLD})"}.get(
+        side, f"{side} than {whose}"
+    )
     return Headline(what, ours, f"{hits} of {of}", theirs, source, interval, beside, rows, column, "", side)
-
-
-def untold(hits: int, of: int, paper: float) -> str:
-    """What is said of a share of the paper's, or a rival's, that so few trials do not tell from ours; else ""."""
-    low, high = wilson(hits, of)
-    return " (too few to tell apart)" if low <= paper <= high and hits != paper * of else ""
 
 
 class Comparing(NamedTuple):

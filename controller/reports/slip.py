@@ -18,6 +18,7 @@ from controller.reports.counts import (
     Trials,
     number,
     rate,
+    share_above,
     stop_times,
     three,
     under,
@@ -25,7 +26,7 @@ from controller.reports.counts import (
 )
 from controller.reports.figures import FAINT, FALSE, GOOD, INK, OURS, PAPER, Figures
 from controller.reports.run_account import recorded, setting_of
-from controller.reports.section import Headline, Kind, Printed, Section, kind_of, rated, told, untold
+from controller.reports.section import UNTOLD, Headline, Kind, Printed, Section, kind_of, rated, told
 from controller.reports.slip_scores import (
     GRADES,
     PLAIN,
@@ -132,11 +133,12 @@ def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
         hits, of = len(ours.delays_s), paper.slips - paper.cut_short
         theirs = len(paper.delays_s) / of if of else None
         what = f"slips that our detector detects, within {VERDICTS['missed_after_s']:g} s of their beginning"
-        found = rated(what, hits, n, theirs, SAME_SAMPLES)
+        above = share_above(hits, n, len(paper.delays_s), of) if of else None
+        found = rated(what, hits, n, theirs, SAME_SAMPLES, above=above)
         beside = ""
         if theirs is not None:
-            beside = f", {found.side} than" if found.side != "as" else ","
-            beside += f" the paper's {len(paper.delays_s)} of {of}{untold(hits, n, theirs)}"
+            beside = f", {found.side} than" if found.side in ("better", "worse") else ","
+            beside += f" the paper's {len(paper.delays_s)} of {of}" + f" ({UNTOLD})" * (not found.side)
         state = "well" if hits == n else "partly" if hits else "badly"
         rates = [
             f"{METHODS[method]} {value:.2g} ({alarms[method]} in all)" if value else f"{METHODS[method]} 0"

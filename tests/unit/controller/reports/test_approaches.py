@@ -15,7 +15,18 @@ from controller.reports.approaches import (
     table_rows,
     trends,
 )
-from controller.reports.counts import Trials, all_of, every, larger, mean_of, mean_within, near
+from controller.reports.counts import (
+    Trials,
+    all_of,
+    every,
+    larger,
+    mean_of,
+    mean_within,
+    near,
+    paired,
+    share_above,
+    wilson,
+)
 from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 
@@ -188,6 +199,22 @@ def test_one_mean_is_larger_where_both_intervals_say_so():
     assert larger(mean_of((5.0,)), low) is None, "one trial has no interval"
 
 
+def test_two_shares_of_the_same_trials_are_told_apart_by_those_that_differ():
+    """Two-sided: 2 x 0.5 ** 5 = 0.0625, 2 x 0.5 ** 6 = 0.031; of eight to one 2 x 10 / 512 = 0.039, of seven
+    to one 2 x 9 / 256 = 0.070."""
+    more, less, alike = [(1, 0)], [(0, 1)], [(1, 1), (0, 0)] * 50
+    assert [paired(more * n + alike) for n in (0, 5, 6)] == [None, None, True]
+    assert [paired(less * 6), paired(more * 8 + less), paired(more * 7 + less)] == [False, True, None]
+
+
+def test_two_shares_of_different_trials_are_told_apart_by_the_interval_of_their_difference():
+    """Newcombe's own example, 56 of 70 and 48 of 80: the difference of 0.2 from 0.0524 to 0.3339."""
+    assert share_above(56, 70, 48, 80) is True
+    assert share_above(48, 80, 56, 70) is False
+    assert share_above(14, 20, 9, 20) is None, "each share is beyond the other's interval nevertheless"
+    assert wilson(14, 20)[0] > 9 / 20
+
+
 def test_a_bound_on_every_trial_is_kept_from_29_on_and_all_of_several_unless_one_is_not():
     assert [every(0, 28), every(0, 29), every(1, 1000), every(0, 0)] == [None, True, False, None]
     assert [all_of(each) for each in ([True], [True, None], [None, False], [])] == [True, None, False, None]
@@ -197,4 +224,10 @@ def test_a_flexed_finger_opens_with_what_follows_the_tendon_beside_what_does_not
     rows = Trials({"contact_blind": 1, "following_blind": blind} for blind in (0, 0, 0, 1))
     head = flexion._headline(rows)
     assert (head.ours, head.of, head.paper) == ("25.0 %", "1 of 4", "100.0 %")
+    assert head.side == "", "three approaches of four differ: they decide nothing"
+    many = flexion._headline(Trials([*rows, *rows]))
+    assert (many.side, many.verdict.endswith("better than the paper's fixed one with 100.0 %")) == (
+        "better",
+        True,
+    )
     assert flexion._headline(Trials([{"contact_blind": 1, "following_blind": None}])) is None

@@ -162,6 +162,8 @@ def test_the_page_opens_with_our_detector_beside_the_papers_on_the_same_touches(
     assert "93.7 %" in objects.headline.source
     passed = section_of(aura, write(tmp_path, "aura", rows, behavior={"touch": False})).headline
     assert (passed.of, passed.what) == ("5 of 5", "objects seen in time by our detector")
+    half = [*[approached(object="mug")] * 4, *[approached(object="mug", felt_ours=None)] * 4]
+    assert touching(tmp_path, half).headline.of == "4 of 4", "ours was armed in four"
     alone = [{name: cell for name, cell in row.items() if not name.endswith("_ours")} for row in rows]
     assert touching(tmp_path, alone).headline is None
 
