@@ -188,9 +188,9 @@ def _write_bag(run: Run, trial: int, writer: Writer) -> None:
     schemas = {name: writer.register_msgdef(name, text) for name, text in DEFINITIONS.items()}
     for name in recording.streams:
         series = recording.stream(name)
-        # forces with other quantities beside them (normal and tangential, an angle) are no wrench
-        forces = series.unit != "N" or series.values.shape[1] in (1, 2, 3, 6)
-        kind, message = _ROS.get(series.unit if forces else "", _ROS[""])
+        # what stands beside other quantities (a threshold, a tangential force, a second sensor) is no vector
+        vector = series.values.shape[1] in (1, 3) or (series.unit == "N" and series.values.shape[1] == 6)
+        kind, message = _ROS.get(series.unit if vector else "", _ROS[""])
         for number, (t_s, values) in enumerate(zip(series.times_s, series.values, strict=True)):
             t_ns = round(float(t_s) * 1e9)
             stamp = {"sec": t_ns // 1_000_000_000, "nanosec": t_ns % 1_000_000_000}

@@ -289,7 +289,8 @@ def own_detectors(manifest: Mapping[str, Any], recording: TrialRecording) -> Map
     resolved = manifest.get("profile", {}).get("resolved", {})
     named = resolved.get("detectors", {}).items()
     tables = {name: dict(table) for name, table in named if isinstance(table, Mapping)}  # not what is "none"
-    for factor, value in recording.factors.items():
+    kinds_first = sorted(recording.factors.items(), key=lambda factor: not factor[0].endswith(".kind"))
+    for factor, value in kinds_first:
         section, _, setting = factor.partition(".")
         name, _, key = setting.partition(".")
         if section == "detectors" and name in tables:
@@ -395,15 +396,19 @@ def _from_columns(
 
 
 def _other_rate(chosen: Chosen, asked_hz: float) -> str:
-    """What is said where a file's own times give another rate than the one asked for, by the usual step between rows
-    (some may be missing) and by the mean one (times may be rounded); "" where either agrees."""
-    if chosen.times_s is None or len(chosen.times_s) < 2:
+    """What is said where a file states another rate than is asked for, or its own times give one, by the usual step
+    between rows (some may be missing) and by the mean one (times may be rounded); "" where either agrees."""
+    own_hz = [chosen.rate_hz] if chosen.rate_hz else []
+    if chosen.times_s is not None and len(chosen.times_s) > 1:
+        steps_s = np.diff(chosen.times_s)
+        own_hz = [1.0 / float(np.median(steps_s)), 1.0 / float(np.mean(steps_s))]
+    if not own_hz:
         return ""
-    steps_s = np.diff(chosen.times_s)
-    own_hz = [1.0 / float(np.median(steps_s)), 1.0 / float(np.mean(steps_s))]
     if any(abs(asked_hz / each_hz - 1.0) <= ALIKE for each_hz in own_hz):
         return ""
-    return f"; but {chosen.clock} says {own_hz[0]:.6g} Hz, and --rate was taken: leave it out if the column is right"
+    return (
+        f"; but {chosen.clock} says {own_hz[0]:.6g} Hz, and --rate was taken: leave it out if that is right"
+    )
 
 
 def _no_times(times_s: Floats) -> NDArray[np.bool_]:

@@ -58,8 +58,8 @@ class EndedRun:
                 number = int(cells["trial"])  # type: ignore[arg-type]
                 recorded = index.trials.get(number)
                 if recorded is None or recorded.length_s is None:
-                    whole = f"the recording of trial {number} is not whole"
-                    raise ValueError("; ".join([whole, *index.damage[:1]]))
+                    damage = "".join(f"; {each}" for each in index.damage[:1])
+                    raise ValueError(f"the recording of trial {number} is not whole{damage}")
                 outcome, own = str(cells["outcome"]), events.get(number, ())
                 self.trials[number] = EndedTrial(
                     number, outcome, line, cells, own, recorded, known[recorded.path]

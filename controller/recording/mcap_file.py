@@ -21,6 +21,9 @@ from mcap.writer import Writer
 
 from controller.recording.run_folder import lock
 
+LIBRARY = "touchbench"
+"""What the header of a file names as its writer."""
+
 MAGIC = b"\x89MCAP0\r\n"
 """First and last eight bytes of a file (MCAP specification, "Magic")."""
 
@@ -80,7 +83,7 @@ class McapWriter:
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._topics: dict[str, int] = {}
         try:
-            self._writer.start(library="touchbench")
+            self._writer.start(library=LIBRARY)
             self._writer.flush()
         except OSError:
             self.abandon()

@@ -20,7 +20,7 @@ from mcap.decoder import DecoderFactory
 from mcap.records import Chunk, Schema
 from numpy.typing import NDArray
 
-from controller.recording.mcap_file import LARGEST_CHUNK_BYTES, ChunkPlace, records
+from controller.recording.mcap_file import LARGEST_CHUNK_BYTES, LIBRARY, ChunkPlace, records
 from controller.scales import si_unit
 from drivers.core.messages import Floats
 
@@ -42,7 +42,16 @@ PREAMBLE, PROOF = 500, 3
 LVM = "***End_of_Header***"
 """What ends a header of LabVIEW's text files; the columns' names follow the last."""
 
-SCALES_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+SCALES_S = {
+    "s": 1.0,
+    "sec": 1.0,
+    "seconds": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "\u00b5s": 1e-6,
+    "\u03bcs": 1e-6,
+    "ns": 1e-9,
+}
 """Seconds in a unit of time, as columns are named after them."""
 
 SCALES_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6}
@@ -79,6 +88,8 @@ CALENDAR = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 
 STEPS = (0.2, 1.8)
 """A step between two rows in this range of periods is one of a sampler that wanders; a longer one is a gap."""
+
+NO_NAMES: Mapping[str, str] = {}
 
 LEFT_OUT = "Reached EOF prematurely|Incomplete chunk|Length of header or names does not match"
 """What a library merely warns of where it leaves a part of the file out."""
@@ -143,12 +154,14 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
         raise ReplayError(f"{path}: no {kind} file of numbers that can be read: {reason}") from None
 
 
-def _chosen(table: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
-    """The columns that are asked for and their times, out of a table."""
+def _chosen(
+    table: Mapping[str, NDArray[Any]], column: str | None, count: int, full: Mapping[str, str] = NO_NAMES
+) -> Chosen:
+    """The columns that are asked for and their times, out of a table; `full` are names with a unit from elsewhere."""
     clock = "t_s" if "t_s" in table else next((name for name in table if TIME.fullmatch(name)), None)
     names = [name for name in table if name != clock]
     if column and ".." in column and column not in table:
-        return _unrolled(table, clock, names, column)
+        return _unrolled(table, clock, names, column, full)
     wanted = column.split(",") if column else names
     listed = ", ".join([*names[:NAMED], *(["…"] if len(names) > NAMED else [])]) or "none besides the times"
     if not column and len(names) != count:
@@ -166,15 +179,20 @@ def _chosen(table: Mapping[str, NDArray[Any]], column: str | None, count: int) -
     other = next((name for name, length in lengths.items() if length != lengths[wanted[0]]), None)
     if other is not None:
         raise ReplayError(f"{wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
-    times_s, source = _times(clock, table)
-    return _named(
-        wanted, np.column_stack([table[name].astype(np.float64) for name in wanted]), times_s, source
-    )
+    times_s, source = _times(clock, table, full)
+    values = np.column_stack([table[name].astype(np.float64) for name in wanted])
+    return _named(wanted, values, times_s, source, full)
 
 
-def _named(names: Sequence[str], values: Floats, times_s: Floats | None, clock: str) -> Chosen:
+def _named(
+    names: Sequence[str],
+    values: Floats,
+    times_s: Floats | None,
+    clock: str,
+    full: Mapping[str, str] = NO_NAMES,
+) -> Chosen:
     """Columns with the unit that the first one's name states, lengths scaled to metres."""
-    units = [_unit(name) for name in names]
+    units = [_unit(full.get(name, name)) for name in names]
     values *= [scale for _, scale in units]
     return Chosen(names[0], values, units[0][0], times_s, clock=clock)
 
@@ -221,7 +239,11 @@ def _stated_hz(line: str) -> float:
 
 
 def _unrolled(
-    table: Mapping[str, NDArray[Any]], clock: str | None, names: Sequence[str], column: str
+    table: Mapping[str, NDArray[Any]],
+    clock: str | None,
+    names: Sequence[str],
+    column: str,
+    full: Mapping[str, str],
 ) -> Chosen:
     """Columns that hold consecutive samples, as one; a row's time is that of its first sample."""
     ends = column.split("..")
@@ -230,7 +252,7 @@ def _unrolled(
     wanted = names[names.index(ends[0]) : names.index(ends[1]) + 1]
     if not wanted:
         raise ReplayError(f"{ends[1]} stands before {ends[0]}; turn them round")
-    rows = _chosen(table, ",".join(wanted), len(wanted))
+    rows = _chosen(table, ",".join(wanted), len(wanted), full)
     times_s, many = rows.times_s, len(wanted)
     if times_s is not None and len(times_s) > 1:
         steps_s = np.diff(times_s, append=2.0 * times_s[-1] - times_s[-2])
@@ -259,13 +281,20 @@ def _odd(cells: NDArray[Any]) -> str:
     return f"holds {cell.item() if isinstance(cell, np.generic) else cell!r} in row {row + 1}"
 
 
-def _times(clock: str | None, table: Mapping[str, NDArray[Any]]) -> tuple[Floats | None, str]:
+def _times(
+    clock: str | None, table: Mapping[str, NDArray[Any]], full: Mapping[str, str]
+) -> tuple[Floats | None, str]:
     """Times in seconds, and where they come from."""
     if clock is None:
         return None, ""
-    times, unit = table[clock], TIME.fullmatch(clock)
+    times, unit = table[clock], TIME.fullmatch(full.get(clock, clock))
     if not np.issubdtype(times.dtype, np.number):
         return _calendar_dates(clock, times), f"{clock}, a date, from its first row on"
+    if unit is None and clock in full:
+        raise ReplayError(
+            f"column {full[clock]}: no unit of times that is known; give it in s, ms, us or ns, or mark the line of"
+            " units with #"
+        )
     first = float(times[0]) if len(times) else 0.0
     scale_s = SCALES_S[unit[1].lower()] if unit and unit[1] else None
     if scale_s is None:
@@ -308,7 +337,7 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     rows: Sequence[str] = [line for line in lines if not line.lstrip().startswith(COMMENT)]
     if not rows:
         raise ReplayError("has no rows")
-    rows = _below_preamble(rows)
+    rows, units = _below_preamble(rows)
     begin = lines.index(rows[0]) if rows[0] in lines else 0
     comment = lines[begin - 1].lstrip() if begin else ""
     marked = comment.lstrip("#%/ \t") if comment.startswith(COMMENT) else ""
@@ -342,31 +371,31 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
         reason = str(error).splitlines()[0]
         raise ReplayError(f"no table of numbers under one line of names: {reason}") from None
-    chosen = _chosen({name: table[name].to_numpy() for name in names}, column, count)
-    ends = (" ,;\t", body[0].rstrip(" ,;\t") if body else "")
-    above = next((n for n, line in enumerate(lines) if line.rstrip(ends[0]) == ends[1]), 0)
+    full = {
+        name: f"{name} [{unit}]"
+        for name, unit in zip(names, units, strict=False)
+        if unit and not _unit(name)[0] and not ((time := TIME.fullmatch(name)) and time[1])
+    }
+    chosen = _chosen({name: table[name].to_numpy() for name in names}, column, count, full)
+    ends = (" ,;\t", body[0].strip(" ,;\t") if body else "")
+    above = next((n for n, line in enumerate(lines) if line.strip(ends[0]) == ends[1]), 0)
     return _stated(chosen, lines[:above])
 
 
-def _below_preamble(rows: Sequence[str]) -> Sequence[str]:
-    """The table, with its line of names if it has one, without the unmarked lines that a program wrote above it.
+def _below_preamble(rows: Sequence[str]) -> tuple[Sequence[str], Sequence[str]]:
+    """The table, with its line of names if it has one, without the unmarked lines that a program wrote above it; and
+    the units that stand in a line below the names.
 
     Raises:
         ReplayError: no rows of numbers begin; the first line that was not understood is named.
     """
-    marks = [place for place, row in enumerate(rows) if row.strip().startswith(LVM)]
-    if marks:
-        rows = [row for row in rows[marks[-1] + 1 :] if row.strip()]
-        if not rows:
-            raise ReplayError("has no rows")
-        fields = len(rows[min(1, len(rows) - 1)].rstrip("\t").split("\t"))
-        names = rows[0].split("\t")[:fields]  # "Comment" has no cells
-        return ["\t".join(names), *(row.rstrip("\t") for row in rows[1:])]
+    if any(row.strip().startswith(LVM) for row in rows):
+        return _labview(rows), ()
     if len(rows) <= PROOF:
-        return rows
+        return rows, ()
     first, *others = [len(_fields(row, _separator(rows[1]))) for row in rows[: 1 + PROOF]]
     if first == len(_split(rows[1])) <= min(others) and not _wordy(rows[1]):
-        return rows
+        return rows, ()
     for place in range(min(PREAMBLE, len(rows) - PROOF + 1)):
         proof = [_split(row) for row in rows[place : place + PROOF]]
         counts = {len(fields) for fields in proof}
@@ -375,17 +404,42 @@ def _below_preamble(rows: Sequence[str]) -> Sequence[str]:
         # names stand next above, or above a line of units and one of scales
         above = rows[max(0, place - 3) : place]
         same = [row for row in above if _separator(row) == _separator(rows[place])]
-        header = next((row for row in same if {len(_split(row))} == counts and _wordy(row)), None)
+        words = [row for row in same if {len(_split(row))} == counts and _wordy(row)]
+        header = words[0] if words else None
         if header is None and same[-1:] == above[-1:] and _amiss(above[-1:], len(proof[0])):
             header = above[-1]
-        return ([header] if header else []) + list(rows[place:])
+        units = [unit.strip("()[] -") for unit in _split(words[1])] if words[1:] else []
+        return ([header] if header else []) + list(rows[place:]), units
     odd = next((row for row in rows[1:] if _wordy(row)), rows[0])
     if any(map(_numeric, _split(odd))):
-        return rows  # dates or words beside numbers: a table
+        return rows, ()  # dates or words beside numbers: a table
     raise ReplayError(
         f"no table of numbers: the first line that was not understood is '{odd.strip()[:60]}'; mark what stands"
         " above the table with #"
     )
+
+
+def _labview(rows: Sequence[str]) -> Sequence[str]:
+    """The names and rows of a file of LabVIEW's, of all its segments where each has a header of its own.
+
+    Raises:
+        ReplayError: it has no rows, or segments that make no one table.
+    """
+    marks = [place for place, row in enumerate(rows) if row.strip().startswith(LVM)]
+    marks = marks[1:] or marks  # the first ends the file's own header
+    names = {rows[mark + 1] for mark in marks if mark + 1 < len(rows)}
+    if not names:
+        raise ReplayError("has no rows")
+    cells = [row.rstrip("\t").split("\t") for row in rows[marks[0] + 2 :]]
+    cells = [
+        row for row in cells if _numeric(row[0])
+    ]  # the next segment's header begins each line with a word
+    timeless = not any(row[0] for row in cells)  # X_Columns No
+    if len(names) > 1 or (timeless and len(marks) > 1):
+        what = "columns of other names each" if len(names) > 1 else "no times"
+        raise ReplayError(f"{len(marks)} segments with {what}; save each as a file of its own")
+    fields = slice(1 if timeless and cells else 0, len(cells[0]) if cells else None)  # "Comment" has no cells
+    return ["\t".join(row[fields]) for row in (names.pop().split("\t"), *cells)]
 
 
 def _amiss(above: Sequence[str], columns: int) -> bool:
@@ -590,6 +644,10 @@ def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
     _check_chunks(path)
     with _Bounded(io.FileIO(path)) as file:
         reader = make_reader(file, decoder_factories=[_Json(), Protobuf(), Ros2()])
+        if reader.get_header().library == LIBRARY:
+            raise ReplayError(
+                "the recording of a run, whose samples for plotting are thinned out; give its folder"
+            )
         summary = reader.get_summary()
         topics = sorted({channel.topic for channel in summary.channels.values()}) if summary else []
         if not named or (topics and topic not in topics):
@@ -655,9 +713,11 @@ def _field(message: Any, field: str) -> float | None:
 
 def _stamp_ns(message: Any) -> int | None:
     """Time stamp in a ROS header, or None."""
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    seconds = getattr(stamp, "sec", None)
-    return None if seconds is None else int(seconds) * 1_000_000_000 + int(getattr(stamp, "nanosec", 0))
+    for names in (("sec", "nanosec"), ("secs", "nsecs")):  # ROS 2, and ROS 1 in JSON
+        seconds, rest = (_field(message, f"header.stamp.{name}") for name in names)
+        if seconds is not None:
+            return int(seconds) * 1_000_000_000 + int(rest or 0)
+    return None
 
 
 READERS: Mapping[str, Callable[[Path, str | None, int], Chosen]] = {

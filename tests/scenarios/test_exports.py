@@ -123,6 +123,17 @@ def test_an_acceleration_is_an_imu(tmp_path):
     np.testing.assert_array_equal(found.values, values[:, [0, 2]])
 
 
+@pytest.mark.parametrize(("unit", "width"), [("N", 2), ("m/s2", 2), ("m/s2", 6)])
+def test_channels_that_make_no_vector_are_all_there_by_name(tmp_path, unit, width):
+    recording = TrialRecording(1)
+    values = np.arange(1.0, 2.0 * width + 1.0).reshape(2, width)
+    recording.add(SampleBlock("board.own", 0, 0.5, values, 1000.0, None, unit))
+    run = SimpleNamespace(recorded_trials=[1], trial=lambda _: recording)
+    (bag,) = export(run, "rosbag2", tmp_path)
+    columns = ",".join(f"position.{channel}" for channel in range(width))
+    np.testing.assert_array_equal(read_columns(bag, f"/board/own:{columns}", width).values, values)
+
+
 def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, run):
     other = run_profile(trials=(*TRIALS, 30), seed=2, behavior__hold_s="0.2").run
     lines = list(compared(run, open_run(other.folder.path)))

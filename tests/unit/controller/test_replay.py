@@ -18,6 +18,8 @@ from config.assemble import make_detector
 from controller.detectors.calibration import span_maxima, threshold_for
 from controller.detectors.resonance_paper import ResonancePaperDetector, ResonancePaperSettings
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
+from controller.recording.mcap_file import McapWriter
+from controller.recording.series import TrialRecording
 from controller.recording.tables import ReplayError, read_columns
 from controller.replay import (
     at_rail,
@@ -25,6 +27,7 @@ from controller.replay import (
     calibration_line,
     enveloped,
     nearest,
+    own_detectors,
     read_blocks,
     regular,
     replay,
@@ -396,6 +399,8 @@ TEXTS = {
     "names in a comment": "% a lab\n% t_s,ft_v\n0,1.5\n0.001,2.5\n0.002,3.5\n",
     "a comma after each row": "t_s,ft_v,\n0,1.5,\n0.001,2.5,\n0.002,3.5,\n",
     "milliseconds": "t_ms,ft_v\n0,1.5\n1,2.5\n2,3.5\n",
+    "a line of units": "Time,ft_v\n(ms),(V)\n\n0,1.5\n1,2.5\n2,3.5\n",
+    "Greek microseconds": "time (\u03bcs),ft_v\n0,1.5\n1000,2.5\n2000,3.5\n",
     "a unit in brackets": "Time [ms],ft_v\n0,1.5\n1,2.5\n2,3.5\n",
     "microseconds since 1970": "timestamp,ft_v\n1760000000000000,1.5\n1760000000001000,2.5\n1760000000002000,3.5\n",
     "nanoseconds since 1970": "time,ft_v\n1760000000000000000,1.5\n1760000000001000000,2.5\n1760000000002000000,3.5\n",
@@ -406,7 +411,7 @@ TEXTS = {
 
 @pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
 def test_text_as_other_programs_write_it_is_read(tmp_path, text):
-    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "a.csv").write_text(text, "utf-8")
     (block,) = read_blocks(tmp_path / "a.csv", STREAM, column="ft_v")
     assert block.values[:, 0].tolist() == [1.5, 2.5, 3.5]
     assert block.rate_hz == pytest.approx(1000.0, rel=1e-6)
@@ -445,7 +450,7 @@ def test_columns_of_an_array_of_two_dimensions_go_by_number(tmp_path, kind):
     assert block.rate_hz == pytest.approx(1000.0)
 
 
-def foreign_mcap(path):
+def foreign_mcap(path, stamp=()):
     from mcap.writer import Writer
 
     with path.open("wb") as file:
@@ -455,6 +460,8 @@ def foreign_mcap(path):
         topic = writer.register_channel("/wrench", "json", schema)
         for place in range(100):
             message = {"force": {"z": 0.5 * place}, "raw": [place, "text"]}
+            if stamp:
+                message["header"] = {"stamp": dict(zip(stamp, (7, place * 2_000_000), strict=True))}
             at_ns = 5_000_000_000 + place * 1_000_000
             writer.add_message(topic, log_time=at_ns, publish_time=at_ns, data=json.dumps(message).encode())
         writer.finish()
@@ -489,6 +496,18 @@ def test_a_field_of_a_foreign_recording_is_read_and_a_ros_2_message_has_its_own_
     (block,) = read_blocks(path, STREAM, column="/force:x", notes=notes)
     assert block.rate_hz == pytest.approx(500.0)
     assert "times from header.stamp" in notes[0]
+
+
+@pytest.mark.parametrize("stamp", [("sec", "nanosec"), ("secs", "nsecs")])
+def test_a_message_in_json_has_its_own_time_stamp_as_well(tmp_path, stamp):
+    (block,) = read_blocks(foreign_mcap(tmp_path / "a.mcap", stamp), STREAM, column="/wrench:force.z")
+    assert block.rate_hz == pytest.approx(500.0)
+
+
+def test_a_runs_own_recording_is_refused_for_its_samples_are_in_its_folder(tmp_path):
+    McapWriter(tmp_path / "recording.mcap").finish()
+    with refused(ReplayError, "recording.mcap", "give its folder"):
+        read_columns(tmp_path / "recording.mcap", "/board/load_cell:force_n")
 
 
 @pytest.mark.parametrize(
@@ -579,8 +598,10 @@ def test_a_rate_that_stands_above_a_table_without_times_is_taken_and_told(tmp_pa
     (block,) = read_blocks(path, "sensor", notes=notes)
     assert block.rate_hz == pytest.approx(rate_hz)
     assert "rate from its line" in notes[0]
-    (asked,) = read_blocks(path, "sensor", rate_hz=50.0)
-    assert asked.rate_hz == 50.0
+    for asked_hz in (50.0, rate_hz):
+        (asked,) = read_blocks(path, "sensor", rate_hz=asked_hz, notes=notes)
+        assert asked.rate_hz == asked_hz
+        assert (f"says {rate_hz:.6g} Hz, and --rate was taken" in notes[-1]) == (asked_hz == 50.0)
 
 
 @pytest.mark.parametrize(
@@ -647,6 +668,55 @@ def test_lengths_are_read_in_metres_each_column_by_its_own_name(tmp_path, name, 
     assert block.unit == unit
     assert block.values[:, 0] == pytest.approx(2.0 * metres * np.arange(50), rel=1e-12)
     assert block.values[:, 1].tolist() == list(range(50))
+
+
+@pytest.mark.parametrize("separator", [",", ";", " "])
+def test_a_line_of_units_below_the_names_holds_for_the_columns_that_state_none(tmp_path, separator):
+    rows = "".join(separator.join((f"{i}.0", f"{2 * i}", f"{i}")) + "\n" for i in range(50))
+    head = "a logger of mine\nTime,Position,way_mm\n[ms],mm,mm\n".replace(",", separator)
+    (tmp_path / "a.csv").write_text(head + rows)
+    (block,) = read_blocks(tmp_path / "a.csv", STREAM, column="Position,way_mm")
+    assert (block.unit, block.rate_hz) == ("m", pytest.approx(1000.0))
+    assert block.values[7] == pytest.approx([0.014, 0.007])
+
+
+def test_times_in_a_unit_that_is_not_known_are_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("Time,F\nmin,N\n" + table())
+    with refused(ReplayError, "Time [min]", "s, ms, us or ns", "mark", "#"):
+        read_columns(tmp_path / "a.csv", "F")
+
+
+def labview(*segments, x_columns="One"):
+    """A file of LabVIEW's with a header for each segment: its first time, and its rows."""
+    text = f"LabVIEW Measurement\t\nX_Columns\t{x_columns}\n***End_of_Header***\t\t\n\t\t\n"
+    for begin_s, values in segments:
+        text += f"Channels\t1\t\t\nTime\t12:00:00\t\t\nX0\t{begin_s}\t\t\nDelta_X\t0.01\t\t\n"
+        text += "***End_of_Header***\t\t\t\nX_Value\tF\tComment\n"
+        for place, value in enumerate(values):
+            text += f"{begin_s + 0.01 * place:.2f}\t{value}\n" if x_columns == "One" else f"\t{value}\n"
+        text += "\n"
+    return text
+
+
+def test_all_segments_of_a_labview_file_are_read_with_the_gap_between_them(tmp_path):
+    path = tmp_path / "a.lvm"
+    path.write_text(labview((0.0, range(20)), (0.2, range(20, 40)), (0.5, range(40, 60))))
+    first, second = read_blocks(path, STREAM)
+    assert np.concatenate([first.values, second.values])[:, 0].tolist() == list(range(60))
+    assert (second.seq, first.rate_hz) == (50, pytest.approx(100.0))
+
+
+def test_a_labview_file_without_times_has_the_rate_of_its_header_and_its_segments_are_no_one_table(tmp_path):
+    path = tmp_path / "a.lvm"
+    path.write_text(labview((0.0, range(20)), x_columns="No"))
+    (block,) = read_blocks(path, STREAM)
+    assert (block.rate_hz, block.values[:, 0].tolist()) == (pytest.approx(100.0), list(range(20)))
+    path.write_text(labview((0.0, range(20)), (0.5, range(20)), x_columns="No"))
+    with refused(ReplayError, "2 segments", "no times", "file of its own"):
+        read_columns(path, None)
+    path.write_text(labview((0.0, range(20)), (0.5, range(20))).replace("F\t", "G\t", 1))
+    with refused(ReplayError, "2 segments", "other names", "file of its own"):
+        read_columns(path, None)
 
 
 def test_a_length_in_an_array_is_one_too(tmp_path):
@@ -739,6 +809,14 @@ def test_a_detector_without_an_event_says_how_near_it_came_and_what_to_set():
     assert 4.0 < t_s < 4.5
     fresh = SlipDetector("slip", SlipSettings(threshold=advised))
     assert any(isinstance(event, SlipStarted) for event in replay(blocks, fresh))
+
+
+def test_a_trials_settings_of_a_detector_are_of_the_trials_kind_in_whichever_order_they_stand():
+    manifest = {"profile": {"resolved": {"detectors": {"near": {"kind": "slip", "threshold": 5.0}}}}}
+    factors = {"detectors.near.threshold": 3.0, "detectors.near.kind": "slip.paper"}
+    for order in (1, -1):
+        recording = TrialRecording(1, dict([*factors.items()][::order]))
+        assert own_detectors(manifest, recording) == {"near": {"kind": "slip.paper", "threshold": 3.0}}
 
 
 @pytest.mark.parametrize("rate_hz", [250.0, 2500.0, 2490.0, None])
