@@ -102,10 +102,9 @@ class Sections:
 
     def devices(self) -> dict[str, Entry]:
         """The devices that are sound."""
-        if SIGNALS in self.tables.devices:
-            self._complain(
-                ("devices", SIGNALS), ": the name is taken by the signals' streams; choose another"
-            )
+        for name, of in ((SIGNALS, "the signals' streams"), ("detector", "what detectors read")):
+            if name in self.tables.devices:
+                self._complain(("devices", name), f": the name is taken by {of}; choose another")
         entries = dict(self._entries("driver"))
         taken: dict[str, str] = {}
         for name, entry in entries.items():

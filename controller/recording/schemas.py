@@ -154,14 +154,23 @@ def sample_schema(info: StreamInfo) -> RowSchema:
     """One sample of a stream: `t_s` (bench time in the trial) and each channel, in the stream's unit:
     `board.load_cell` with channel `force` in N gives `BoardLoadCell.force_n`."""
     unit = _identifier(info.unit)
-    names = [_identifier(f"{channel}_{unit}" if unit else channel) for channel in info.channels]
+    names = {"tS": "t_s"}  # by their form in JSON, of which none may be there twice
+    for number, channel in enumerate(info.channels, start=1):
+        name = _identifier(f"{channel}_{unit}" if unit else channel)
+        form = re.sub("_+(.?)", lambda found: found[1].upper(), name)
+        names |= {f"{form}{number}": f"{name}_{number}"} if form in names else {form: name}
     message = "".join(part.capitalize() for part in re.split(r"\W|_", info.name))
-    return RowSchema(message, ["t_s", *names])
+    return RowSchema(_named(message), list(names.values()))
 
 
 def _identifier(text: str) -> str:
-    name = re.sub(r"\W+", "_", text.lower()).strip("_")
-    return f"_{name}" if name[:1].isdigit() else name
+    return _named(re.sub(r"\W+", "_", text.lower()).strip("_"))
+
+
+def _named(text: str) -> str:
+    """A name as protobuf takes it, in ASCII: of another letter its code."""
+    name = "".join(each if each.isascii() else f"_{ord(each):x}" for each in text)
+    return name if name and not name[0].isdigit() else f"_{name}"
 
 
 def encode_block(schema: Schema, block: SampleBlock) -> bytes:

@@ -103,6 +103,11 @@ def test_the_resolved_profile_loads_again_to_the_same_settings(write):
         ("faults=[{ device = 'board', kind = 'stall', at_s = 1 }]", "[faults #1] kind", "drift, late, stuck"),
         ("devices.stage.port=/dev/x", '[devices.board] port = "mock"', 'stage at "/dev/x"; write "emulated"'),
         ("devices.signals={ driver = 'zaber_stage', port = 'mock' }", "[devices] signals", "choose another"),
+        (
+            "devices.detector={ driver = 'zaber_stage', port = 'mock' }",
+            "[devices] detector",
+            "choose another",
+        ),
     ],
 )
 def test_a_mistake_is_one_line_with_place_mistake_and_remedy(write, setting, place, remedy):

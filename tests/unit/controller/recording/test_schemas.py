@@ -37,6 +37,20 @@ def test_a_field_bears_the_unit_and_the_message_the_stream_and_the_log_is_foxglo
     assert fields == {"timestamp": 1, "level": 2, "message": 3, "name": 4, "file": 5, "line": 6}
 
 
+@pytest.mark.parametrize(
+    ("name", "channels", "unit", "message", "fields"),
+    [
+        ("Waage ü.kraft", ("größe",), "µN", "Waage_dcKraft", ["gr_f6_dfe__b5n"]),
+        ("2nd.force", ("fx", "fx "), "N", "_2ndForce", ["fx_n", "fx__n_2"]),
+        ("-.-", ("%", "触"), "", "_", ["_", "_89e6"]),
+    ],
+)
+def test_a_name_in_any_letters_is_one_that_protobuf_takes(name, channels, unit, message, fields):
+    schema = sample_schema(StreamInfo(name, channels, unit))
+    assert schema.name == f"touchbench.{message}"
+    assert [field.name for field in schema.message.DESCRIPTOR.fields] == ["t_s", *fields]
+
+
 @settings(max_examples=100, deadline=None)
 @given(
     values=hnp.arrays(
