@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from controller.outcomes import UNMEASURED
 from controller.own_modules import KindError, found, is_own, own_files
 from controller.registry import KINDS, experiment_of, find, row
 
@@ -413,7 +414,7 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
     from controller.campaign import TrialPlan
     from controller.guard import Guard
 
-    measure = found(f"{experiment_of(profile.experiment).measures}:measure")
+    measure = _measure_of(profile.experiment)
     from config.needs import needs_of, within
 
     for trial in trials:
@@ -431,6 +432,29 @@ def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterat
             signals=make_signals(own),
             measure=lambda evidence, outcome, own=own: measure(evidence, own.behavior, outcome),  # type: ignore[misc]
         )
+
+
+def _measure_of(experiment: str) -> Callable[..., Any]:
+    """What measures a trial; of the user's own it is held against what its module declares."""
+    kind = experiment_of(experiment)
+    module = import_module(kind.measures)
+    if not is_own(experiment):
+        return found(f"{kind.measures}:measure")  # type: ignore[no-any-return]
+    words = None if kind.outcomes is None else (*kind.outcomes, *UNMEASURED)
+
+    def measure(*given: Any) -> Any:
+        match returned := module.measure(*given):
+            case (str(outcome), dict(row)) if words is None or outcome in words:
+                if not (unknown := ", ".join(map(str, row.keys() - {*module.COLUMNS}))):
+                    return outcome, row
+                line = f"measure gives {unknown}, of which COLUMNS has nothing: {', '.join(module.COLUMNS)}"
+            case (str(outcome), dict()) if words is not None:
+                line = f"measure gives the outcome {outcome!r}, which OUTCOMES does not declare: {', '.join(words)}"
+            case _:
+                line = f"measure returned {returned!r}; return the outcome, a word, and a dict of the columns"
+        raise KindError(f"{module.__file__}: {line}")
+
+    return measure
 
 
 def scene_of(profile: Profile, trial: Trial | None = None, seed: int = 0) -> TrialScene:

@@ -28,6 +28,7 @@ from controller.live_view import LiveView
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.outcomes import counted, exit_of
+from controller.own_modules import KindError
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
 from controller.rig import Rig, TrialScene, streams_of
@@ -217,6 +218,8 @@ class Campaign:
             code, status, line = EXIT_DEVICE, "fault", str(error)
         except UnfitStreamError as error:
             code, status, line = EXIT_USAGE, "fault", str(error)
+        except KindError as error:
+            code, status, line = EXIT_FAILED, "failed", str(error)
         except RecordingError as error:
             code, status, line, unwritten = EXIT_FAILED, "failed", str(error), error
         except Exception as error:

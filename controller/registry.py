@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import sys
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args, get_type_hints
 
 from controller.own_modules import KindError, found, found_beside, is_own
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
     from drivers.core.settings import Settings
 
 
@@ -197,12 +201,32 @@ def find(family: str, name: str, folders: Sequence[Path] = (), port: str = "") -
     if not callable(made) or lacking:
         raise KindError(f"is no {family}" + (f": it has no {', '.join(lacking)}" if lacking else ""))
     if family == "experiment" and is_own(name):
-        settings_of(made, "factors")
+        factors = settings_of(made, "factors")
         module = found_beside(kind.measures, folders)
         for part in ("COLUMNS", "measure"):
             if not hasattr(module, part):
                 raise KindError(f"{module.__file__} has no {part}, which says what is measured")
+        for line in _mistakes(module, factors.model_fields):
+            raise KindError(f"{module.__file__}: {line}")
     return Meaning(made, settings_of(made), kind)
+
+
+def _mistakes(module: ModuleType, factors: Collection[str]) -> Iterator[str]:
+    """What is wrong with what the module of an experiment of the user's own declares."""
+    columns, outcomes = module.COLUMNS, getattr(module, "OUTCOMES", {})
+    if isinstance(columns, str) or not all(isinstance(each, str) for each in columns):
+        yield f'COLUMNS = {columns!r}: names of columns, as ("force_n",)'
+        return
+    taken = Counter([*columns, *factors, "trial", "outcome"])
+    if twice := ", ".join(name for name, count in taken.items() if count > 1):
+        yield f"two columns are called {twice}; COLUMNS, factors, trial and outcome need different names"
+    words = outcomes.items() if isinstance(outcomes, Mapping) else [(None, None)]
+    if not all(isinstance(word, str) and isinstance(success, bool) for word, success in words):
+        yield f'OUTCOMES = {outcomes!r}: words, and whether each is success, as {{"contact": True}}'
+    try:
+        signature(module.measure).bind("evidence", "settings", "outcome")
+    except (TypeError, ValueError) as error:
+        yield f"measure(evidence, settings, outcome) is how it is called; {error}"
 
 
 def row(family: str, name: str, folders: Sequence[Path] = ()) -> Any:

@@ -398,6 +398,51 @@ def test_a_name_that_means_nothing_usable_is_one_line(verb, lab, kind, message):
     check_refusal(err, f'[detectors.contact] kind = "{kind}": ', message)
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "named"),
+    [
+        ('("force_n",)', '("force_n")', ("COLUMNS = 'force_n'", "as (")),
+        ('("force_n",)', '("force_n", "number")', ("called number", "factors")),
+        ('("force_n",)', '("force_n", "outcome", "force_n")', ("called force_n, outcome",)),
+        ("number: int", "number: int\n    trial: int = 1", ("called trial",)),
+        ("COLUMNS = ", 'OUTCOMES = ["rested"]\nCOLUMNS = ', ("OUTCOMES = ['rested']", "success")),
+        ("COLUMNS = ", 'OUTCOMES = {"rested": "yes"}\nCOLUMNS = ', ("OUTCOMES", "success")),
+        ("settings, outcome):", "settings):", ("measure(evidence, settings, outcome)", "too many")),
+    ],
+)
+def test_what_an_experiment_of_ones_own_declares_wrongly_is_refused_before_anything_moves(
+    verb, lab, right, wrong, named
+):
+    assert right in EXPERIMENT
+    (lab / "my_lab" / "rest.py").write_text(EXPERIMENT.replace(right, wrong))
+    code, _, err = verb("run", lab / "rest.toml", "--no-report")
+    assert code == 2
+    check_refusal(err, "experiment", "rest.py", *named)
+    assert not list(lab.parent.glob("runs/*"))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ("None", ("measure returned None", "outcome")),
+        ('{"force_n": 1.0}', ("measure returned {", "outcome")),
+        ('None, {"force_n": 1.0}', ("measure returned (None", "outcome")),
+        ('"Rested", {"force_n": 1.0}', ("the outcome 'Rested'", "OUTCOMES", "rested")),
+        ('outcome, {"force": 1.0}', ("force", "COLUMNS", "force_n")),
+    ],
+)
+def test_what_a_measure_of_ones_own_returns_is_held_against_what_its_module_declares(verb, lab, wrong, named):
+    text = EXPERIMENT.replace("COLUMNS = ", 'OUTCOMES = {"rested": True}\nCOLUMNS = ')
+    (lab / "my_lab" / "rest.py").write_text(
+        text.replace('outcome, {"force_n": float(force_n.mean())}', wrong)
+    )
+    code, _, err = verb("run", lab / "rest.toml", "--no-report")
+    assert code == 1
+    check_refusal(err, "rest.py", *named)
+    (row,) = next(lab.parent.glob("runs/*/trials.csv")).read_text().splitlines()[1:]
+    assert row == "1,fault,1,", "what is not measured is no result"
+
+
 @pytest.mark.parametrize("part", ["        self.reset()\n", "        events = []\n"])
 def test_an_error_of_the_users_own_detector_is_reported_with_its_file_and_line(verb, lab, part):
     path = lab / "my_lab" / "edge.py"
