@@ -120,6 +120,20 @@ def test_samples_are_numbered_dated_and_scaled(bench: Crank) -> None:
     assert not bench.of(Lost)
 
 
+def test_decimals_that_a_sensor_prints_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = ForceSensor.parse
+
+    def decimal(self: ForceSensor, line: bytes) -> LineIdentity | LineSample | None:
+        found = whole(self, line)
+        return found._replace(counts=(found.counts[0] / 8.0,)) if isinstance(found, LineSample) else found
+
+    monkeypatch.setattr(ForceSensor, "parse", decimal)
+    bench = Crank(sensor())
+    bench.listen(FORCE)
+    bench.turn(0.2)
+    assert bench.blocks_of(FORCE)[-1].physical[-1, 0] == pytest.approx(1.5 / 8.0)  # 187.5 counts
+
+
 def test_lost_samples_are_reported() -> None:
     bench = Crank(sensor(Fault(device="scale", kind="lose", at_s=1.0, for_s=0.1)))
     bench.listen(FORCE)
