@@ -1,7 +1,8 @@
 """What `run.py check` tries of a user's own devices, signals and detectors: a line for each promise that is broken."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -15,13 +16,25 @@ from controller.own_modules import own_place
 from controller.rig import Rig, TrialScene, streams_of
 from controller.signals.protocol import Signal
 from drivers.core.errors import CommandError
-from drivers.core.messages import DeviceInfo, Listen, MoveTo, SampleBlock, StreamInfo
+from drivers.core.messages import (
+    DeviceInfo,
+    Failed,
+    Listen,
+    Lost,
+    MoveTo,
+    SampleBlock,
+    Stalled,
+    StreamInfo,
+)
 
 TURN_S = 0.01
 """How often what has come is taken."""
 
 LISTEN_S = 0.5
 """How long a device is listened to."""
+
+RATE = 0.1
+"""How far the samples that come meanwhile may be from as many as the rate says (assumption: a block is under way)."""
 
 RESTS_S, TOUCHED_S = 1.0, 2.0
 """What a detector is shown: rest (and its baseline), then a step with an oscillation on it, then rest again."""
@@ -98,13 +111,17 @@ def _device(rig: Rig, name: str, info: DeviceInfo) -> Iterator[str | None]:
     """What a device breaks of `Device`."""
     device = rig.devices[name]
 
+    statuses: list[Any] = []
+
     def turn(seconds: float) -> list[SampleBlock]:
-        blocks: list[SampleBlock] = []
+        blocks: list[Any] = []
         end_s = rig.clock.now() + seconds
         while rig.clock.now() < end_s:
             rig.clock.wait_until(rig.clock.now() + TURN_S)
-            blocks += device.read()
-            device.poll()
+            for member, given, kept in (("read", device.read(), blocks), ("poll", device.poll(), statuses)):
+                if not isinstance(given, Iterable):
+                    raise TypeError(f"{member}() returns {given!r}, not a list")
+                kept.extend(given)
         return blocks
 
     def refusal(command: Any) -> str | None:
@@ -136,10 +153,30 @@ def _device(rig: Rig, name: str, info: DeviceInfo) -> Iterator[str | None]:
     device.apply(Listen(name, frozenset(info.streams)))
     blocks = turn(LISTEN_S)
     for key, stream in info.streams.items():
+        yield _rate(stream, sum(len(block) for block in blocks if block.stream == key))
         yield _samples(stream, [block for block in blocks if block.stream == key])
+    lost = Counter[str]()
+    for each in statuses:
+        lost.update({each.stream: each.samples} if isinstance(each, Lost) else {})
+    told = ", ".join(f"{count} of {stream}" for stream, count in lost.items())
+    yield (
+        f"loses samples ({told}); are its rate, its time's unit, its counter's modulus right?"
+        if lost
+        else None
+    )
+    failed = [each.reason for each in statuses if isinstance(each, Failed | Stalled)]
+    yield f"fails: {failed[0]}" if failed else None
     device.apply(Listen(name, frozenset()))
     turn(0.1)
     yield None if not turn(0.1) else "goes on sending when nobody listens any more"
+
+
+def _rate(stream: StreamInfo, count: int) -> str | None:
+    """What is wrong with how many samples came; that none came is told otherwise."""
+    expected = (stream.rate_hz or 0.0) * LISTEN_S
+    if not count or not expected or abs(count - expected) <= max(2.0, RATE * expected):
+        return None
+    return f"stream {stream.name}: {count} samples in {LISTEN_S:g} s, not {expected:.0f} as its rate_hz says"
 
 
 def _samples(stream: StreamInfo, blocks: Sequence[SampleBlock]) -> str | None:
