@@ -155,16 +155,20 @@ def read_source(name_or_path: str | Path, overrides: Mapping[str, str] | None = 
 
 
 def _check_absent(source: Source, tables: Sequence[Table]) -> None:
-    """What is taken off must have been there.
+    """What is taken off must have been there, but in a file that extends nothing: what `check` prints names it too.
+
+    Args:
+        tables: Of the files, and last what `--set` gave.
 
     Raises:
         ProfileError: one was not; a wrong name would leave on what was meant.
     """
     problems = []
     for section in TAKEN_OFF:
-        named = [table[section] for table in tables if isinstance(table.get(section), dict)]
-        there = {name for table in named for name, entry in table.items() if entry != ABSENT}
-        for name in sorted({name for table in named for name in table} - there):
+        named = [table for table in tables if isinstance(table.get(section), dict)]
+        there = {name for table in named for name, entry in table[section].items() if entry != ABSENT}
+        extending = [table for table in named if "extends" in table or table is tables[-1]]
+        for name in sorted({name for table in extending for name in table[section]} - there):
             where = f"{source.origin((section, name))}: [{section}] {name}"
             problems.append(f'{where} = "{ABSENT}": nothing has that name; {near_or_all(name, there)}')
     if problems:

@@ -174,9 +174,14 @@ def test_any_table_reads_back_as_it_was(table):
 
 
 def test_a_printed_profile_is_a_profile_with_the_same_hash(write):
-    profile = load_profile("touch.toml")
-    write("printed.toml", to_toml(profile.resolved, lambda path: "printed"))
-    assert load_profile("printed.toml").hash == profile.hash
+    near = {"signals.near.kind": "scaled"}
+    write("far.toml", 'extends = "touch"\n[signals]\nnear.kind = "scaled"')
+    for profile in (
+        load_profile("touch.toml", near),
+        load_profile("far.toml", {"signals.near": "none"}),  # one that is taken off is named
+    ):
+        write("printed.toml", to_toml(profile.resolved, lambda path: "printed"))
+        assert load_profile("printed.toml").hash == profile.hash
 
 
 PATH = ("detectors", "touch", "threshold")
