@@ -108,7 +108,9 @@ class LineSensor(WireDriver[SerialLink]):
         found = inquiry.ask(lambda: link.send(self.query), self._identity)
         clock = self._own_clock = DeviceClock(s.max_drift_ppm, wrap_s=found.wrap_s)
         name = found.stream.name
-        self._streams[name] = SampleStream(found.stream, clock, self._clock, np.float64, found.counter_modulus)
+        self._streams[name] = SampleStream(
+            found.stream, clock, self._clock, np.float64, found.counter_modulus
+        )
         return DeviceInfo(
             self.name,
             found.model,
