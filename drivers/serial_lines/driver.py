@@ -115,7 +115,8 @@ class SerialLines(LineSensor):
                 self._bytes += len(data)
                 for line in self._lines.feed(data):
                     sample = self._parsed(line)
-                    if not isinstance(sample, LineSample):
+                    # The first one may have been cut by the opening, and its time with it.
+                    if not isinstance(sample, LineSample) or self._seen == 1:
                         sound = []
                         continue
                     if sound and len(sample.counts) != len(sound[-1][1].counts):

@@ -170,6 +170,15 @@ def test_a_board_that_resets_on_open_is_waited_for() -> None:
     assert crank.device.account()["malformed"] == 0, "what it printed before does not count"
 
 
+@pytest.mark.parametrize("cut", range(1, len(b"1234560000,7,7\r\n")))
+def test_a_port_that_is_opened_in_the_middle_of_a_line_does_not_take_the_rest_for_its_first(cut: int) -> None:
+    def prints(tick: int) -> bytes:
+        line = b"%d,%d,7\r\n" % (1_234_560_000 + 10_000 * tick, tick % 10)
+        return line if tick else line[cut:]
+
+    assert opened(Board(prints)).info.details["rate_hz"] == pytest.approx(100.0)
+
+
 def test_lines_from_before_the_reset_do_not_open_it() -> None:
     class Reset(Board):
         early = b"".join(timed(tick) for tick in (500, 501, 502)) + b"429496"
