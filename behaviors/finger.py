@@ -19,6 +19,9 @@ class FingerTrialSettings(Settings):
     load_cell_stream: StreamName | None = "board.load_cell"
     """The reference: force behind the probe (N); "none": it is not measured."""
 
+    load_cell_channel: int = Field(default=0, ge=0, le=63)
+    """Which of its channels a push makes positive: of an arm's own force 2 (fz), where it comes from above."""
+
     period_stream: StreamName | None = "board.period"
     """Period counts of the excitation (s); "none": they are not counted."""
 

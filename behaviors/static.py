@@ -31,6 +31,9 @@ class StaticSettings(FingerTrialSettings):
     speed_m_s: float = Field(default=0.002, gt=0.0, le=1.0)
     """Speed of going there. Assumption: slow enough to disturb nothing."""
 
+    zero_s: float = Field(default=1.0, gt=0.0, le=60.0)
+    """Last part of `settle_s`, in which the load cell's zero is taken: nothing touches. Assumption: 28 periods."""
+
     rest_s: float = Field(default=5.0, ge=0.0, le=600.0)
     """Wait for equilibrium after placing (III.C: "waiting for the system to reach equilibrium")."""
 
@@ -54,13 +57,15 @@ class Static(FingerTrial):
     table: ClassVar[Sequence[Row]] = (
         on("reached", "HOMING", "STARTING", from_mover),
         on("reached", "STARTING", "SETTLING", from_mover),
-        on("deadline", "SETTLING", "PLACING"),
+        on("deadline", "SETTLING", "ZEROING"),
+        on("deadline", "ZEROING", "PLACING"),
         on("reached", "PLACING", "RESTING", from_mover),
         on("deadline", "RESTING", "RECORDING"),
         on("deadline", "RECORDING", "RETRACTING", do=concluding("recorded")),
         on("reached", "RETRACTING", "DONE", from_mover),
         on("resumed", "HOMING", "HOMING"),
         on("resumed", "STARTING", "STARTING"),
+        on("resumed", "ZEROING", "ZEROING"),
         on("resumed", ["PLACING", "RESTING", "RECORDING"], "PLACING"),
         on("resumed", "RETRACTING", "RETRACTING"),
     )
@@ -86,7 +91,10 @@ class Static(FingerTrial):
         return {
             "HOMING": StatePlan(settings.home_timeout_s),
             "STARTING": StatePlan(motion, commands=[away]),
-            "SETTLING": StatePlan(settings.settle_s),
+            "SETTLING": StatePlan(max(0.0, settings.settle_s - settings.zero_s)),
+            "ZEROING": StatePlan(
+                settings.zero_s, frozenset(), self.measured(settings.load_cell_stream), prompt=False
+            ),
             "PLACING": StatePlan(motion, commands=[there]),
             "RESTING": StatePlan(settings.rest_s),
             "RECORDING": StatePlan(settings.record_s, frozenset(), measured, prompt=False),

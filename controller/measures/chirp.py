@@ -13,6 +13,10 @@ from drivers.core.messages import Floats
 STEP_HZ = 250.0
 """Width of the bands in which the sweep is averaged: a hundred in a sweep of 26 kHz, each well above a millisecond."""
 
+ECHO_DB = 3.0
+"""How far the best band must be above the silence to be an echo. Assumption: the strongest of a hundred bands of noise
+alone is some 0.3 dB above its mean."""
+
 LATENCY_UNSURE_S = 0.001
 """Error of the latency that a device reports, s. Assumption: converters' filters, which it does not include, take some
 0.4 ms each."""
@@ -35,7 +39,8 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> M
     """Measure one sweep.
 
     Returns:
-        The outcome, and the columns; all empty if the sweep was not completed.
+        The outcome, `no_echo` where nothing came back, and the columns: all empty if the sweep was not completed, all
+        but `over_noise_db` without an echo.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     ended_s, asked_s = evidence.entered_s.get("RINGING"), evidence.entered_s.get("SWEEPING")
@@ -54,6 +59,10 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> M
     best_hz, low_hz, high_hz = peak(frequencies_hz[order], together[order], 0.5)
     silence = series.values[(series.times_s >= silent_s) & (series.times_s < min(asked_s, begun_s))]
     noise = float((silence - silence.mean(axis=0)).var(axis=0).sum()) if len(silence) else 0.0
+    over_db = 10.0 * float(np.log10(together[best] / noise)) if noise > 0.0 and together[best] > 0.0 else None
+    row["over_noise_db"] = over_db
+    if together[best] == 0.0 or (over_db is not None and over_db < ECHO_DB):
+        return ("no_echo" if outcome == "swept" else outcome), row
     per_finger = [peak(frequencies_hz[order], column[order], 0.5)[0] for column in power.T]
     row.update(
         best_hz=best_hz,
@@ -62,7 +71,6 @@ def measure(evidence: TrialEvidence, settings: ChirpSettings, outcome: str) -> M
         band_low_hz=low_hz if np.isfinite(low_hz) else None,
         band_high_hz=high_hz if np.isfinite(high_hz) else None,
         unsure_hz=0.5 * STEP_HZ + abs(_slope_hz_s(settings)) * LATENCY_UNSURE_S,
-        over_noise_db=10.0 * float(np.log10(together[best] / noise)) if noise > 0.0 else None,
     )
     return outcome, row
 
@@ -81,7 +89,7 @@ def _slope_hz_s(settings: ChirpSettings) -> float:
 
 
 def transfer(times_s: Floats, values: Floats, settings: ChirpSettings) -> tuple[Floats, Floats]:
-    """Mean square of the received signal while the sweep passes through each band.
+    """Mean square of the received signal, less its mean, while the sweep passes through each band.
 
     Args:
         times_s: Since the sweep was first received, shape (n,).
@@ -97,6 +105,8 @@ def transfer(times_s: Floats, values: Floats, settings: ChirpSettings) -> tuple[
     cells = np.floor(swept_hz / STEP_HZ).astype(np.int64)
     count = np.bincount(cells) if len(cells) else np.empty(0, dtype=np.int64)
     fingers = values[inside].T
+    if len(cells):
+        fingers = fingers - fingers.mean(axis=1, keepdims=True)  # a card's offset is no echo
     squares = np.column_stack([np.bincount(cells, weights=x**2, minlength=len(count)) for x in fingers])
     filled = count > 0
     middles_hz = settings.from_hz + np.sign(slope_hz_s) * (np.arange(len(count)) + 0.5) * STEP_HZ

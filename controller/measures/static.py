@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from controller.measures import Column
-from controller.measures.trial import Measured, TrialEvidence
+from controller.measures.transient import ONSET_N
+from controller.measures.trial import Measured, TrialEvidence, spans_of
 from controller.signals.spectrum import dominant_frequency
+from drivers.core.messages import Floats
 
 if TYPE_CHECKING:
     from behaviors.static import StaticSettings
@@ -30,7 +32,7 @@ COLUMNS = {
 
 
 def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> Measured:
-    """Measure one static contact over the whole representative sample."""
+    """Measure one static contact over the whole representative sample; `no_contact` where the load cell felt none."""
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     begun_s = evidence.entered_s.get("RECORDING")
     if begun_s is None:
@@ -50,7 +52,21 @@ def measure(evidence: TrialEvidence, settings: StaticSettings, outcome: str) -> 
     _, periods_s = evidence.periods(settings.period_stream, begun_s, ended_s)
     if len(periods_s) > 1:
         row["frequency_sd_hz"] = float(np.std(1.0 / periods_s, ddof=1))
-    _, force_n = evidence.series(settings.load_cell_stream, begun_s, ended_s)
+    force_n = tared(evidence, settings, begun_s, ended_s)
     if len(force_n):
         row.update(force_n=float(force_n.mean()), force_peak_n=float(force_n.max()))
+        # light contact is lost in every period, and its mean is small
+        pressed_n = {"full": abs(row["force_n"]), "light": row["force_peak_n"]}
+        if outcome == "recorded" and pressed_n.get(evidence.factors["condition"], ONSET_N) < ONSET_N:
+            outcome = "no_contact"
     return outcome, row
+
+
+def tared(evidence: TrialEvidence, settings: StaticSettings, begun_s: float, ended_s: float) -> Floats:
+    """Force of a span, N, less its mean before the probe was placed, shape (n,); none without a load cell."""
+    stream, channel = settings.load_cell_stream, settings.load_cell_channel
+    zero = spans_of(evidence.visits, "ZEROING")[-1]
+    (_, at_rest_n), (_, force_n) = (
+        evidence.series(stream, *span, channel) for span in (zero, (begun_s, ended_s))
+    )
+    return force_n - at_rest_n.mean() if len(at_rest_n) else force_n

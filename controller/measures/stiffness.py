@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from controller.measures import Column, static
+from controller.measures.transient import ONSET_N
 from controller.measures.trial import Measured, TrialEvidence
 from drivers.core.messages import Floats
 
@@ -24,9 +25,6 @@ COLUMNS = {
     "ring_hz": Column("frequency of the ringing after the drive went off, free or in full contact", 2),
     "phase_rad": Column("phase of the distal accelerometer before the proximal one, 0 to a full turn", 2),
 }
-
-ONSET_N = 0.005
-"""Force that counts as contact (IV.B)."""
 
 RING_S = (0.01, 0.3)
 """Span after the drive went off from which the ringing is read. Assumption: the command has arrived, and noise does not
@@ -53,12 +51,14 @@ def measure(evidence: TrialEvidence, settings: StiffnessSettings, outcome: str) 
     if len(near) and len(near) == len(far):
         turned = phasor(times_s, far, row["frequency_hz"]) / phasor(times_s, near, row["frequency_hz"])
         row["phase_rad"] = cmath.phase(turned) % (2.0 * math.pi)
-    _, force_n = evidence.series(settings.load_cell_stream, begun_s, off_s)
+    force_n = static.tared(evidence, settings, begun_s, off_s)
     if len(force_n):
         row["touching"] = float((force_n > ONSET_N).mean())
     if row["touching"] in (0.0, 1.0):
-        stream = settings.load_cell_stream if row["touching"] else settings.accelerometer_stream
-        rung_s, rings = evidence.series(stream, off_s + RING_S[0], off_s + RING_S[1])
+        stream, channel = settings.accelerometer_stream, 0
+        if row["touching"]:
+            stream, channel = str(settings.load_cell_stream), settings.load_cell_channel
+        rung_s, rings = evidence.series(stream, off_s + RING_S[0], off_s + RING_S[1], channel)
         if len(rings) > 50:
             row["ring_hz"] = ringing(rings, (len(rings) - 1) / (rung_s[-1] - rung_s[0]))
     return outcome, row

@@ -74,10 +74,11 @@ def measure(evidence: TrialEvidence, settings: TransientSettings, outcome: str) 
             row.update(detect_s=contact.t_s, false_contacts=1)
             outcome = "false_contact" if outcome == "contact" else outcome
         return outcome, row
-    times_s, force_n = tared(evidence, settings.load_cell_stream, begun_s)
+    channel = settings.load_cell_channel
+    times_s, force_n = tared(evidence, settings.load_cell_stream, begun_s, channel)
     above = np.flatnonzero(force_n >= ONSET_N)
     baseline_n = evidence.series(
-        settings.load_cell_stream, -math.inf if baseline_s is None else baseline_s, begun_s
+        settings.load_cell_stream, -math.inf if baseline_s is None else baseline_s, begun_s, channel
     )[1]
     noise_n = float(baseline_n.std()) if len(baseline_n) else 0.0
     too_noisy = evidence.truth is None and noise_n > ONSET_N / 4.0

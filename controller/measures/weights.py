@@ -30,7 +30,7 @@ COLUMNS = {
 
 
 def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) -> Measured:
-    """Calibrate one bridge."""
+    """Calibrate one bridge; `not_calibrated` where it does not show the weights."""
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     for begin_s, end_s in spans_of(evidence.visits, "RECORDING"):
         evidence.covered(settings.bridges_stream, begin_s, end_s)
@@ -44,8 +44,10 @@ def measure(evidence: TrialEvidence, settings: WeightsSettings, outcome: str) ->
     if any(math.isnan(step.load_n) for step in steps):
         raise MissingDataError(f"{settings.load_stream}: a load that hung is no number; run this trial again")
     calibration = calibrate([steps], settings.weight_uncertainty)
-    if calibration is not None:
-        row |= {name: None if math.isnan(value) else value for name, value in _columns(calibration).items()}
+    # a gain that is noise: the largest weight is less than the smallest change detected
+    if calibration is None or calibration.resolution_n.value >= calibration.top_n:
+        return ("not_calibrated" if outcome == "calibrated" else outcome), row
+    row |= {name: None if math.isnan(value) else value for name, value in _columns(calibration).items()}
     return outcome, row
 
 

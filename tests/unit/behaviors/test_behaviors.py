@@ -258,8 +258,9 @@ def test_static_places_the_probe_by_its_condition(condition, position_m):
     settings = StaticSettings(light_m=0.003, full_m=0.0045)
     behavior: Behavior = Static(settings, StaticFactors(condition=condition), frozenset())
     behavior.begin(0.0)
-    tell(behavior, Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0))
-    assert behavior.handle(Tick(91.0)) == [MoveTo("stage", position_m, 0.002)]
+    tell(behavior, Reached(0.1, "stage", 0.0), Reached(0.2, "stage", 0.0), Tick(89.2))
+    assert (behavior.state, behavior.plan.measures) == ("ZEROING", {"board.load_cell"})
+    assert behavior.handle(Tick(90.2)) == [MoveTo("stage", position_m, 0.002)]
 
 
 def test_a_row_that_names_a_method_in_quotes_is_refused_with_its_place():

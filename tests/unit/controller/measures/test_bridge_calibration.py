@@ -5,7 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from behaviors.weights import WeightsSettings
+from controller.measures import weights
 from controller.measures.bridge_calibration import DETECTED_SIGMA, Step, calibrate, steps_of
+from controller.measures.trial import TrialEvidence
 from controller.recording.series import TrialRecording
 from drivers.core.messages import SampleBlock
 
@@ -154,3 +157,21 @@ def test_a_load_that_was_asked_for_again_after_a_pause_counts_once_and_an_empty_
     assert [step[:3] for step in unrecorded] == [step[:3] for step in whole]
     empty = TrialRecording(1)
     assert steps_of(empty, load_stream="a", bridges_stream="b", bridge="x", preloads=0) == []
+
+
+@pytest.mark.parametrize(("gain_v_n", "judged"), [(0.0, "not_calibrated"), (-GAIN_V_N, "calibrated")])
+def test_a_bridge_that_does_not_show_the_weights_is_not_calibrated(gain_v_n, judged):
+    settings = WeightsSettings(weights_x_n=(1.0, 2.0, 4.0), preloads=1, cycles=2)
+    loads_n = settings.loads_n("x")
+    rng, recording, visits = np.random.default_rng(2), TrialRecording(1), []
+    for turn, load_n in enumerate(loads_n):
+        bridges_v = rng.normal([gain_v_n * load_n, 0.0, 0.0], 1e-3, (500, 3))
+        recording.add(SampleBlock("board.fingertip", 1000 * turn, float(turn), bridges_v, rate_hz=1000.0))
+        visits += [("RECORDING", float(turn)), ("HANGING", turn + 0.5)]
+    hung = np.array([[load_n, 0.0, 0.0] for load_n in loads_n])
+    recording.add(SampleBlock("operator.load", 0, 0.0, hung, times_s=np.arange(len(loads_n)) - 0.1))
+    outcome, row = weights.measure(
+        TrialEvidence({"bridge": "x"}, recording, visits=visits), settings, "calibrated"
+    )
+    assert outcome == judged
+    assert row["gain_v_n"] == (None if gain_v_n == 0.0 else pytest.approx(gain_v_n, rel=0.01))

@@ -12,8 +12,9 @@ from behaviors.events import BaselineReady, BaselineRefused, Contact
 from behaviors.first_contact import FirstContactSettings
 from behaviors.flexion import FlexionSettings
 from behaviors.proximal import ProximalSettings
+from behaviors.stiffness import StiffnessSettings
 from behaviors.transient import TransientSettings
-from controller.measures import chirp, first_contact, flexion, proximal
+from controller.measures import chirp, first_contact, flexion, proximal, stiffness
 from controller.measures.pointer import Touch, errors_of, touches_of, turned_rad
 from controller.measures.transient import measure
 from controller.measures.trial import TrialEvidence, spans_of
@@ -220,6 +221,55 @@ def test_a_real_load_cell_that_reads_a_push_as_negative_has_the_wrong_sign(push_
     assert (outcome, row["false_contacts"]) == judged
 
 
+SHORTLY = [("SETTLING", 0.0), ("ZEROING", 1.0), ("PLACING", 2.0), ("RECORDING", 3.0), ("RINGING", 5.0)]
+
+
+def rested(condition, force_n, zero_n=0.0, channel=0):
+    """A contact at rest from 3 to 5 s; another channel of the cell has a force of its own."""
+    times_s = np.arange(6000) / 1000.0
+    force = np.full((6000, 3), 0.7)
+    force[:, channel] = zero_n + np.where(times_s < 3.0, 0.0, force_n)
+    swing = np.sin(2.0 * np.pi * 28.0 * times_s)[:, None]
+    recording = TrialRecording(1)
+    for stream, values in (("board.load_cell", force), ("board.accelerometer", swing)):
+        recording.add(SampleBlock(stream, 0, 0.0, values, rate_hz=1000.0, unit="x"))
+    visits = [*SHORTLY, ("RETRACTING", 5.5)]
+    return TrialEvidence({"condition": condition}, recording, entered_s=dict(visits), visits=visits)
+
+
+@pytest.mark.parametrize(("zero_n", "channel"), [(0.0, 0), (0.02, 2), (-0.3, 2)])
+@pytest.mark.parametrize(
+    ("condition", "force_n", "judged"),
+    [
+        ("none", 0.0, "recorded"),
+        ("full", 0.0, "no_contact"),
+        ("light", 0.0, "no_contact"),
+        ("light", 0.1, "recorded"),
+        ("full", 0.1, "recorded"),
+    ],
+)
+def test_a_contact_at_rest_is_one_by_the_load_cell_less_its_zero(condition, force_n, judged, zero_n, channel):
+    settings = StiffnessSettings(light_m=0.004, full_m=0.01, load_cell_channel=channel, period_stream=None)
+    outcome, row = stiffness.measure(rested(condition, force_n, zero_n, channel), settings, "recorded")
+    assert outcome == judged
+    assert [row["force_n"], row["force_peak_n"]] == pytest.approx([force_n, force_n])
+    assert row["touching"] == (force_n > 0.0)
+
+
+def test_the_load_cells_channel_is_that_of_the_settings():
+    found = evidence(2.7, TOUCH)
+    force_n = np.zeros((4000, 3))
+    force_n[2500:, 2] = 0.2
+    found.recording.add(SampleBlock("arm.force", 0, 0.0, force_n, rate_hz=1000.0, unit="N"))
+    peaks_n = [
+        measure(found, TransientSettings(load_cell_stream="arm.force", load_cell_channel=channel), "contact")[
+            1
+        ]["force_peak_n"]
+        for channel in (0, 2)
+    ]
+    assert peaks_n == [0.0, pytest.approx(0.2)]
+
+
 def heard(values, entered_s):
     recording = TrialRecording(1)
     recording.add(SampleBlock("audio.fingers", 0, 0.0, values, rate_hz=96_000.0, unit="FS"))
@@ -258,6 +308,18 @@ def test_a_sweep_that_a_pause_broke_off_is_not_taken_for_silence():
     _, row = chirp.measure(evidence, ChirpSettings(duration_s=1.0), "swept")
     # half a square over the noise's variance
     assert row["over_noise_db"] == pytest.approx(10 * math.log10(0.5 / 1e-6), abs=1.0)
+
+
+@pytest.mark.parametrize(("echo", "judged"), [(0.0, "no_echo"), (1e-2, "swept")])
+def test_a_sweep_without_an_echo_is_no_success_whatever_the_cards_offset(echo, judged):
+    times_s = np.arange(0.0, 1.4, 1.0 / 96_000.0)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal((len(times_s), 2))
+    tone = echo * np.sin(2e5 * times_s) * ((times_s >= 0.2) & (times_s < 1.2))
+    evidence = heard(0.1 + noise + tone[:, None], {"SILENT": 0.0, "SWEEPING": 0.2, "RINGING": 1.2})
+    outcome, row = chirp.measure(evidence, ChirpSettings(duration_s=1.0), "swept")
+    assert (outcome, row["best_hz"] is None) == (judged, judged == "no_echo")
+    # half a square of the echo, and the noise itself, over the noise
+    assert row["over_noise_db"] == pytest.approx(10 * math.log10(1.0 + 0.5 * echo**2 / 1e-6), abs=1.0)
 
 
 def test_a_sweep_that_did_not_come_to_its_end_gives_no_frequency_and_a_downward_one_is_a_mistake():
