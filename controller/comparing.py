@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from controller.measures import meanings_of
+from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.reports.counts import Row, half_width, mean_of
@@ -76,8 +77,9 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> tuple[Path, s
 
 
 def _pairs(first: Run, second: Run) -> pd.DataFrame:
-    """A row for each trial that both have, the second's columns behind the first's."""
-    return first.table.merge(second.table, on=["trial", *_factors(first, second)], suffixes=("", SECOND))
+    """A row for each trial that both have measured, the second's columns behind the first's."""
+    one, other = (run.table[~run.table["outcome"].isin(UNMEASURED)] for run in (first, second))
+    return one.merge(other, on=["trial", *_factors(first, second)], suffixes=("", SECOND))
 
 
 def _tables(first: Run, second: Run) -> tuple[list[Row], list[Row]]:

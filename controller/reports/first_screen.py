@@ -13,6 +13,7 @@ import numpy as np
 from controller.recording.reader import Run
 from controller.reports.approaches import unjudged
 from controller.reports.counts import (
+    Mean,
     Row,
     Trials,
     decided,
@@ -249,23 +250,37 @@ def _number(own: Trials, line: Row) -> Headline | None:
 
 def beside_each_other(before: Sequence[Run], after: Sequence[Run]) -> str:
     """Which of two is better, by the mean that both open with, or that no difference is told; "" where that is no mean
-    of which less is better."""
+    of which less is better. Where trials of the two are pairs, these alone decide."""
     lines = headlines(experiment_in(before[-1]))
     line = next((each for each in lines if each["column"] and each["over"] == "mean" and each["less"]), None)
     if line is None:
         return ""
     name, what = str(line["column"]), line["what"]
-    all_ = (Trials.of(each) for each in (before, after))
-    one, other = (each.where(lambda row: holds(line, row)).mean(name) for each in all_)
+    all_ = [Trials.of(each).known(name).where(lambda row: holds(line, row)) for each in (before, after)]
+    if pairs := pairs_of(before[-1], after[-1], *all_):
+        all_ = list(map(Trials, zip(*pairs, strict=True)))
+    one, other = (each.mean(name) for each in all_)
     if not one.n or not other.n:
         return ""
+    off = mean_of(mine[name] - theirs[name] for mine, theirs in pairs)
+    better = larger(off, Mean(0.0, 0.0, 2)) if pairs else larger(one, other)
+    over = f", over {len(pairs)} pairs of trials" if pairs else ""
     scale = fitting(name, one.mean, other.mean)
     first, second = (f"{three(each.mean * scale.factor)} {scale.unit}".rstrip() for each in (one, other))
-    better = larger(one, other)
     if better is None:
-        return f"No difference told: {what} {second}, the first run's {first}; the intervals overlap."
+        said = f"No difference told: {what} {second}, the first run's {first}{over}"
+        return f"{said}; the interval of the difference holds zero."
     how = sized(other.mean, one.mean, scale_of(name).unit)
-    return f"The {'second' if better else 'first'} is better: {what} {second}, {how} than the first run's {first}."
+    said = f"The {'second' if better else 'first'} is better: {what} {second}"
+    return f"{said}, {how} than the first run's {first}{over}."
+
+
+def pairs_of(first: Run, second: Run, one: Trials, other: Trials) -> list[tuple[Row, Row]]:
+    """Trials of the one and the other run that have the same number and the same factors."""
+    names = ["trial", *(name for name in first.factors if name in second.factors)]
+    theirs = {tuple(row.get(name) for name in names): row for row in other}
+    keys = [(row, tuple(row.get(name) for name in names)) for row in one]
+    return [(row, theirs[key]) for row, key in keys if key in theirs]
 
 
 def fitting(name: str, *values: float) -> Scale:

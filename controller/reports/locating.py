@@ -8,8 +8,19 @@ import numpy as np
 
 from behaviors.static import StaticFactors
 from controller.recording.reader import Run
-from controller.reports.counts import Row, Trials, is_number, mean_of, number, quantity, under, within_all
+from controller.reports.counts import (
+    Row,
+    Trials,
+    is_number,
+    mean_of,
+    number,
+    quantity,
+    three,
+    under,
+    within_all,
+)
 from controller.reports.figures import FAINT, LOOKS, Figures
+from controller.reports.run_account import setting_of
 from controller.reports.section import Headline, Section, told
 from controller.reports.stiffness import ARM_M, STIFFNESS, arm_of, from_tip_m
 
@@ -43,8 +54,15 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     other = {column: [each for each in own if each.contact_n_m is not None] for column, own in found.items()}
     held = sorted({each.location for each in usual["phase_rad"]})
     heldby = {column: [each for each in own if each.location in held] for column, own in usual.items()}
+    others_n_m = sorted({each.contact_n_m or 0.0 for each in other["phase_rad"]})
+    pad_n_m = setting_of(runs[0], "plant", "pad_n_m")
+    times = " or ".join(three(n_m / (pad_n_m or 1.0)) for n_m in others_n_m)
     content = {
         "held": held,
+        "lost": sorted(
+            {str(row["location"]) for row in rows} - {str(row["location"]) for row in rows if _holds(row)}
+        ),
+        "others": f"{times} times as stiff" if pad_n_m else f"of {' or '.join(map(three, others_n_m))} N/m",
         "n": len(usual["phase_rad"]),
         "worst_m": {METHODS[column]: _worst_m(own) for column, own in heldby.items()},
         "worst_other_m": {
@@ -73,14 +91,14 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
                     for c, name in METHODS.items()
                 },
             }
-            for n_m in sorted({each.contact_n_m or 0.0 for each in other["phase_rad"]})
+            for n_m in others_n_m
         ],
         "figure": _draw(figures, rows, usual["phase_rad"], other["phase_rad"]) if held else "",
     }
     heading = "Location along the link from two accelerometers (A4b)"
     if not held:
         return told(runs, heading, "locating", content, paper="backus")
-    phase, ringing = (quantity("error_m", _worst_m(usual[column]), 1) for column in ("phase_rad", "ring_hz"))
+    phase, ringing = (quantity("error_m", _worst_m(heldby[column]), 1) for column in ("phase_rad", "ring_hz"))
     headline = Headline(
         "location from the phase, worst error",
         phase,

@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from controller.comparing import compared
 from controller.measures.transient import COLUMNS
 from controller.recording import reader
 from controller.recording.reader import open_run
@@ -470,6 +471,27 @@ def test_of_two_runs_beside_each_other_each_has_its_own_typical_trial(campaign, 
     typical = str(hero_of("transient", [campaign[0]])[0].trial)
     names = [campaign[0].folder.path.name, "other"]
     assert drawn == [(str(number), typical, typical, name) for number, name in enumerate(names)]
+
+
+def test_of_two_runs_pairs_of_trials_decide_as_in_the_lines_of_compare(tmp_path, undrawn):
+    """Each 10 ms later, 1 ms either way: less than single trials scatter, and told nevertheless."""
+    delays_s = [0.2 + 0.01 * n for n in range(10)]
+    one = write_transient(tmp_path, [Given(delay_s=delay_s) for delay_s in delays_s])
+    later = [Given(delay_s=delay_s + 0.01 + 0.001 * (-1) ** n) for n, delay_s in enumerate(delays_s)]
+    other = write_transient(tmp_path, later)
+    one, other = (replace(run, manifest={**run.manifest, "commit": "", "seed": 1}) for run in (one, other))
+    said = comparison_page(one, other, Comparing([], [], []))[1]
+    assert said == (
+        "The first is better: time from touch to detection 255 ms, 4.1 % slower than the first run's 245 ms, "
+        "over 10 pairs of trials."
+    )
+    (line,) = [line for line in compared(one, other) if line.startswith("delay, s: +0.01 (")]
+    assert line.endswith("n = 10")
+    broken = replace(
+        other, trials=[*other.trials[:9], {**other.trials[9], "outcome": "guard", "delay_s": 9.0}]
+    )
+    assert "over 9 pairs" in comparison_page(one, broken, Comparing([], [], []))[1]
+    assert "9 pairs of trials, of 10 and 10" in compared(one, broken)
 
 
 def test_an_experiment_opens_with_its_number_its_interval_and_the_papers(campaign):
