@@ -212,6 +212,8 @@ def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
 def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoints: Path | None) -> int:
     """Take the present level of each force sensor of a PROFILE for zero, or of DEVICE alone; nothing moves.
 
+    Where the device itself does not keep its zero, the line for the profile that does is printed.
+
     \b
     Example:
       run.py tare hardware/transient
@@ -219,6 +221,7 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
     """
     from controller import by_hand
     from controller.console import KeyOperator
+    from drivers.core.protocols import OwnZero
 
     loaded = loaded_bench(profile, overrides)
     asked = [known_device(loaded, device)] if device else list(loaded.devices)
@@ -240,7 +243,11 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
             codes.append(ended(result))
             if result.outcome == "done":
                 before, after = (" ".join(f"{value:.4g}" for value in level) for level in levels)
-                verbs.say(f"{stream.name}: {before} {stream.unit} is zero now; it reads {after}")
+                kept = ""
+                if isinstance(owner := session.rig.devices[stream.name.partition(".")[0]], OwnZero):
+                    setting = owner.zero_setting(stream.name) or "no setting does"
+                    kept = f"; this zero is lost as the program ends; to keep it: {setting}"
+                verbs.say(f"{stream.name}: {before} {stream.unit} is zero now; it reads {after}{kept}")
     return max(codes)
 
 

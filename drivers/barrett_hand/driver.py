@@ -99,6 +99,11 @@ class BarrettHand(WireDriver[CanLink]):
         else:
             self._refuse(command, "no samples of it yet; listen to it first")
 
+    def zero_setting(self, stream: str) -> str:
+        """See `OwnZero.zero_setting`: the fingers have one setting together."""
+        zero = self._strains[self._fingers[stream]].zero
+        return f"zero_counts = {zero}  # in [devices.{self.name}]" if len(self._strains) == 1 else ""
+
     def account(self) -> Mapping[str, object]:
         """Samples lost, malformed frames and zeros, for the manifest."""
         malformed = 0 if self._link is None else self._link.malformed

@@ -45,6 +45,15 @@ class Device(Protocol):
         """How the link did so far (frames, losses, drift), for the manifest; empty where there is nothing to report."""
 
 
+@runtime_checkable
+class OwnZero(Protocol):
+    """A device that does not keep the zero of a `Tare`, as well as being a `Device`: it is the driver's, until it is
+    opened again."""
+
+    def zero_setting(self, stream: str) -> str:
+        """The line of TOML that has the profile keep a stream's present zero; "" where no setting does."""
+
+
 class Question(NamedTuple):
     """A question on the console, numbered by its device: two may have the same text."""
 

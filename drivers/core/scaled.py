@@ -91,6 +91,12 @@ class ScaledStreams:
         self._recent[stream].extend(read)
         return np.asarray((read - self.zeros[stream]) * math.copysign(1.0, self.streams[stream].scale))
 
+    def setting(self, stream: str) -> str:
+        """See `OwnZero.zero_setting`: a stream has one offset, whatever channels it has."""
+        device, _, own = stream.partition(".")
+        zero, *others = self.zeros[stream]
+        return "" if others else f"offset = {zero:.9g}  # in [devices.{device}.streams.{own}]"
+
     def tare(self, stream: str) -> bool:
         """Take the latest samples for zero; False where there are none."""
         zero = np.mean(self._recent[stream], axis=0) if self._recent[stream] else np.full(1, math.nan)

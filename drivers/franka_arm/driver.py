@@ -15,3 +15,7 @@ class FrankaArm(ArmDriver):
 
     link = FrankaLink
     _settings: FrankaArmSettings
+
+    def zero_setting(self, stream: str) -> str:
+        """See `OwnZero.zero_setting`: what is subtracted from the robot's estimate is forgotten."""
+        return ""

@@ -107,6 +107,10 @@ class NiDaq(WireDriver[DaqLink]):
             case Excite() | Tone():
                 self._link.drive(command)
 
+    def zero_setting(self, stream: str) -> str:
+        """See `OwnZero.zero_setting`."""
+        return self._scaled.setting(stream)
+
     def account(self) -> Mapping[str, object]:
         """Samples of each input, what is read at zero, and the drift of the device's clock."""
         found = {"samples": self._samples, "zeros": dict(self._scaled.zeros)}

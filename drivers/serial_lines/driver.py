@@ -61,6 +61,10 @@ class SerialLines(LineSensor):
             shown_s = _whole(numbers, s.time_column, s.time_modulus or ENDLESS) * s.time_unit_s
         return shown_s, counter
 
+    def zero_setting(self, stream: str) -> str:
+        """See `OwnZero.zero_setting`."""
+        return self._scaled.setting(stream)
+
     def account(self) -> Mapping[str, object]:
         """Lines that made no sense, the drift of the board's clock, and what is printed at zero."""
         malformed = self._malformed + self._lines.dropped

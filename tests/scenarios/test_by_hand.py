@@ -449,6 +449,20 @@ def test_the_verbs_say_what_they_did(verb):
     assert (code, err) == (0, "")
     assert out.startswith("board.load_cell: ")
     assert "N is zero now" in out
+    assert "to keep it" not in out, "the board keeps it"
+
+
+def test_a_zero_that_no_device_keeps_is_the_line_to_paste(verb):
+    code, out, err = verb(
+        "tare", "tests/data/serial_lines.toml", "uno", "--set", "devices.uno.streams.force.offset=512"
+    )
+    assert (code, err) == (0, "")
+    told, _, line = out.partition("to keep it: ")
+    assert "lost as the program ends" in told
+    setting, _, table = line.partition("  # in ")
+    assert table == "[devices.uno.streams.force]\n"
+    # the simulated board prints this number where nothing presses, give or take its cell's noise of a few steps
+    assert float(setting.removeprefix("offset = ")) == pytest.approx(512.0, abs=20.0)
 
 
 @pytest.mark.parametrize(

@@ -202,6 +202,7 @@ def test_a_tare_needs_a_reading(hand: BarrettHand, link: Link) -> None:
     (sent,) = hand.poll()
     assert isinstance(sent, Sent) and sent.command == tare
     assert hand.account()["zero_counts"] == {F1: 2101, F2: 2000, "hand.strain_13": 2000}
+    assert hand.zero_setting(F1) == "", "the other fingers have another zero"
 
 
 def test_what_was_read_before_is_no_zero_of_what_is_listened_to_now(hand: BarrettHand, link: Link) -> None:

@@ -360,6 +360,7 @@ def test_tare_takes_the_mean_of_its_latest_samples_as_zero() -> None:
     crank.turn(1.0)
     assert crank.values(FORCE).mean() == pytest.approx(0.0, abs=1e-9)
     assert crank.device.account()["offsets"] == {FORCE: [300.5]}
+    assert crank.device.zero_setting(FORCE) == "offset = 300.5  # in [devices.uno.streams.force]"
 
 
 @pytest.mark.parametrize(
