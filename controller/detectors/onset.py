@@ -9,6 +9,7 @@ from pydantic import Field
 from behaviors.events import BaselineReady, BaselineRefused, Detected, Onset
 from controller.detectors.protocol import Quantity, decisions
 from controller.detectors.stream import OnStream, step_of
+from controller.signals.whitening import ROUNDED
 from drivers.core.compiled import compiled
 from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import Settings, StreamName
@@ -41,11 +42,6 @@ POWERS = 4.0 ** np.arange(1, 13)
 SUM, LEVEL, LEAST, SINCE, FRESH, LAST, ON = STATE = range(7)
 """Places in the state: the sum; variance of the innovations in quiet, and its least; samples since the sum left zero,
 and since the last gap; the last sample; 1 from an onset until the sum is back at zero."""
-
-ROUNDED = 0.25
-"""The least variance of the quiet, in squared steps of the converter: no noise, however small, has more between two
-neighbouring codes. A channel at rest may go from one code, where its level would fall without end, to the edge of two;
-with 1/12, rounding's mean over all places, that is three times the variance, and an onset."""
 
 
 class OnsetSettings(Settings):

@@ -14,9 +14,9 @@ from controller.detectors.protocol import Hysteresis, Quantity, decisions
 from controller.detectors.stream import OnStream
 from controller.signals.cusum import (
     CREDIT,
+    DEAF,
     IMPACT,
     LASTING,
-    MISSING,
     MOST_VIBRATION_NAT,
     QUIET,
     STRIKE,
@@ -27,7 +27,7 @@ from controller.signals.cusum import (
 )
 from controller.signals.octaves import octaves
 from controller.signals.spectrum import BlockCutter, block_peaks
-from controller.signals.whitening import COUNT, FRESH, predictor
+from controller.signals.whitening import BRIDGED, COUNT, predictor
 from drivers.core.messages import Floats, SampleBlock
 from drivers.core.settings import Settings, StreamName
 
@@ -139,6 +139,13 @@ IMPACT_S = 0.1
 PATIENCE = 2.0
 """A detector that has learned nothing after this many times its learning time reports so."""
 
+LOSSY = 0.1
+"""Where a larger share of the samples was lost, that is why. Assumption."""
+
+DEAF_S = 1.0
+"""Losses that leave it without a decision for so much longer than with one are reported. Assumption: a slip is over by
+then."""
+
 
 class SlipSettings(SlipStreamSettings):
     """Settings of the detector that waits for several knocks. Times in seconds: they hold at any sample rate."""
@@ -222,7 +229,9 @@ class SlipDetector(OnStream[SlipSettings]):
     quiet until it has died away. `Impact` tells of it at its end, if no other as strong has followed.
 
     It needs `2 * learn_s` to arm after a reset or a gap beyond `max_gap_s`, and emits `BaselineReady` (`value`: the
-    vibration in quiet, root mean square) or `BaselineRefused`. Of several channels the one with the
+    vibration in quiet, root mean square) or `BaselineRefused`. One or two lost samples are bridged by what was
+    predicted; `BaselineRefused` tells where more are lost so often that it is deaf. Noise below the step of a converter
+    counts as what a converter makes of it at the edge of a code. Of several channels the one with the
     most evidence decides. `SlipEnded` comes when the evidence has been one knock's worth
     below the threshold for `hold_s`.
 
@@ -243,9 +252,10 @@ class SlipDetector(OnStream[SlipSettings]):
         super().reset()
         self._each: list[_Channel] = []
         self._slip = Hysteresis()
-        self._received = 0
+        self._received = self._lost = self._before = 0
         self._ready_reported = False
         self._refusal_reported = False
+        self._deaf_reported = False
 
     def arming_s(self, rate_hz: float) -> float:
         """Learning time after a reset, s: no events before its end."""
@@ -268,18 +278,21 @@ class SlipDetector(OnStream[SlipSettings]):
 
     def _missed(self, lost: int, block: SampleBlock, rate_hz: float) -> Sequence[Detected]:
         if 0 <= lost <= self.settings.max_gap_s * rate_hz:
-            for channel in self._each:
-                channel.skip(lost)
+            self._before = lost
+            self._lost += lost
             return ()
         slipping = self._slip.on
         self.reset()
         return [SlipEnded(float(block.times[0]), self.name, 0.0, self.settings.threshold)] if slipping else ()
 
     def _decide(self, values: Floats, times_s: Floats, rate_hz: float) -> Sequence[Detected]:
-        threshold = self.settings.threshold
+        threshold, before, self._before = self.settings.threshold, self._before, 0
+        if before:  # lost samples have the time of the next
+            values = np.concatenate([np.full((before, values.shape[1]), math.nan), values])
+            times_s = np.concatenate([np.repeat(times_s[:1], before), times_s])
         scores = self._scores(values, rate_hz)
-        events = [] if self._ready_reported else self._baseline(times_s, rate_hz)
-        self.readings = decisions(times_s, scores, threshold)
+        events = self._deaf(times_s) if self._ready_reported else self._baseline(times_s, rate_hz)
+        self.readings = decisions(times_s[before:], scores[before:], threshold)
         ending = max(0.5 * threshold, threshold - self._each[0].cusum.cap)
         hold = round(self.settings.hold_s * rate_hz)
         impacts = {place: size for channel in self._each for place, size in channel.impacts}
@@ -291,10 +304,24 @@ class SlipDetector(OnStream[SlipSettings]):
             events.append(kind(float(times_s[i]), self.name, float(scores[i]), threshold))
         return sorted(events, key=lambda event: event.t_s)
 
+    def _deaf(self, times_s: Floats) -> list[Detected]:
+        """Report that losses leave too little to decide by; once."""
+        places = [channel.deaf for channel in self._each if channel.deaf is not None]
+        if self._deaf_reported or not places:
+            return []
+        self._deaf_reported = True
+        reason = (
+            f"so many samples are lost, or not finite, that it was deaf for {DEAF_S:g} s longer than not: it decides"
+            f" {self.settings.order + 2} samples after more than {BRIDGED} in a row; is the line, or the computer, too"
+            " slow?"
+        )
+        return [BaselineRefused(float(times_s[min(places)]), self.name, math.nan, math.nan, reason)]
+
     def _baseline(self, times_s: Floats, rate_hz: float) -> list[Detected]:
         """Report that the quiet level is learned, or cannot be; once each."""
         arming_s = self.arming_s(rate_hz)
-        late = round(PATIENCE * arming_s * rate_hz) - self._received - 1
+        patience = round(PATIENCE * arming_s * rate_hz)
+        late = patience - self._received - 1
         self._received += len(times_s)
         armed = [channel for channel in self._each if channel.armed is not None]
         first = min(armed, key=lambda channel: channel.armed or 0, default=None)
@@ -313,7 +340,10 @@ class SlipDetector(OnStream[SlipSettings]):
         ]
         if late >= 0:
             reason = (
-                "no quiet could be learned: the samples are constant, or not finite; is the sensor alive?"
+                f"no quiet could be learned: {self._lost} of {patience} samples are lost; is the line, or the"
+                " computer, too slow?"
+                if self._lost > LOSSY * patience
+                else "no quiet could be learned: the samples are constant, or not finite; is the sensor alive?"
             )
             failures.append((late, 0.0, self.settings.threshold, reason))
         events: list[Detected] = []
@@ -361,6 +391,7 @@ class _Channel:
         quiet: The vibration in quiet.
         refused: Samples of the last block at which the learned level exceeded the stored quiet, and that level.
         impacts: Samples of the last block with which an impact was over, and its size in deviations of noise.
+        deaf: The sample of the last block with which it had been deaf for too long; None in other blocks.
     """
 
     def __init__(self, settings: SlipSettings, rate_hz: float) -> None:
@@ -379,11 +410,12 @@ class _Channel:
         self.armed: int | None = None
         self.refused: list[tuple[int, float]] = []
         self.impacts: list[tuple[int, float]] = []
+        self.deaf: int | None = None
 
     def scores(self, x: Floats, ceiling: float) -> Floats:
         """Evidence after each sample, shape (n,); NaN while it learns."""
         out, state = np.empty(x.size), self.cusum.state
-        self.armed, self.refused, self.impacts = None, [], []
+        self.armed, self.refused, self.impacts, self.deaf = None, [], [], None
         begin = 0
         while begin < x.size:
             knew = state[USED] > 0.0
@@ -393,6 +425,8 @@ class _Channel:
             if state[IMPACT] > 0.0:
                 self.impacts.append((begin - 1, math.sqrt(state[IMPACT])))
                 state[IMPACT] = 0.0
+            if self.deaf is None and state[DEAF] == self.cusum.deaf:
+                self.deaf = begin - 1
         return out
 
     def _judge(self, place: int, out: Floats) -> None:
@@ -407,11 +441,6 @@ class _Channel:
         state[USED] = state[SUM] = state[LASTING] = 0.0
         out[place] = math.nan
 
-    def skip(self, samples: int) -> None:
-        """Skip lost samples."""
-        self._predictor.counts[FRESH] = 0
-        self.cusum.state[MISSING] += samples
-
 
 def _learning(s: SlipSettings, rate_hz: float) -> int:
     """Samples of the first noise estimate."""
@@ -423,7 +452,7 @@ def _cusum(s: SlipSettings, rate_hz: float) -> Cusum:
     knock = min(0.3, s.knocks_hz / rate_hz)
     jump = min(0.2 * knock, s.jumps_hz / rate_hz)
     cap = math.log(knock / jump)
-    state = np.zeros(16)
+    state = np.zeros(17)
     state[CREDIT] = cap
     rare = max(0.0, 1.0 - knock / DENSE)
     share = min(MOST_TAIL_SHARE, TAIL_HZ / rate_hz)
@@ -440,6 +469,7 @@ def _cusum(s: SlipSettings, rate_hz: float) -> Cusum:
         tail_normal=2.0 * math.log(NormalDist().inv_cdf(1.0 - 0.5 * share)),
         strike=max(2, round(IMPACT_S * rate_hz)),
         sample_s=1.0 / rate_hz,
+        deaf=round(DEAF_S * rate_hz),
         state=state,
         totals=np.zeros(max(2, round(s.vibration_s * rate_hz) + 1)),
     )

@@ -16,19 +16,32 @@ from controller.signals.octaves import (
     spare_octaves,
     strike_octaves,
 )
-from controller.signals.whitening import BARE, BEYOND, COUNT, FRESH, LIMIT, NOISE, Predictor, innovate
+from controller.signals.whitening import (
+    BARE,
+    BEYOND,
+    COUNT,
+    FRESH,
+    LAST,
+    LIMIT,
+    NOISE,
+    ROUNDED,
+    STEP,
+    Predictor,
+    innovate,
+)
 from drivers.core.compiled import compiled
 
 Floats = NDArray[np.float64]
 
 SUM, CREDIT, MISSING, MEDIAN, TAIL, TOTAL, USED, VIBRATION = range(8)
-QUIET, LASTING, SINCE, STRUCK, FALLEN, MASK, IMPACT, TAIL_QUIET = range(8, 16)
+QUIET, LASTING, SINCE, STRUCK, FALLEN, MASK, IMPACT, TAIL_QUIET, DEAF = range(8, 17)
 """Places in the state: the sum over knocks; what may still be added now; samples missing since the last good one;
 logarithms of the innovations' running median and of their 98 % quantile over those of normal noise; sum of the
 innovations, and how many; what vibration was worth last; its root mean square in the quiet that was learned, in the
 input's unit; evidence that vibration lasts; samples since an impact began (0: none), its largest squared innovation,
 and how far the octaves' energy has fallen since half of its time; logarithm of what innovations are compared with
-since; the largest of an impact that is over with this sample, 0 without; the tail in the quiet that was learned."""
+since; the largest of an impact that is over with this sample, 0 without; the tail in the quiet that was learned; how
+many more samples went by without a decision than with one."""
 
 MOST_BARE = 25.0
 """An innovation counts no more than this many variances of noise in the likelihood ratio: five standard deviations."""
@@ -70,6 +83,9 @@ MOST_TAIL_NAT, TAIL_ROOM_NAT = math.log(2.25), 0.4
 """Limit of following the tail, 1.5 times the amplitude: beyond it a weak slip among load steps is missed. Where the
 quiet itself has a heavier tail, as of servos, converters, outliers, this is the room above."""
 
+TINY = 1e-300
+"""Keeps a logarithm finite."""
+
 FLOOR = 1e-3
 """Share of the noise's variance that is added to an octave's energy: a constant converter reading has none."""
 
@@ -90,7 +106,8 @@ class Cusum(NamedTuple):
         tail_normal: Logarithm of that quantile of a chi-square variable, 1 degree of freedom.
         strike: Samples that an impact lasts.
         sample_s: Time of a sample, s.
-        state: Shape (16,).
+        deaf: Samples more without a decision than with one that are too many.
+        state: Shape (17,).
         totals: Running sums of squared innovations, a ring, shape (size,).
     """
 
@@ -106,6 +123,7 @@ class Cusum(NamedTuple):
     tail_normal: float
     strike: int
     sample_s: float
+    deaf: int
     state: Floats
     totals: Floats
 
@@ -185,10 +203,10 @@ def _strike(c: Cusum, bands: Octaves, squared: float, floor: float) -> None:
 
 
 @compiled()
-def _vibration(bands: Octaves, c: Cusum, floor: float, ceiling: float) -> None:
+def _vibration(bands: Octaves, c: Cusum, floor: float, least: float, ceiling: float) -> None:
     """Likelihood of vibration on which octaves and innovations agree, nats; and of one that lasts."""
     state = c.state
-    wide = min(MOST_VIBRATION_NAT, PER_OCTAVE_NAT * judge_octaves(bands, floor, state[MEDIAN]))
+    wide = min(MOST_VIBRATION_NAT, PER_OCTAVE_NAT * judge_octaves(bands, floor, state[MEDIAN], least))
     larger = louder(c.totals, int(state[USED])) if wide > 0.0 else 0.0
     state[VIBRATION] = min(wide, PER_INNOVATION_NAT * larger)
     gain = min(wide, LASTING_INNOVATION_NAT * larger, MOST_LASTING_NAT) - LASTS_NAT
@@ -210,8 +228,22 @@ def _learn_quiet(c: Cusum, p: Predictor, bands: Octaves) -> None:
 
 
 @compiled()
+def _go_without(c: Cusum, deaf: bool) -> None:
+    """A sample goes by without an innovation; a bridged one leaves it no more deaf."""
+    state = c.state
+    state[MISSING] += 1.0
+    if deaf and state[USED] > 0.0:
+        state[DEAF] += 1.0
+    if state[MISSING] > c.patience:
+        state[SUM] = 0.0
+        state[VIBRATION] = 0.0
+        state[LASTING] = 0.0
+
+
+@compiled()
 def accumulate(c: Cusum, p: Predictor, bands: Octaves, x: Floats, ceiling: float, out: Floats) -> int:
-    """Process samples of one channel, up to the one at which the quiet level is learned, or an impact is over.
+    """Process samples of one channel, up to the one at which the quiet level is learned, an impact is over, or too many
+    went by without a decision.
 
     Args:
         c: The sum, advanced.
@@ -230,35 +262,35 @@ def accumulate(c: Cusum, p: Predictor, bands: Octaves, x: Floats, ceiling: float
         squared = innovate(p, x[i])
         count = p.counts[COUNT]
         known = abs(x[i]) < BEYOND
-        if known:
+        if p.counts[FRESH] > 0:
+            # x, or what a lost one was predicted to be
             if p.counts[FRESH] == 1:
-                bands.scalars[TREND_IN] = x[i]
+                bands.scalars[TREND_IN] = noise[LAST]
             most = LIMIT * math.sqrt(noise[NOISE]) if noise[NOISE] > 0.0 else math.inf
-            filter_octaves(bands, x[i], most)
+            filter_octaves(bands, noise[LAST], most)
         if known and learn < count < 2 * learn:
             _learn_quiet(c, p, bands)
         if math.isfinite(squared):
             _knocks(c, squared, ceiling)
             _strike(c, bands, squared, FLOOR * noise[NOISE])
             state[MISSING] = 0.0
+            state[DEAF] = max(0.0, state[DEAF] - 1.0)
             used = int(state[USED]) + 1
             state[USED] = used
             state[TOTAL] += min(noise[BARE], MOST_BARE)
             totals[used % totals.size] = state[TOTAL]
+            least = math.log(ROUNDED * noise[STEP] * noise[STEP] + TINY)
             if used == 1:
-                state[QUIET] = quiet_level(bands)
+                state[QUIET] = quiet_level(bands, least)
             if used % bands.stride == 0:
-                _vibration(bands, c, FLOOR * noise[NOISE], ceiling)
+                _vibration(bands, c, FLOOR * noise[NOISE], least, ceiling)
         else:
-            state[MISSING] += 1.0
-            if state[MISSING] > c.patience:
-                state[SUM] = 0.0
-                state[VIBRATION] = 0.0
-                state[LASTING] = 0.0
+            _go_without(c, known or p.counts[FRESH] == 0)
         found = max(state[SUM], state[VIBRATION])
         if state[LASTING] > MOST_VIBRATION_NAT:
             found = max(found, state[LASTING])
         out[i] = found if state[USED] > 0.0 else math.nan
-        if math.isfinite(squared) and (state[USED] == 1.0 or state[IMPACT] > 0.0):
+        over = math.isfinite(squared) and (state[USED] == 1.0 or state[IMPACT] > 0.0)
+        if over or state[DEAF] == c.deaf:
             return i + 1
     return x.size

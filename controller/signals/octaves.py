@@ -65,6 +65,7 @@ class Octaves(NamedTuple):
         trend: Pole of the high-pass ahead.
         poles: High-pass, low-pass and energy of each octave, shape (octaves, 3); a low-pass with pole -1 is none.
         states: Shape (octaves, 7).
+        shares: Logarithm of the energy of each in white noise of variance 1, shape (octaves,).
         scalars: Shape (2,).
         stride: Samples from one decision to the next.
         decision_s: The same as a time.
@@ -73,6 +74,7 @@ class Octaves(NamedTuple):
     trend: float
     poles: Floats
     states: Floats
+    shares: Floats
     scalars: Floats
     stride: int
     decision_s: float
@@ -85,15 +87,19 @@ def octaves(rate_hz: float) -> Octaves:
         warped = math.tan(math.pi * frequency_hz / rate_hz)
         return (1.0 - warped) / (1.0 + warped)
 
-    rows, edge_hz = [], LOWEST_HZ
+    rows, shares, edge_hz = [], [], LOWEST_HZ
     while 4.0 * edge_hz <= rate_hz:
         low = pole(2.0 * edge_hz) if 2.0 * edge_hz < 0.45 * rate_hz else -1.0
         rows.append((pole(edge_hz), low, math.exp(-2.0 * edge_hz / (CYCLES * rate_hz))))
+        # of white noise first-order high-pass and low-pass, warped to a and b, leave b^2 / (a + b) / (1 + a) / (1 + b)
+        a, b = math.tan(math.pi * edge_hz / rate_hz), (1.0 - low) / max(1.0 + low, 1e-12)
+        shares.append(math.log(b * b / ((a + b) * (1.0 + a) * (1.0 + b))))
         edge_hz *= 2.0
     poles = np.array(rows).reshape(-1, 3)
     stride = max(1, int(rate_hz / DECIDES_HZ))
     trend = pole(min(TREND_HZ, 0.1 * rate_hz))
-    return Octaves(trend, poles, np.zeros((len(rows), 7)), np.zeros(2), stride, stride / rate_hz)
+    states = np.zeros((len(rows), 7))
+    return Octaves(trend, poles, states, np.array(shares), np.zeros(2), stride, stride / rate_hz)
 
 
 @compiled()
@@ -143,21 +149,24 @@ def spare_octaves(o: Octaves) -> None:
 
 
 @compiled()
-def quiet_level(o: Octaves) -> float:
-    """Root mean square of all octaves' quiet, in the input's unit."""
+def quiet_level(o: Octaves, least: float) -> float:
+    """Root mean square of all octaves' quiet, in the input's unit, from now on that of white noise at least; `least` is
+    the logarithm of its variance."""
     total = 0.0
     for k in range(o.states.shape[0]):
+        o.states[k, LEVEL] = max(o.states[k, LEVEL], least + o.shares[k])
         total += math.exp(o.states[k, LEVEL])
     return math.sqrt(total)
 
 
 @compiled()
-def judge_octaves(o: Octaves, floor: float, louder: float) -> float:
+def judge_octaves(o: Octaves, floor: float, louder: float, least: float) -> float:
     """Nats by which the loudest neighbours together exceed their quiet; follows the quiet levels.
 
     Args:
         floor: Added to each energy: what noise of the converter may hide.
         louder: Nats by which the noise in all octaves has grown since quiet was learned; they count for nothing.
+        least: Logarithm of the variance of the white noise below which no quiet level falls.
     """
     best, last, second = 0.0, 0.0, 0.0
     follow, sink, lately = FOLLOW_NATS_S * o.decision_s, SINK_NATS_S * o.decision_s, o.decision_s / QUIETER_S
@@ -168,6 +177,7 @@ def judge_octaves(o: Octaves, floor: float, louder: float) -> float:
         if o.states[k, LATELY] < -QUIETER_NAT:
             o.states[k, LEVEL] -= sink
             o.states[k, LATELY] += sink
+        o.states[k, LEVEL] = max(o.states[k, LEVEL], least + o.shares[k])
         counts = min(max(beyond - o.states[k, RAISED] - louder - DEAD_NATS, 0.0), MOST_NATS)
         o.states[k, RAISED] = max(0.0, o.states[k, RAISED] - RECOVER_NATS_S * o.decision_s)
         best = max(best, counts + last + second)

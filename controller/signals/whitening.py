@@ -17,13 +17,23 @@ from drivers.core.compiled import compiled
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LAST, SLOPE, NOISE, ENERGY, GAIN, BARE = range(6)
+LAST, SLOPE, NOISE, ENERGY, GAIN, BARE, STEP = range(7)
 """Places among the scalars: last sample; last first difference; variance of the white noise in the signal; mean
 square of the second difference; variance of the innovation that white noise of variance 1 makes; the last squared
-innovation over the variance that noise alone gives it."""
+innovation over the variance that noise alone gives it; least change from a sample to the next, the converter's step."""
 
-FRESH, COUNT = range(2)
-"""Places among the counts: samples since the last gap; second differences received, during learning and beyond."""
+FRESH, COUNT, LOST = range(3)
+"""Places among the counts: samples since the last gap; second differences received, during learning and beyond; samples
+lost since the last one."""
+
+BRIDGED = 2
+"""So many lost samples in a row are no gap: what was predicted takes their place."""
+
+ROUNDED = 0.25
+"""The least variance of noise, in squared steps of the converter: no noise, however small, has more between two
+neighbouring codes. A channel at rest may go from one code, where its level would fall without end, to the edge of two;
+with 1/12, rounding's mean over all places, that is three times the variance. A sensor without a converter has changes
+so small that it means nothing."""
 
 SOLVE_EVERY = 8
 """The weights are solved for after so many samples: the sums behind them remember hundreds."""
@@ -72,8 +82,8 @@ class Predictor(NamedTuple):
         weights: Of the prediction, shape (order,).
         factor: Cholesky factor, scratch, shape (order, order).
         first: Magnitudes of the second differences that set the first guess of the noise, shape (learn,).
-        scalars: Shape (6,).
-        counts: Shape (2,).
+        scalars: Shape (7,).
+        counts: Shape (3,).
     """
 
     keep: float
@@ -94,8 +104,8 @@ def predictor(
     order: int, learn: int, *, keep: float, keep_energy: float, scale: float, model_error: float
 ) -> Predictor:
     """A predictor in its initial state, from `order` values, that learns from `learn`; the rest as in `Predictor`."""
-    scalars = np.zeros(6)
-    scalars[GAIN] = SECOND_DIFFERENCE_GAIN
+    scalars = np.zeros(7)
+    scalars[GAIN], scalars[STEP] = SECOND_DIFFERENCE_GAIN, math.inf
     return Predictor(
         keep,
         keep_energy,
@@ -108,27 +118,19 @@ def predictor(
         factor=np.zeros((order, order)),
         first=np.zeros(learn),
         scalars=scalars,
-        counts=np.zeros(2, dtype=np.int64),
+        counts=np.zeros(3, dtype=np.int64),
     )
 
 
 @compiled()
 def first_level(magnitudes: Floats) -> float:
-    """Variance of the white noise behind second differences of these magnitudes; bumps among them do little.
-
-    Where most samples repeat the one before (a coarse converter), the variance of its smallest step; 0 where all do.
-    """
+    """Variance of the white noise behind second differences of these magnitudes; bumps among them do little."""
     ordered = np.sort(magnitudes)
     kept = int(KEPT * ordered.size)
     total = 0.0
     for i in range(kept):
         total += ordered[i] * ordered[i]
-    if total > 0.0:
-        return total / (kept * KEPT_MEAN_SQUARE * SECOND_DIFFERENCE_GAIN)
-    for i in range(kept, ordered.size):
-        if ordered[i] > 0.0:
-            return float(ordered[i] * ordered[i] / 12.0)
-    return 0.0
+    return total / (kept * KEPT_MEAN_SQUARE * SECOND_DIFFERENCE_GAIN)
 
 
 @compiled()
@@ -172,6 +174,67 @@ def _solve(p: Predictor) -> None:
 
 
 @compiled()
+def _pass(p: Predictor, d: float) -> None:
+    """Take a second difference into the past."""
+    past = p.past
+    for i in range(past.size - 1, 0, -1):
+        past[i] = past[i - 1]
+    past[0] = d
+    p.scalars[ENERGY] = p.keep_energy * p.scalars[ENERGY] + (1.0 - p.keep_energy) * d * d
+
+
+@compiled()
+def _lose(p: Predictor) -> None:
+    """A sample is lost. Of up to `BRIDGED` in a row each is what the past predicts; where too little is known, the last
+    one before."""
+    v, counts, past, weights = p.scalars, p.counts, p.past, p.weights
+    counts[LOST] += 1
+    if counts[LOST] > BRIDGED or counts[FRESH] < 3 or counts[COUNT] < p.first.size:
+        counts[FRESH] = 0
+        return
+    d = -v[SLOPE]
+    if counts[FRESH] >= past.size + 2 and weights[0] != 0.0:
+        d = 0.0
+        for i in range(past.size):
+            d += weights[i] * past[i]
+    v[SLOPE] += d
+    v[LAST] += v[SLOPE]
+    counts[FRESH] += 1
+    _pass(p, d)
+
+
+@compiled()
+def _receive(p: Predictor, x: float) -> float:
+    """Take a sample; returns the second difference."""
+    v, counts = p.scalars, p.counts
+    slope = x - v[LAST]
+    # after a lost one it is a change from what was predicted
+    if counts[FRESH] > 0 and counts[LOST] == 0 and 0.0 < abs(slope) < v[STEP]:
+        v[STEP] = abs(slope)
+    d = float(slope - v[SLOPE])
+    v[LAST], v[SLOPE] = x, slope
+    counts[FRESH] += 1
+    counts[LOST] = 0
+    return d
+
+
+@compiled()
+def _begin(p: Predictor, magnitude: float) -> None:
+    """Take a second difference's magnitude into the first guess of the noise."""
+    v, counts = p.scalars, p.counts
+    p.first[counts[COUNT]] = magnitude
+    counts[COUNT] += 1
+    if counts[COUNT] < p.first.size:
+        return
+    if v[STEP] == math.inf:
+        # a constant signal gives no noise level
+        counts[COUNT] = 0
+        return
+    v[NOISE] = max(first_level(p.first), ROUNDED * v[STEP] * v[STEP])
+    v[ENERGY] = SECOND_DIFFERENCE_GAIN * v[NOISE]
+
+
+@compiled()
 def innovate(p: Predictor, x: float) -> float:
     """Process one sample.
 
@@ -181,29 +244,19 @@ def innovate(p: Predictor, x: float) -> float:
 
     Returns:
         The squared innovation over the variance that noise and the prediction's own error give it; NaN while there
-        is none: in a gap, for `order` + 2 samples after one, and while learning.
+        is none: in a gap, for `order` + 2 samples after one, while learning, and for a lost sample, of which up to
+        `BRIDGED` in a row are no gap.
     """
     v, counts, past, weights = p.scalars, p.counts, p.past, p.weights
     if not abs(x) < BEYOND:
-        counts[FRESH] = 0
+        _lose(p)
         return math.nan
-    counts[FRESH] += 1
-    slope = x - v[LAST]
-    v[LAST] = x
-    d = slope - v[SLOPE]
-    v[SLOPE] = slope
+    lost, d = counts[LOST], _receive(p, x)
     if counts[FRESH] < 3:
         return math.nan
     learn = p.first.size
     if counts[COUNT] < learn:
-        p.first[counts[COUNT]] = abs(d)
-        counts[COUNT] += 1
-        if counts[COUNT] == learn:
-            v[NOISE] = first_level(p.first)
-            v[ENERGY] = SECOND_DIFFERENCE_GAIN * v[NOISE]
-            if v[NOISE] == 0.0:
-                # a constant signal gives no noise level
-                counts[COUNT] = 0
+        _begin(p, abs(d))
         return math.nan
     bound = LIMIT * math.sqrt(SECOND_DIFFERENCE_GAIN * v[NOISE])
     d = min(max(d, -bound), bound)
@@ -215,20 +268,23 @@ def innovate(p: Predictor, x: float) -> float:
             e -= weights[i] * past[i]
         floor = v[GAIN] * v[NOISE]
         squared = e * e
+        if lost > 0:
+            # the variance of a prediction by two samples, or three, over that by one
+            one = 2.0 + weights[0]
+            two = one * one - 1.0 - 2.0 * weights[0] + weights[1] if lost > 1 else 0.0
+            squared /= 1.0 + one * one + two * two
         allowed = floor + p.model_error * p.model_error * v[ENERGY]
         ratio = squared / allowed
         v[BARE] = squared / floor
         # a constant signal shows nothing of its noise
         if squared > 0.0:
             v[NOISE] *= 1.0 + (min(v[BARE], CUT) - CUT_MEAN) / p.scale
+            v[NOISE] = max(v[NOISE], ROUNDED * v[STEP] * v[STEP])
             _learn(p, d, min(1.0, 1.0 / ratio))
     counts[COUNT] += 1
     if counts[COUNT] % SOLVE_EVERY == 0:
         _solve(p)
-    for i in range(order - 1, 0, -1):
-        past[i] = past[i - 1]
-    past[0] = d
-    v[ENERGY] = p.keep_energy * v[ENERGY] + (1.0 - p.keep_energy) * d * d
+    _pass(p, d)
     return ratio if counts[COUNT] >= 2 * learn else math.nan
 
 

@@ -260,3 +260,69 @@ def test_noise_with_outliers_is_not_slip_at_any_rate(kind, rate_hz):
     else:
         x = rng.standard_t(3, n)
     assert events_of(ours(), block(x, rate_hz)) == []
+
+
+@pytest.mark.parametrize(("sigma", "steps_a_s"), [(0.05, 0.1), (0.1, 0.1), (0.15, 0.02), (0.2, 0.1)])
+def test_drift_across_the_edge_of_a_coarse_converters_code_is_no_slip_and_a_slip_is(sigma, steps_a_s):
+    """Noise below a converter's step of 10 mV, for a minute, then a slip of some of its steps."""
+    rng, n = np.random.default_rng(19), 61_000
+    x = rng.uniform() + steps_a_s * np.arange(n) / 1000.0 + sigma * rng.standard_normal(n)
+    x[60_000:] += 100.0 * shaken(1000, 0.2, seed=20, noise=0.0)
+    (started,) = events_of(ours(), block(0.01 * np.round(x)))
+    assert 60.0 < started.t_s < 60.2
+
+
+def received(x, lost, seed):
+    """Blocks of what is left where samples were lost at random."""
+    keep = np.flatnonzero(np.random.default_rng(seed).random(len(x)) >= lost)
+    return [block(x[run], seq=int(run[0])) for run in np.split(keep, np.flatnonzero(np.diff(keep) > 1) + 1)]
+
+
+@pytest.mark.parametrize("lost", [0.1, 0.2])
+@pytest.mark.parametrize("seed", range(5))
+def test_where_every_tenth_or_fifth_sample_is_lost_a_slip_is_detected_as_soon(lost, seed):
+    x = slip_after_quiet(seed=30 + 3 * seed)
+    events = events_of(ours(), *received(x, lost, seed))
+    assert [type(event) for event in events] == [SlipStarted, SlipEnded]
+    assert 3.0 < events[0].t_s < 3.15
+
+
+@pytest.mark.parametrize("frequency", [125.0, 375.0])
+def test_bumps_of_which_samples_are_lost_are_no_slip(frequency):
+    """Two minutes: what rings after a bump would be a knock at each lost sample, if the last were held."""
+    x = shaken(120_000, 0.001, seed=5, frequency=frequency, size=0.15)
+    assert events_of(ours(threshold=40.0), *received(x, 0.1, 1)) == []
+
+
+def test_a_lost_sample_is_one_that_is_not_finite():
+    x = slip_after_quiet(seed=60)
+    blocks = received(x, 0.15, 2)
+    whole = np.full(len(x), np.nan)
+    for each in blocks:
+        whole[each.seq : each.seq + len(each)] = each.values[:, 0]
+    lost = events_of(ours(), *blocks)
+    assert [event.t_s for event in lost] == [event.t_s for event in events_of(ours(), block(whole))]
+    assert len(lost) == 2
+
+
+def test_losses_that_leave_it_deaf_are_refused_once_and_by_name():
+    x = shaken(12_000, 0.0, seed=7)
+    detector, quiet = ours(), block(x[:3000])
+    rest = [each for each in received(x, 0.5, 3) if each.seq > 3000]
+    ready, *events = [event for each in (quiet, *rest) for event in detector.push(each)]
+    assert isinstance(ready, BaselineReady)
+    assert [type(event) for event in events] == [BaselineRefused]
+    assert 4.0 < events[0].t_s < 6.0
+    assert "deaf for 1 s" in events[0].reason
+    detector = ours()
+    (refused, *_) = [event for each in received(x, 0.6, 4) for event in detector.push(each)]
+    assert isinstance(refused, BaselineRefused)
+    assert "of 2000 samples are lost" in refused.reason
+    assert refused.t_s == pytest.approx(2.0, abs=0.02)
+
+
+def test_one_hole_and_every_fifth_sample_lost_are_not_reported():
+    x = shaken(12_000, 0.0, seed=7)
+    detector, blocks = ours(), received(x, 0.2, 5)
+    events = [event for each in blocks if not 6.0 < each.times[0] < 6.4 for event in detector.push(each)]
+    assert [type(event) for event in events] == [BaselineReady]

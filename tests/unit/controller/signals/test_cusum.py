@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from controller.signals.cusum import CREDIT, MISSING, MOST_VIBRATION_NAT, Cusum, accumulate, log_odds, louder
-from controller.signals.octaves import LEVEL, filter_octaves, judge_octaves, learn_octaves, octaves
+from controller.signals.octaves import ENERGY, LEVEL, filter_octaves, judge_octaves, learn_octaves, octaves
 from controller.signals.whitening import predictor
 
 
 def cusum():
-    state = np.zeros(16)
+    state = np.zeros(17)
     state[CREDIT] = math.log(200.0)
     weights = {"knock": 0.2, "jump": 0.001, "ratio": 30.0, "cap": math.log(200.0), "refill": 0.6}
     follows = {"patience": 100, "follow": 0.02, "most_followed": math.log(2.25), "sample_s": 1e-3}
-    tail = {"tail_share": 0.02, "tail_normal": 1.6887, "strike": 100}
+    tail = {"tail_share": 0.02, "tail_normal": 1.6887, "strike": 100, "deaf": 1000}
     return Cusum(**weights, **follows, **tail, state=state, totals=np.zeros(33))
 
 
@@ -115,7 +115,7 @@ def relearned(learned_size, then_size, n, seed):
     learned = bands.states[:, LEVEL].copy()
     for x in rng.normal(0.0, then_size, n):
         filter_octaves(bands, x, math.inf)
-        judge_octaves(bands, 1e-9, 0.0)
+        judge_octaves(bands, 1e-9, 0.0, -math.inf)
     return learned - bands.states[:, LEVEL]
 
 
@@ -124,3 +124,25 @@ def test_quiet_that_was_learned_beside_servos_is_forgotten_soon_where_there_is_l
     # a tenth of the amplitude is 4.6 nats less
     assert relearned(10.0, 1.0, 1500, seed=3) == pytest.approx(4.6, abs=1.2)
     assert relearned(1.0, 1.0, 10_000, seed=4) == pytest.approx(0.0, abs=0.8)
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0, 2200.0])
+def test_the_energy_that_an_octave_has_of_white_noise_is_known(rate_hz):
+    bands, noise = octaves(rate_hz), np.random.default_rng(5).standard_normal(round(60.0 * rate_hz))
+    energies = []
+    for x in noise:
+        filter_octaves(bands, x, math.inf)
+        energies.append(bands.states[:, ENERGY].copy())
+    mean = np.mean(energies, axis=0)
+    # the lowest has a little less, for the high-pass ahead of all
+    assert np.exp(bands.shares[1:]) == pytest.approx(mean[1:], rel=0.25)
+    assert 1.0 < np.exp(bands.shares[0]) / mean[0] < 2.0
+
+
+def test_no_quiet_level_falls_below_that_of_the_noise_that_a_converter_makes():
+    bands = octaves(1000.0)
+    least = math.log(0.25 * 0.1**2)
+    for _ in range(20_000):
+        filter_octaves(bands, 3.0, math.inf)
+        judge_octaves(bands, 1e-9, 0.0, least)
+    assert bands.states[:, LEVEL] == pytest.approx(least + bands.shares)

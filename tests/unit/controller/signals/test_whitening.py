@@ -29,15 +29,22 @@ def test_constants_of_the_cut_distributions_are_those_of_their_definitions():
     assert truncnorm(-edge, edge).var() == pytest.approx(whitening.KEPT_MEAN_SQUARE, rel=1e-6)
 
 
-def test_the_first_level_is_the_variance_of_the_noise_or_of_a_coarse_step_and_bumps_hardly_move_it():
+def test_the_first_level_is_the_variance_of_the_noise_and_bumps_hardly_move_it():
     rng = np.random.default_rng(2)
     x = 0.003 * rng.standard_normal(20_000)
     assert first_level(np.abs(np.diff(x, 2))) == pytest.approx(9e-6, rel=0.05)
     x[::200] += 5.0
     assert first_level(np.abs(np.diff(x, 2))) == pytest.approx(9e-6, rel=0.15)
-    magnitudes = np.zeros(100)
-    magnitudes[7] = 0.05
-    assert first_level(magnitudes) == pytest.approx(0.05**2 / 12)
+
+
+@pytest.mark.parametrize("sigma", [0.2, 0.25, 0.3])
+def test_the_noise_is_never_less_than_what_a_converter_makes_of_noise_between_two_codes(sigma):
+    """A converter's step of 0.05; noise is learned there, then the channel stands in a code's middle for a minute."""
+    rng = np.random.default_rng(3)
+    place = np.concatenate([np.full(1000, 0.5), np.zeros(60_000)])
+    x = 0.05 * np.round(place + np.where(place > 0.0, 0.1, sigma) * rng.standard_normal(place.size))
+    _, state = ratios(x)
+    assert state.scalars[NOISE] >= 0.25 * 0.05**2 * (1.0 - 1e-9)
 
 
 def test_without_any_motion_there_is_no_level_and_in_noise_it_is_the_noises_with_a_ratio_of_one():
@@ -89,3 +96,20 @@ def test_a_gap_is_silent_until_the_past_is_whole_again():
     assert np.isnan(found[2000 : 2010 + 2 + 10]).all()
     assert np.isfinite(found[2010 + 2 + 10 :]).all()
     assert np.isfinite(found[1001:2000]).all()
+
+
+def test_one_or_two_lost_samples_are_bridged_and_the_innovation_after_them_is_as_large_as_others():
+    """Noise of a structure that rings: predicted by two samples or three it is known less well."""
+    rng = np.random.default_rng(9)
+    x = np.zeros(60_000)
+    for n in range(2, x.size):
+        x[n] = 1.7 * x[n - 1] - 0.9 * x[n - 2] + rng.standard_normal()
+    for lost in (1, 2):
+        places = np.arange(20_000, x.size - 10, 40)
+        y = x.copy()
+        for k in range(lost):
+            y[places + k] = np.nan
+        found, _ = ratios(y)
+        assert np.isfinite(found[20_000 + lost :: 40]).all()
+        assert np.mean(found[places + lost]) == pytest.approx(np.mean(found[places + 30]), rel=0.25)
+        assert np.isnan(found[places]).all()
