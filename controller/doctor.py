@@ -4,6 +4,7 @@ import os
 import resource
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from controller.detectors.contract import ALARMS
 from controller.guard import GuardRefusal
 from controller.limits import shown_limits
 from controller.rig import Rig, TrialScene, streams_of
+from controller.signals.protocol import Signal, Signals
 from controller.subscriptions import missing, unknown_streams
 from drivers.core.errors import DeviceError
 from drivers.core.messages import (
@@ -137,13 +139,13 @@ def examine(
             yield from _troubles(own, {key: sum(map(len, got)) for key, got in blocks.items()})
             if warning := rig.devices[name].account().get("warning"):
                 yield Finding("warn", f"    {warning}")
-        if infos.keys() == rig.devices.keys():
-            unknown = list(_unknown_streams(infos, trials, named))
-            yield from unknown
-            if trials and not unknown:
-                yield from _uses(trials[0], blocks)
+        whole = infos.keys() == rig.devices.keys()
+        unknown = list(_unknown_streams(infos, trials, named)) if whole else []
+        yield from unknown
         for name in (watchdogs or {}).keys() & infos.keys():
             yield _watchdog(rig, infos[name], (watchdogs or {})[name])
+        if trials and whole and not unknown:
+            yield from _uses(trials[0], blocks)  # last: devices are left alone while it computes
     finally:
         for device in rig.devices.values():
             device.close()
@@ -331,13 +333,19 @@ def _watchdog(rig: Rig, info: DeviceInfo, watchdog_s: float) -> Finding:
     name, device = info.device, rig.devices[info.device]
     regular = frozenset(stream.name for stream in info.streams.values() if stream.rate_hz is not None)
     device.apply(Listen(name, regular))
-    began_s = last_s = rig.clock.now()
-    for absent_s in (TURN_S, watchdog_s + 1.0):
-        rig.clock.wait_until(rig.clock.now() + absent_s)
-        for block in device.read():
-            last_s = max(last_s, block.last_s)
+    began_s, heard = rig.clock.now(), list[SampleBlock]()
+    while not heard:
+        if rig.clock.now() >= began_s + LISTEN_S:
+            unheard = f"    {name}: its watchdog of {watchdog_s:g} s is not shown, as it sends nothing"
+            return Finding("warn", f"{unheard}; is the sensor plugged in?")
+        rig.clock.wait_until(rig.clock.now() + TURN_S)
+        heard += filter(len, device.read())
         device.poll()
-    sent_s = last_s - began_s
+    left_s = rig.clock.now()
+    rig.clock.wait_until(left_s + watchdog_s + 1.0)
+    heard += filter(len, device.read())
+    device.poll()
+    sent_s = max(0.0, max(block.last_s for block in heard) - left_s)
     line = f"    {name}: left alone for {watchdog_s + 1.0:g} s, it went on sending for {sent_s:.2f} s"
     if sent_s <= watchdog_s + 0.5:
         return Finding("ok", f"{line}: its watchdog of {watchdog_s:g} s acts")
@@ -347,8 +355,25 @@ def _watchdog(rig: Rig, info: DeviceInfo, watchdog_s: float) -> Finding:
 # --- what the trials need of it ----------------------------------------------------------------------
 
 
+def _with_signals(
+    made: Sequence[Signal], blocks: Mapping[str, Sequence[SampleBlock]]
+) -> tuple[Mapping[str, Sequence[SampleBlock]], str]:
+    """What was read, and what the signals make of it; and why one cannot use its stream, or ""."""
+    signals, found = Signals(made), {stream: list(got) for stream, got in blocks.items()}
+    signals.subscribe(signals.streams)
+    try:
+        for block in signals.push(sorted(chain(*blocks.values()), key=lambda block: block.t0_s))[0]:
+            found.setdefault(block.stream, []).append(block)
+    except ValueError as error:
+        return blocks, str(error)
+    return found, ""
+
+
 def _uses(trial: TrialPlan, blocks: Mapping[str, Sequence[SampleBlock]]) -> Iterator[Finding]:
-    """Whether the guard's limits and the detectors can use what was read."""
+    """Whether the signals, the guard's limits and the detectors can use what was read."""
+    blocks, unfit = _with_signals(trial.signals, blocks)
+    if unfit:
+        yield Finding("fail", unfit, of_profile=True)
     limits = trial.guard.settings
     for what, stream, channels, limit, unit in shown_limits(limits):
         got = blocks.get(stream, ())
@@ -364,7 +389,8 @@ def _uses(trial: TrialPlan, blocks: Mapping[str, Sequence[SampleBlock]]) -> Iter
         else:
             yield Finding("ok", line)
     for name, detector in trial.detectors.items():
-        if not all(blocks.get(stream) for stream in detector.inputs):
+        if absent := [stream for stream in detector.inputs if not blocks.get(stream)]:
+            yield Finding("ok", f"detector {name}: not tried, as nothing came of {', '.join(absent)}")
             continue
         mixed = [block for stream in detector.inputs for block in blocks[stream]]
         mixed.sort(key=lambda block: block.t0_s)

@@ -232,6 +232,19 @@ def test_check_connect_reads_every_sensor_and_refuses_a_stream_that_the_open_dev
     check_refusal(err, "did you mean board.load_cell?")
 
 
+def test_check_connect_names_a_signal_that_cannot_use_its_stream_and_detectors_that_were_not_tried(verb):
+    code, out, err = verb("check", "mock/pretouch", "--connect", "--set", "signals.right.channel=5")
+    assert code == 2
+    check_refusal(err.strip(), "audio.fingers", "4 channels", "signals.right needs 12")
+    assert re.search(r"detector \w+: not tried, as nothing came of signals\.right", out)
+
+
+def test_check_connect_tries_detectors_of_computed_streams(verb):
+    code, out, _ = verb("check", "mock/slip_calm", "--connect")
+    assert code == 0
+    assert re.search(r"detector \w+: takes signals\.\w+", out)
+
+
 def test_check_connect_names_a_port_that_is_not_there_and_exits_with_3(verb):
     values = [f"--set={key}={value}" for key, value in lab_values("hardware/transient").items()]
     code, out, _ = verb("check", "hardware/transient", "--connect", *values)

@@ -142,6 +142,13 @@ def test_a_watchdog_is_left_to_act_and_one_that_does_not_is_a_failure(clock):
         check_refusal(finding.line, "cell", "watchdog of 1 s")
 
 
+@pytest.mark.parametrize("rate_hz", [100.0, None])
+def test_of_a_device_that_sends_nothing_no_watchdog_is_said_to_act(clock, rate_hz):
+    finding = lines(Sensor("cell", clock, value=None, rate_hz=rate_hz), watchdogs={"cell": 1.0})[-1]
+    assert finding.verdict == "warn"
+    check_refusal(finding.line, "cell", "watchdog of 1 s is not shown")
+
+
 def test_a_port_that_this_user_may_not_open_is_named_with_what_to_do(monkeypatch, tmp_path):
     port = SimpleNamespace(
         device=str(tmp_path / "ttyACM0"), manufacturer="Zaber", product="X-MCC", description="", vid=0x2939, pid=0x495B
