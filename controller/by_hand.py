@@ -18,7 +18,7 @@ from behaviors.machine import Behavior, StatePlan, on
 from controller.detectors.protocol import Compiled
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.holding import Holding
-from controller.loop import Aborted, HandOperator, Loop, LoopSettings
+from controller.loop import Aborted, HandOperator, Loop, LoopSettings, UnfitStreamError
 from controller.rig import Rig, TrialScene, streams_of
 from controller.signals.protocol import Signal, Signals
 from drivers.core.clock import monotonic_s, rest
@@ -290,6 +290,9 @@ class HandSession:
         """Read these streams, turn by turn, into `latest`; nothing is commanded but to send them.
 
         Gives bench time and what the devices reported. Ends when the operator has it end.
+
+        Raises:
+            UnfitStreamError: a signal cannot use the stream that the profile gives it.
         """
         self._begin()
         self.lost = lost = dict[str, int]()
@@ -308,7 +311,10 @@ class HandSession:
                 for device in self.rig.devices.values():
                     blocks += device.read()
                     statuses += device.poll()
-                made, saturated = signals.push(blocks)
+                try:
+                    made, saturated = signals.push(blocks)
+                except ValueError as error:
+                    raise UnfitStreamError(str(error)) from error
                 for status in statuses:
                     if isinstance(status, Lost):
                         lost[status.stream] = lost.get(status.stream, 0) + status.samples

@@ -269,15 +269,8 @@ class ConsoleOperator:
 _KEY = re.compile(r"\x1b[\[O][0-9;]*[A-Za-z~]|.", re.DOTALL)
 
 
-class KeyOperator(ConsoleOperator):
-    """The same by hand: each key is read as it is pressed, Ctrl+C ends instead of pausing, and a program that is
-    continued after Ctrl+Z goes on."""
-
-    _single = True
-
-    def pressed(self) -> Sequence[str]:
-        """What was pressed since the last call, in order; an arrow key is its escape sequence."""
-        return _KEY.findall(self._typed() or "")
+class EndingOperator(ConsoleOperator):
+    """The same by hand: Ctrl+C ends instead of pausing, and a program that is continued after Ctrl+Z goes on."""
 
     def suspend(self) -> None:
         """See `ConsoleOperator.suspend`."""
@@ -286,6 +279,16 @@ class KeyOperator(ConsoleOperator):
 
     def _interrupted(self, number: int, frame: FrameType | None) -> None:
         self._abort = True
+
+
+class KeyOperator(EndingOperator):
+    """The same where single keys steer: each is read as it is pressed."""
+
+    _single = True
+
+    def pressed(self) -> Sequence[str]:
+        """What was pressed since the last call, in order; an arrow key is its escape sequence."""
+        return _KEY.findall(self._typed() or "")
 
 
 class _Printer:

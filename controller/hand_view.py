@@ -1,5 +1,7 @@
 """What a person sees of a bench by hand: its streams and margins, drawn on a terminal or printed line by line."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterator, Sequence
 from textwrap import wrap
@@ -34,34 +36,43 @@ AGED_S = 1.0
 
 
 class HandScreen:
-    """Shows lines, now and then, and waits for no terminal.
+    """Shows lines, now and then, and waits for no terminal. Use as a context manager: whatever ends it, the terminal is
+    as it was.
 
     Args:
         terminal: Where to draw; None prints.
+        lines: Makes the lines, as they are now.
     """
 
-    def __init__(self, terminal: Terminal | None, show: Callable[[str], None]) -> None:
+    def __init__(
+        self, terminal: Terminal | None, show: Callable[[str], None], lines: Callable[[], Sequence[str]]
+    ) -> None:
         self._drawer = Drawer(terminal) if terminal else None
-        self._print = show
+        self._print, self._lines = show, lines
+        self._shown = Text()
         self._due_s = -math.inf
 
-    def show(self, lines: Callable[[], Sequence[str]], now_s: float) -> None:
-        """Show these lines, where it is time to; `now_s` is bench time."""
+    def __enter__(self) -> HandScreen:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Draws for the last time; what is printed was printed."""
+        if self._drawer is not None:
+            self._drawer.end(self._shown if kind else picture(self._lines()))
+
+    def show(self, now_s: float) -> None:
+        """Show the lines, where it is time to; `now_s` is bench time."""
         if self._drawer is not None:
             now_s = monotonic_s()
         if now_s < self._due_s:
             return
         self._due_s = now_s + (PRINT_S if self._drawer is None else REFRESH_S)
         if self._drawer is not None:
-            self._drawer.show(picture(lines()))
+            self._shown = picture(self._lines())
+            self._drawer.show(self._shown)
         else:
-            for line in lines():
+            for line in self._lines():
                 self._print(line)
-
-    def end(self, lines: Callable[[], Sequence[str]]) -> None:
-        """Draw for the last time; what is printed was printed."""
-        if self._drawer is not None:
-            self._drawer.end(picture(lines()))
 
 
 def picture(lines: Sequence[str]) -> Text:

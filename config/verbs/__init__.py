@@ -131,6 +131,7 @@ def explained(error: Exception) -> tuple[int, str]:
         from config.jobs import JobsError
         from config.source import ProfileError
         from controller.guard import GuardRefusal
+        from controller.loop import UnfitStreamError
         from controller.own_modules import own_place
         from controller.recording.run_folder import RecordingError, RunFolderError
         from controller.recording.tables import ReplayError
@@ -146,7 +147,7 @@ def explained(error: Exception) -> tuple[int, str]:
         return USAGE, "\n".join([*lines, f"and {more} more"] if more else lines)
     sorts = {
         GUARD: (GuardRefusal,),
-        USAGE: (RunFolderError, ReplayError, JobsError),
+        USAGE: (RunFolderError, ReplayError, JobsError, UnfitStreamError),
         DEVICE: (DeviceError,),
         FAILED: (RecordingError,),
     }

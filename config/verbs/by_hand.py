@@ -180,11 +180,11 @@ def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
     Exit codes: 0 at home, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130 interrupted.
     """
     from controller import by_hand
-    from controller.console import KeyOperator
+    from controller.console import EndingOperator
     from drivers.core.messages import Reached
 
     loaded, found = loaded_bench(profile, overrides), False
-    with KeyOperator() as operator:  # one for all: what is pressed between two movers counts
+    with EndingOperator() as operator:  # one for all: what is pressed between two movers counts
         for mover in [known_device(loaded, device)] if device else may_move(loaded):
             devices = needed(loaded, mover)
             with session_on(loaded, devices, operator, endpoints, moves=True, doing="home") as session:
@@ -220,14 +220,14 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
       run.py tare hardware/slip arm
     """
     from controller import by_hand
-    from controller.console import KeyOperator
+    from controller.console import EndingOperator
     from drivers.core.protocols import OwnZero
 
     loaded = loaded_bench(profile, overrides)
     asked = [known_device(loaded, device)] if device else list(loaded.devices)
     codes = []
     with (
-        KeyOperator() as operator,
+        EndingOperator() as operator,
         session_on(loaded, asked, operator, endpoints, doing="tare") as session,
     ):
         forces = [
@@ -299,22 +299,19 @@ def monitor(
             if stream not in session.streams:
                 raise click.UsageError(missing(stream, session.streams.keys()))
         shown = list(streams or session.streams)
-        t_s = 0.0
-        screen = HandScreen(_terminal(), verbs.say_at_once)
-
-        def lines() -> Sequence[str]:
-            return table(session, shown, t_s)
-
-        for t_s, statuses in session.listen(shown):
-            if failed := next((each for each in statuses if isinstance(each, Failed)), None):
-                screen.end(lines)
-                verbs.complain(f"{failed.device}: {failed.reason}")
-                return verbs.DEVICE
-            screen.show(lines, t_s)
-            if (seconds is not None and t_s >= seconds) or any(key in ENDING for key in operator.pressed()):
-                break
-        screen.end(lines)
-    return verbs.DONE
+        t_s, failed = 0.0, None
+        with HandScreen(_terminal(), verbs.say_at_once, lambda: table(session, shown, t_s)) as screen:
+            for t_s, statuses in session.listen(shown):
+                if failed := next((each for each in statuses if isinstance(each, Failed)), None):
+                    break
+                screen.show(t_s)
+                if (seconds is not None and t_s >= seconds) or any(
+                    key in ENDING for key in operator.pressed()
+                ):
+                    break
+    if failed is not None:
+        verbs.complain(f"{failed.device}: {failed.reason}")
+    return verbs.DONE if failed is None else verbs.DEVICE
 
 
 @click.command(cls=verbs.Verb, short_help="Move a device while a key is held.")
@@ -367,7 +364,6 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
             raise click.UsageError(
                 "; ".join(refused) or f"{device} does not move: it has no position and no width"
             )
-        screen = HandScreen(_terminal(), lambda line: None)
         doing = ""
 
         def lines() -> Sequence[str]:
@@ -376,12 +372,12 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
         def show(what: str) -> None:
             nonlocal doing
             doing = what
-            screen.show(lines, 0.0)
+            screen.show(0.0)
 
         own = [stream for stream in session.infos[device].streams if stream != f"{device}.force"]
-        result = session.run(Jog(device, keys, operator.pressed, show), device, own, limits=limits)
-        doing = result.outcome
-        screen.end(lines)
+        with HandScreen(_terminal(), lambda line: None, lines) as screen:
+            result = session.run(Jog(device, keys, operator.pressed, show), device, own, limits=limits)
+            doing = result.outcome
         code = ended(result)
         if stands := by_hand.place(session, device):
             verbs.say(stands)

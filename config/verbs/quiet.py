@@ -69,7 +69,7 @@ def quiet(
     from config.needs import Needs, refuse_missing
     from config.trials import chosen
     from config.verbs.by_hand import session_on
-    from controller.console import KeyOperator
+    from controller.console import EndingOperator
     from controller.quiet import listened, proposals, unrest
 
     loaded = verbs.loaded_profile(profile, overrides, csv)
@@ -93,7 +93,7 @@ def quiet(
     verbs.say(f"{loaded.name}: {seconds:g} s at rest, after {settle_s:g} s; touch nothing")
     scene = scene_of(own, trial)
     with (
-        KeyOperator() as operator,
+        EndingOperator() as operator,
         session_on(
             own, devices, operator, endpoints, excused=excused, doing="quiet", scene=scene, kept_s=math.inf
         ) as bench,

@@ -1,10 +1,12 @@
 """A bench by hand, on the mock bench in virtual time: the guard and the limits are those of a run."""
 
+import io
 import signal
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console as Terminal
 
 from behaviors.events import Tick
 from config.profile import load_profile
@@ -428,6 +430,19 @@ def test_a_monitor_goes_on_without_a_device_that_is_switched_off(verb, monkeypat
     assert "board.load_cell" in out
     assert "stage." not in out
     assert verb("monitor", "mock/transient", "stage.position")[0] == 3
+
+
+def test_a_monitor_of_a_signal_that_cannot_use_its_stream_says_so_and_shows_the_cursor_again(
+    verb, monkeypatch
+):
+    drawn = io.StringIO()
+    screen = Terminal(file=drawn, force_terminal=True)
+    monkeypatch.setattr(verbs, "_terminal", lambda: screen)
+    code, _, err = verb("monitor", "mock/pretouch", "signals.right", "--set", "signals.right.channel=5")
+    assert code == 2
+    check_refusal(err.strip(), "audio.fingers", "4 channels", "signals.right needs 12")
+    assert "unexpected" not in err
+    assert drawn.getvalue().count("\x1b[?25l") == drawn.getvalue().count("\x1b[?25h") == 1
 
 
 def test_a_monitor_shows_a_silent_stream_and_ends_with_a_device_that_failed(session, verb):
