@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import pickle
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivers.core.clock import monotonic_s
 from drivers.core.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -25,17 +26,25 @@ BEGIN_S = 120.0
 """Longest time until it creeps: its start, the device's opening and the way to where it begins."""
 
 
+LOOK_S = 0.02
+"""How often it is looked whether somebody has ended the certificate."""
+
+
 @contextmanager
-def abandoned(profile: Profile, session: HandSession, mover: Mover, frozen: bool) -> Iterator[float]:
+def abandoned(
+    profile: Profile, session: HandSession, stopped: Callable[[], bool], mover: Mover, frozen: bool
+) -> Iterator[float]:
     """Let a program begin to creep, and end it; gives where the mover was seen last, in m.
 
     Args:
         session: The bench that it has meanwhile, and the limits that its guard admits and watches by; closed here.
+        stopped: Whether a person has ended the certificate: the program is killed at once.
         frozen: Whether the program and the process of its arm are frozen while this lasts, and not killed.
 
     Raises:
         EOFError: it ended by itself, before it crept; why, as far as it said.
         TimeoutError: it does not come that far.
+        KeyboardInterrupt: somebody has ended the certificate.
     """
     context = get_context("spawn")
     here, there = context.Pipe(duplex=False)
@@ -52,8 +61,12 @@ def abandoned(profile: Profile, session: HandSession, mover: Mover, frozen: bool
     there.close()
     victims: list[int] = []
     try:
-        if not here.poll(BEGIN_S):
-            raise TimeoutError(f"the program that is to be killed does not creep within {BEGIN_S:g} s")
+        until_s = monotonic_s() + BEGIN_S
+        while not here.poll(LOOK_S):
+            if stopped():
+                raise KeyboardInterrupt("interrupted")
+            if monotonic_s() > until_s:
+                raise TimeoutError(f"the program that is to be killed does not creep within {BEGIN_S:g} s")
         place_m = _place_m(here)
         assert program.pid is not None
         victims = [program.pid, *(_children(program.pid) if frozen else ())]

@@ -375,6 +375,7 @@ class Certifier:
         session: The bench, closed, with the limits of a trial; makes it for its operator.
         consent: Called before each motion with what will move, and how; gives what says whether a person agrees by now,
             None where none is asked. Both may raise, to end the certificate.
+        stopped: Whether somebody has ended the certificate: what moves is stopped, and no other case begins.
         abandoned: Has another program creep with a mover, whose device is closed here, and kills it, or freezes it
             while the context lasts; gives where the mover was last. None where devices live in this process.
     """
@@ -385,9 +386,11 @@ class Certifier:
         settings: Mapping[str, Settings],
         consent: Callable[[str], Callable[[], bool] | None] = lambda text: None,
         abandoned: Callable[[Mover, bool], AbstractContextManager[float]] | None = None,
+        stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.session = made = session(self)
-        self._settings, self._consent, self.abandoned = settings, consent, abandoned
+        self._settings, self._consent, self._stopped = settings, consent, stopped
+        self.abandoned = abandoned
         self._seams = {name: Seam(device, made.rig.clock) for name, device in made.rig.devices.items()}
         made.rig = replace(made.rig, devices=self._seams, ahead=None)
         fresh = made.make_signals
@@ -397,7 +400,7 @@ class Certifier:
 
     def poll(self) -> str | None:
         """The operator's request."""
-        return self._wrong.requested()
+        return "abort" if self._stopped() else self._wrong.requested()
 
     def suspend(self) -> None:
         """Never asked for."""
@@ -407,13 +410,14 @@ class Certifier:
 
         Raises:
             DeviceError: a device does not open, or fails between two cases.
-            KeyboardInterrupt: likewise, or within one.
+            KeyboardInterrupt: somebody has ended it; says what was not seen standing still.
         """
         with self.session as session:
             movers = [mover for name in session.movers if (mover := self._mover(name)) is not None]
             ended = ""
             first = [case for mover in movers for case in self._stops(mover)]  # all else depends on these
             for number, (proof, tried) in enumerate(chain(first, self._cases(movers))):
+                self._go_on()
                 if ended:
                     yield proof._replace(done="nothing", acted=ended)
                     continue
@@ -510,7 +514,8 @@ class Certifier:
         limits, infos = self._limits, self.session.streams
         regular = sorted(name for name, info in infos.items() if info.longest_s is not None)
         for stream in self._guarded or regular[:1]:
-            resting_s = max(REST * limits.stale_s, 2.0 * (infos[stream].longest_s or 0.0))
+            known = infos.get(stream)  # of one that no device sends, its case says so
+            resting_s = max(REST * limits.stale_s, 2.0 * ((known and known.longest_s) or 0.0))
             own_s = limits.stale_s if movers else resting_s
             wrong = Wrong(f"{stream} withheld", stream, withheld, own_s=own_s)
             yield self._case(movers, "stale_s", f"{limits.stale_s:g} s", wrong)
@@ -737,14 +742,20 @@ class Certifier:
         result = self.session.run(scripted(script), mover, streams, deadline_s=deadline_s)
         failed = [each for each in result.events if isinstance(each, Failed) and not wrong.begun]
         self._gone = f"{failed[0].device} failed ({failed[0].reason})" if failed else ""
+        self._go_on(result.reason)
         if result.outcome == "interrupted" and not wrong.pauses:
             raise KeyboardInterrupt
         return result
+
+    def _go_on(self, reason: str = "") -> None:
+        if self._stopped():
+            raise KeyboardInterrupt("; ".join(filter(None, ("interrupted", reason))))
 
     def _agree(self, text: str) -> None:
         """Wait until the person agrees; meanwhile the devices are attended to, for their watchdogs wait for nobody."""
         answered, clock = self._consent(text), self.session.rig.clock
         while answered is not None and not answered():
+            self._go_on()
             for seam in self._seams.values():
                 seam.real.read()
                 seam.real.poll()
@@ -869,6 +880,8 @@ class Certifier:
             found = f"device: {said[0]}" if said else ""
         else:
             sent_s = self._seams[name].last_s - wrong.past_s
+            if sent_s < -SLACK_S:
+                return proof.found("not shown", "it sent nothing before it was left alone")
             found = f"device: it sent for {sent_s:.2f} s more" if sent_s <= watchdog_s + SLACK_S else ""
         return proof.judged(bool(found), still, found or "it went on, left alone")
 
@@ -895,7 +908,8 @@ class Certifier:
         if wrong.said in result.reason:
             ended_s = next(each.t_s for each in result.events if isinstance(each, GuardStopped | Failed))
             return proof.found("acted", f"the trial ended: {result.reason}", ended_s - wrong.past_s)
-        return proof.found("failed", f"the trial went on for {wrong.own_s + PATIENCE_S:g} s")
+        went_on = f"the trial went on for {wrong.own_s + PATIENCE_S:g} s"
+        return proof.found("failed", result.reason or went_on)
 
     def _given(self, name: str, key: str, value: float, mover: Mover | None, proof: Proof) -> Proof:
         """Give a driver what it must refuse or clamp, past the guard, where the mover already is."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import select
-import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -46,57 +45,66 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
 
     from config.parts import parts_of
     from controller.campaign import described, program
+    from controller.console import EndingOperator
     from controller.recording.run_folder import RunFolder
     from drivers.core.clock import utc_now
-    from drivers.core.errors import DeviceError
 
     if parts := parts_of(profile):
         return verbs.for_each_part(certify, parts, [*verbs.sets(overrides), "--out", str(out)])
     loaded, started = verbs.loaded_profile(profile, overrides), utc_now()
     hardware = loaded.bench == "hardware"
 
-    def agreed() -> bool:
-        if not select.select([sys.stdin], [], [], 0.0)[0]:
-            return False
-        if not sys.stdin.readline():
-            raise click.UsageError(
-                "each motion waits for Enter, and the input has ended; run it in a terminal, or pipe a line for each"
-            )
-        return True
-
     def consent(text: str) -> Callable[[], bool] | None:
-        if hardware:
-            if sys.stdin.isatty():
-                termios.tcflush(sys.stdin, termios.TCIFLUSH)  # what was typed before is no answer
-            click.echo(f"{text}: press Enter, or Ctrl+C to end")
-        return agreed if hardware else None
+        if not hardware:
+            return None
+        question = f"{text}: press Enter, or n and Enter or Ctrl+C to end"
 
-    certifier = certifier_of(loaded, consent)
-    folder = RunFolder.create(out, f"certify-{loaded.name}", started)
-    proofs, ended, failure = [], "", None
-    before = signal.signal(
-        signal.SIGTERM, signal.default_int_handler
-    )  # `stop`, or `kill`, ends it as Ctrl+C does
-    try:
-        for proof in certifier.proofs():
-            proofs.append(proof)
-            _, row = rows([proof])
-            verbs.say(
-                "  ".join(cell for cell in (f"{row[3]:>9}", f"{row[0]:32}", *row[1:3], *row[4:]) if cell)
-            )
-    except (DeviceError, click.UsageError, KeyboardInterrupt) as error:
-        ended, failure = str(error) or "interrupted", error
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    about = {
-        "profile": loaded.name,
-        "profile_hash": loaded.hash,
-        "bench": loaded.bench,
-        "started_utc": started.isoformat(),
-        "devices": {name: described(info) for name, info in certifier.session.infos.items()},
-        **program(),
-    }
-    write(folder.path, about, proofs, ended)
+        def agreed() -> bool:
+            if not select.select([sys.stdin], [], [], 0.0)[0]:
+                return False
+            line = sys.stdin.readline()
+            if not line:
+                raise click.UsageError(
+                    "each motion waits for Enter, and the input has ended; run it in a terminal, or pipe an empty line"
+                    " for each"
+                )
+            if line.strip().lower() in ("n", "no"):
+                raise KeyboardInterrupt
+            if line.strip():
+                click.echo(question)
+            return not line.strip()
+
+        if sys.stdin.isatty():
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)  # what was typed before is no answer
+        click.echo(question)
+        return agreed
+
+    proofs: list[Proof] = []
+    ended = ""
+    failure: BaseException | None = None
+    with EndingOperator() as operator:
+        certifier = certifier_of(loaded, consent, lambda: operator.stopped)
+        folder = RunFolder.create(out, f"certify-{loaded.name}", started)
+        try:
+            for proof in certifier.proofs():
+                proofs.append(proof)
+                _, row = rows([proof])
+                verbs.say(
+                    "  ".join(cell for cell in (f"{row[3]:>9}", f"{row[0]:32}", *row[1:3], *row[4:]) if cell)
+                )
+        except (click.UsageError, KeyboardInterrupt) as error:
+            ended, failure = str(error) or "interrupted", error
+        except Exception as error:
+            ended, failure = verbs.explained(error)[1], error
+        about = {
+            "profile": loaded.name,
+            "profile_hash": loaded.hash,
+            "bench": loaded.bench,
+            "started_utc": started.isoformat(),
+            "devices": {name: described(info) for name, info in certifier.session.infos.items()},
+            **program(),
+        }
+        write(folder.path, about, proofs, ended)
     verbs.say(f"{summary(proofs, ended)}\ncertificate: {folder.path / 'certificate.md'}")
     if failure is not None:
         raise failure
@@ -104,9 +112,11 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
 
 
 def certifier_of(
-    profile: Profile, consent: Callable[[str], Callable[[], bool] | None] = lambda text: None
+    profile: Profile,
+    consent: Callable[[str], Callable[[], bool] | None] = lambda text: None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Certifier:
-    """What proves the bench of a profile, with the limits of its first trial.
+    """What proves the bench of a profile, with the limits of its first trial; see `Certifier`.
 
     Raises:
         ProfileError: a trial that its behavior cannot run, or a value that the lab has to give.
@@ -135,9 +145,9 @@ def certifier_of(
             scene=trials[0].scene,
         )
 
-    certifier = Certifier(session, settings, consent)
+    certifier = Certifier(session, settings, consent, stopped=stopped)
     if certifier.session.rig.kind != "mock":
-        certifier.abandoned = partial(abandoned, profile, certifier.session)
+        certifier.abandoned = partial(abandoned, profile, certifier.session, stopped)
     return certifier
 
 

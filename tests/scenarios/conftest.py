@@ -182,11 +182,11 @@ def verb(capsys, monkeypatch):
 
 @pytest.fixture
 def at_terminal(monkeypatch):
-    """Has the program read its keys from a terminal, at which nobody types."""
+    """Has the program read its keys from a terminal, at which nobody types; gives the other end."""
     hand, descriptor = pty.openpty()
     with os.fdopen(descriptor, "r") as keyboard:
         monkeypatch.setattr(sys, "stdin", keyboard)
-        yield
+        yield hand
     os.close(hand)
 
 

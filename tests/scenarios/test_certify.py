@@ -2,24 +2,32 @@
 
 import json
 import math
+import os
 import re
+import select
+import signal
+import sys
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from config.abandoned import abandoned
 from config.assemble import limits_of
 from config.profile import load_profile
 from config.source import profile_names, read_source
 from config.verbs.certify import certified, certifier_of
-from controller.certify import NOT_AT_REST, Certifier
+from controller.certify import NOT_AT_REST, Certifier, Proof, Seam, Wrong
 from controller.guard import Guard, GuardRefusal, GuardSettings
 from controller.limits import Bounds, MoverLimits
 from controller.redundancy import Followed
 from drivers.core.errors import SilentError
-from drivers.core.messages import Failed
+from drivers.core.messages import Failed, MoveAt, Stop
 from simulator.mocks.ur_arm import MockUrArm
 from simulator.mocks.zaber_stage import MockZaberStage
+from tests.refusals import check_refusal
+from tests.unit.config.conftest import lab_values
 
 BENCHES = (
     *("mock/first_contact", "mock/flexion", "mock/locating", "mock/transient_arm", "mock/weights"),
@@ -290,6 +298,135 @@ def test_the_verb_writes_a_certificate_and_its_exit_code_says_it(verb, tmp_path,
     assert "3 of 4 limits acted; 1 failed" in out
 
 
+def document_of(out):
+    (path,) = out.glob("*/certificate.json")
+    return json.loads(path.read_text())
+
+
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_whatever_ends_it_stops_what_moves_and_leaves_a_certificate(
+    verb, tmp_path, monkeypatch, at_terminal, number
+):
+    apply, sent = MockZaberStage.apply, []
+
+    def applied(self, command):
+        if isinstance(command, MoveAt):
+            signal.raise_signal(number)
+        sent.append(command)
+        return apply(self, command)
+
+    monkeypatch.setattr(MockZaberStage, "apply", applied)
+    code, _, err = verb("certify", "mock/transient", "--set", "loop.rate_hz=50", "--out", tmp_path)
+    assert (code, err.strip()) == (130, "interrupted")
+    kinds = [type(command) for command in sent]
+    assert Stop in kinds[kinds.index(MoveAt) :]
+    assert kinds.count(MoveAt) == 1, "no other case began"
+    assert document_of(tmp_path)["summary"] == "1 of 1 limits acted; interrupted"
+    assert not document_of(tmp_path)["certified"]
+
+
+def test_ctrl_z_suspends_no_program_whose_bench_moves(verb, tmp_path, monkeypatch, at_terminal, only):
+    only()
+    requested = Wrong.requested
+    monkeypatch.setattr(
+        Wrong, "requested", lambda self: (signal.raise_signal(signal.SIGTSTP), requested(self))[1]
+    )
+    assert verb("certify", "mock/transient", "--set", "loop.rate_hz=50", "--out", tmp_path)[0] == 0
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_stop_while_it_pauses_by_itself_is_not_taken_for_its_own(only, monkeypatch, paused):
+    only()
+    requested, pressed = Wrong.requested, []
+
+    def then_pressed(self):
+        request = requested(self)
+        if self.pauses and (request == "abort" if paused else True):
+            pressed.append(True)
+        return request
+
+    monkeypatch.setattr(Wrong, "requested", then_pressed)
+    certifier = certifier_of(load_profile("mock/transient", SLOWLY), stopped=lambda: bool(pressed))
+    proofs = []
+    with pytest.raises(KeyboardInterrupt):
+        proofs.extend(certifier.proofs())
+    stage: Any = certifier.session.rig.devices["stage"]
+    assert not stage.axis.moving(certifier.session.rig.clock.now())
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"), [("mock/transient", "home of stage"), ("mock/weights", "limits.stale_s")]
+)
+def test_a_limit_whose_stream_no_device_sends_fails_and_the_certificate_says_why(verb, tmp_path, name, limit):
+    wrong = ("--set", "limits.force_stream=board.lode_cell", "--set", "limits.force_n=1.0")
+    code, _, err = verb("certify", name, *wrong, "--out", tmp_path)
+    assert (code, err) == (1, "")
+    failed = [each for each in document_of(tmp_path)["limits"] if each["verdict"] == "failed"]
+    assert failed[0]["limit"] == limit
+    assert "board.lode_cell" in failed[0]["acted"]
+
+
+def test_an_unforeseen_error_leaves_a_certificate_of_what_acted(verb, tmp_path, monkeypatch):
+    def broken(*_):
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(Certifier, "_streams", broken)
+    code, _, err = verb("certify", "mock/transient", "--set", "loop.rate_hz=50", "--out", tmp_path)
+    assert code == 1
+    check_refusal(err.strip(), "RuntimeError: a bug")
+    found = document_of(tmp_path)
+    assert not found["certified"]
+    assert "a bug" in found["summary"]
+    assert [each["verdict"] for each in found["limits"]] == ["acted"] * 3
+
+
+def test_a_device_that_sent_nothing_shows_nothing_of_its_watchdog(monkeypatch):
+    read = Seam.read
+
+    def unheard(self):
+        blocks = read(self)
+        self.last_s = -math.inf
+        return blocks
+
+    monkeypatch.setattr(Seam, "read", unheard)
+    certifier = certifier_of(load_profile("mock/weights", SLOWLY))
+    away, planned = Certifier._away("board", 2.0), Proof("devices.board.watchdog_s", "1 s", "left alone")
+    with certifier.session:
+        found = certifier._guarded_by("board", [], away, 1.0, planned)
+    assert (found.verdict, found.acted) == ("not shown", "it sent nothing before it was left alone")
+
+
+@pytest.mark.parametrize(
+    ("typed", "agreed", "code"),
+    [([b"\n"], [True], 0), ([b"yes\n", b" \n"], [False, True], 0), ([b"no\n"], [], 130), ([b"N\n"], [], 130)],
+)
+def test_only_an_empty_line_agrees_to_a_motion_and_no_ends(
+    verb, tmp_path, monkeypatch, at_terminal, typed, agreed, code
+):
+    answers = []
+
+    def certifier(loaded, consent, stopped):
+        def proofs():
+            ask = consent("stage moves")
+            for line in typed:
+                assert not ask()
+                os.write(at_terminal, line)
+                assert select.select([sys.stdin], [], [], 100.0)[0]
+                answers.append(ask())
+            yield Proof("stop of stage", "", "it moved", "acted")
+
+        return SimpleNamespace(proofs=proofs, session=SimpleNamespace(infos={}))
+
+    monkeypatch.setattr("config.verbs.certify.certifier_of", certifier)
+    values = [f"--set={key}={value}" for key, value in lab_values("hardware/transient").items()]
+    ended, out, _ = verb("certify", "hardware/transient", *values, "--out", tmp_path)
+    assert (ended, answers) == (code, agreed)
+    assert out.count("stage moves: press Enter") == 1 + agreed.count(False)
+
+
 @pytest.mark.parametrize(("went_m", "verdict"), [(0.001, "acted"), (0.0025, "failed"), (None, "not shown")])
 def test_a_program_that_is_killed_leaves_a_mover_that_stops_or_fails_the_certificate(only, went_m, verdict):
     only("_ended")
@@ -308,6 +445,15 @@ def test_a_program_that_is_killed_leaves_a_mover_that_stops_or_fails_the_certifi
     (killed,) = [proof for proof in proofs if "killed" in proof.done]
     assert (killed.limit, killed.verdict) == ("limits.blind_travel_m", verdict)
     assert certified(proofs) == (verdict == "acted")
+
+
+def test_a_program_that_is_to_be_killed_is_not_waited_for_where_a_person_ends_the_certificate():
+    rig = SimpleNamespace(endpoints=None, devices={})
+    session: Any = SimpleNamespace(rig=rig, limits=None, scene=None)
+    mover: Any = None
+    gone = abandoned(load_profile("mock/transient"), session, lambda: True, mover, False)
+    with pytest.raises(KeyboardInterrupt), gone:
+        pass
 
 
 def test_a_mover_that_shows_nothing_is_not_taken_to_stand_still(monkeypatch):
