@@ -141,6 +141,8 @@ def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Tr
     asked = kept.get("asked") or {}
     try:
         rows, labels = read_csv(asked["trials"]) if asked.get("trials") else (None, None)
+        if asked.get("scripted"):  # the script's own trials
+            rows = kept["resolved"]["trials"]["list"]
         present = load_profile(asked.get("profile", kept["name"]), asked.get("set"), rows=rows, labels=labels)
         folders = own_folders(manifest)
         loaded = load_resolved(kept["name"], kept["resolved"], folders=folders)

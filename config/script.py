@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from config.assemble import build_rig, plan_campaign
+from config.campaigns import on_bench, reconnected, rehearse
 from config.profile import load_profile
-from controller.campaign import Campaign, Outcome
+from controller.campaign import CampaignPlan, Outcome
 from controller.console import ConsoleOperator, PlainConsole
+from controller.recording.joining import ResumedRun
 from controller.recording.reader import Run, open_run
 
 
@@ -33,19 +35,27 @@ def run_trials(
         How it ended, and the run as it can be read from its folder.
 
     Raises:
-        ProfileError: the profile or a trial cannot be used.
+        ProfileError: the profile or a trial cannot be used, or guard or movers do not permit what it commands.
+        DeviceError: another program has one of a real bench's devices.
         KeyboardInterrupt: somebody ended it; what was measured is in its folder. A script of many runs ends with it.
     """
     rows = [dict(row) for row in trials]
     once = {**(settings or {}), "trials.order": "listed", "trials.repeats": "1"}
     labels = [f"run_trials: trial {number}" for number in range(1, len(rows) + 1)]
     loaded = load_profile(profile, once, rows=rows, labels=labels)
-    plan = plan_campaign(loaded, loaded.trials(seed), seed)
-    with (
-        closing(build_rig(loaded, devices=plan.devices)) as rig,
-        ConsoleOperator(asking=rig.asking) as operator,
-    ):
-        outcome = Campaign(plan, rig, PlainConsole(operator, say), out).run()
+    asked = {"profile": str(profile), "set": once, "scripted": True}
+    planned = plan_campaign(loaded, loaded.trials(seed), seed, asked=asked)
+    rehearse(loaded, planned, loaded.trials(seed))
+
+    def opened_once(plan: CampaignPlan, resumed: ResumedRun | None) -> tuple[Outcome, bool, ConsoleOperator]:
+        with (
+            closing(build_rig(loaded, devices=plan.devices)) as rig,
+            ConsoleOperator(asking=rig.asking) as operator,
+        ):
+            outcome = on_bench(loaded, plan, rig, PlainConsole(operator, say), out, resumed)
+        return outcome, True, operator
+
+    outcome, operator = reconnected(opened_once, loaded, planned, None, say)
     if operator.stopped:
         raise KeyboardInterrupt
     return outcome, open_run(outcome.folder)

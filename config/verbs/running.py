@@ -12,22 +12,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from config import verbs
-from drivers.core.clock import rest
 from drivers.core.errors import PROGRAM, lacking
 
 if TYPE_CHECKING:
     from config.jobs import Crew
     from config.profile import Profile
-    from config.trials import Trial
     from controller.campaign import CampaignPlan, Outcome
     from controller.console import Console, ConsoleOperator
     from controller.recording.joining import ResumedRun
     from controller.recording.run_folder import RunFolder
     from controller.watching.foxglove import FoxgloveStream
     from controller.watching.page import PageProcess
-
-RECONNECT_S = 5.0
-"""How long a real bench is left alone before its devices are opened anew. Assumption: a USB port is there again."""
 
 
 @click.command(cls=verbs.Verb, short_help="Run an experiment, write a run folder and its report.")
@@ -81,6 +76,7 @@ def run(
     interrupted.
     """
     from config.assemble import plan_campaign
+    from config.campaigns import rehearse
     from config.parts import begin, parts_of
     from config.trials import chosen
 
@@ -114,29 +110,8 @@ def run(
         )
     others = {trial.id for trial in picked} - {trial.id for trial in own}
     plan = plan_campaign(loaded, picked, seed, done=others, asked=asked)
-    _rehearse(loaded, plan, own)
+    rehearse(loaded, plan, own)
     return _carried_out(loaded, plan, out, **how)
-
-
-def _rehearse(loaded: Profile, plan: CampaignPlan, trials: Sequence[Trial]) -> None:
-    """See that guard and movers permit what the trials command, before anything is opened. A simulated scene is refused
-    before anything moves in any case. A behavior of the user's own may command by what it remembers: a rehearsal could
-    refuse what runs.
-
-    Raises:
-        ProfileError: they do not.
-    """
-    from config.assemble import plan_campaign
-    from config.rehearsal import refusals
-    from config.source import ProfileError
-    from config.trials import of_each_value
-    from controller.own_modules import is_own
-
-    if is_own(loaded.experiment):
-        return
-    few = plan_campaign(loaded, of_each_value(trials), plan.seed, devices=plan.devices).trials
-    if problems := list(refusals(loaded, few, lambda scene: None)):
-        raise ProfileError(problems)
 
 
 def _with_faults(profile: str, overrides: Mapping[str, str], words: Sequence[str]) -> dict[str, str]:
@@ -172,6 +147,7 @@ def resume(run: str, out: Path, **how: Any) -> int:
 
     Exit codes: as of `run`.
     """
+    from config.campaigns import what_is_left
     from controller.recording.run_folder import RunFolder
 
     found = RunFolder.find(run, out)
@@ -179,7 +155,7 @@ def resume(run: str, out: Path, **how: Any) -> int:
         if how["watched"]:
             raise click.UsageError(f"{run} has parts: watch each with {PROGRAM} watch")
         return _in_turn(found, how["jobs"], how["scheduler"], how["reported"])
-    loaded, plan, resumed = _what_is_left(found)
+    loaded, plan, resumed = what_is_left(found)
     if resumed.unrecorded:
         numbers = ", ".join(map(str, resumed.unrecorded))
         verbs.say(f"not all samples were written of trials {numbers}: these are run again")
@@ -188,18 +164,6 @@ def resume(run: str, out: Path, **how: Any) -> int:
         verbs.say(f"{resumed.folder.path.name}: {said}")
         return verbs.DONE
     return _carried_out(loaded, plan, out, resumed, **how)
-
-
-def _what_is_left(folder: RunFolder) -> tuple[Profile, CampaignPlan, ResumedRun]:
-    """Of a run that broke off: its profile, the trials that are left, and what is done."""
-    from config.assemble import plan_campaign
-    from config.merging import profile_of
-    from controller.recording.joining import broken_off
-
-    resumed = broken_off(folder)
-    loaded, trials = profile_of(resumed.manifest, folder.path.name)
-    seed, asked = int(resumed.manifest["seed"]), resumed.manifest["profile"].get("asked")
-    return loaded, plan_campaign(loaded, trials, seed, done=resumed.done, asked=asked), resumed
 
 
 @click.command(cls=verbs.Verb, short_help="Join the shards of a run.")
@@ -227,28 +191,16 @@ def _carried_out(
     resumed: ResumedRun | None = None,
     *,
     reported: bool,
-    jobs: int | None,
     **how: Any,
 ) -> int:
-    """Run a campaign and report it; returns the exit code.
-
-    Where a device failed, all stands still and the profile permits one more (`trials.reconnects`), the run goes on with
-    devices opened anew, as one that is resumed.
-    """
+    """Run a campaign and report it; returns the exit code."""
+    from config.campaigns import reconnected
     from controller.recording.run_folder import RunFolder
 
-    outcome, again, operator = _once(loaded, plan, out, resumed, jobs=jobs, **how)
-    permitted = loaded.trial_settings.reconnects
-    for number in range(1, permitted + 1):
-        if outcome.exit_code != verbs.DEVICE or operator.halted or not again:
-            break
-        if outcome.not_at_rest:
-            verbs.complain("it is not reconnected: something may still move")
-            break
-        verbs.complain(f"{outcome.line}; reconnected, {number} of {permitted}")
-        rest(0.0 if loaded.bench == "mock" else RECONNECT_S)
-        _, plan, resumed = _what_is_left(RunFolder(outcome.folder))
-        outcome, _, operator = _once(loaded, plan, out, resumed, jobs=1, **how)
+    def once(plan: CampaignPlan, resumed: ResumedRun | None) -> tuple[Outcome, bool, ConsoleOperator]:
+        return _once(loaded, plan, out, resumed, **how)
+
+    outcome, operator = reconnected(once, loaded, plan, resumed, verbs.complain)
     if outcome.error is None:
         (verbs.complain if outcome.exit_code else verbs.say)(outcome.line)
     try:
@@ -276,14 +228,12 @@ def _once(
     realtime: bool = False,
     foxglove: bool = False,
 ) -> tuple[Outcome, bool, ConsoleOperator]:
-    """Run a campaign with its devices opened once: how it ended, whether they were opened in this process, and what
-    the person has pressed."""
+    """See `config.campaigns.Once`."""
     from config.assemble import build_rig
+    from config.campaigns import on_bench
     from config.costs import duration
     from config.jobs import in_batches
-    from controller.campaign import Campaign
     from controller.console import ConsoleOperator
-    from controller.holding import Holding, addresses
 
     if realtime_note := verbs.real_time(loaded):
         verbs.say(realtime_note)
@@ -303,9 +253,7 @@ def _once(
             assert crew is not None
             outcome = in_batches(crew, loaded, plan, console, out, resumed).run()
         else:
-            with Holding(loaded.name, "run", addresses(rig), loaded.bench == "hardware") as note:
-                outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
-                note.tell(not_at_rest=outcome.not_at_rest)
+            outcome = on_bench(loaded, plan, rig, console, out, resumed, mirror)
     return outcome, rig is not None, operator
 
 

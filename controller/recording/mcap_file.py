@@ -72,11 +72,11 @@ class Mirror(Protocol):
 
 
 class McapWriter:
-    """A new file, locked as long as it is written; every method that writes may raise `OSError`."""
+    """A new file, in place of none, locked as long as it is written; every method that writes may raise `OSError`."""
 
     def __init__(self, path: Path, mirror: Mirror | None = None) -> None:
         self._mirror = mirror
-        self._file = path.open("wb")
+        self._file = path.open("xb")
         with suppress(OSError):  # not every file system knows locks
             lock(self._file.fileno())  # see `close_cut`
         self._writer = Writer(self._file)
@@ -266,6 +266,7 @@ def close_cut(path: Path) -> bool:
         if any(isinstance(record, Footer) for record in records(path)):
             return False
         whole = path.with_suffix(".mcap.tmp")
+        whole.unlink(missing_ok=True)
         try:
             writer = McapWriter(whole)
             try:

@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import secrets
 import shutil
 import tempfile
@@ -119,12 +120,21 @@ class RunFolder:
     @property
     def recordings(self) -> Sequence[Path]:
         """The recordings, oldest first: one, and one more for each time that the run was resumed."""
-        return sorted(self.path.glob("recording*.mcap"), key=lambda path: (len(path.name), path.name))
+        return sorted(self._numbered, key=self._numbered.__getitem__)
 
     def new_recording(self) -> Path:
         """Name of the recording to write now; what is there is never written over."""
-        count = len(self.recordings)
-        return self.path / ("recording.mcap" if count == 0 else f"recording_{count + 1}.mcap")
+        numbers = self._numbered.values()
+        return self.path / (f"recording_{max(numbers) + 1}.mcap" if numbers else "recording.mcap")
+
+    @property
+    def _numbered(self) -> Mapping[Path, int]:
+        """The recordings with their numbers; a copy under another name is none."""
+        found = (
+            (path, re.fullmatch(r"recording(?:_(\d+))?\.mcap", path.name))
+            for path in self.path.glob("*.mcap")
+        )
+        return {path: int(match[1] or 1) for path, match in found if match}
 
     @classmethod
     def create(cls, root: Path, profile: str, started_utc: datetime) -> RunFolder:

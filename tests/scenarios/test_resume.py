@@ -13,8 +13,11 @@ import time
 import weakref
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from config.source import ProfileError
+from controller import holding
 from controller.campaign import Campaign
 from controller.loop import Loop
 from controller.measures import transient
@@ -25,6 +28,7 @@ from drivers.core.messages import Failed
 from simulator.mocks.zaber_stage import MockZaberStage
 from tests.refusals import check_refusal
 from tests.scenarios.conftest import change_manifest, run_of, run_once
+from touchbench import run_trials
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = ("--set", "behavior.settle_s=2.0", "--set", "trials.repeats=1", "--no-report")
@@ -131,6 +135,41 @@ def test_a_run_that_is_done_reports_it(verb, whole):
     assert code == 0
     assert "all 14 trials are done" in out
     assert (whole / "manifest.json").read_bytes() == before
+
+
+def test_what_a_script_ran_is_resumed_with_its_own_trials_and_is_found_while_it_runs(verb, tmp_path):
+    notes = []
+
+    def say(_):
+        notes.append(list(holding.folder().glob(f"{os.getpid()}-*.json")))
+
+    rows = [{"location": "f", "speed_m_s": 0.002 * np.float64(step)} for step in (1, 2, 3)]
+    settings = {"behavior.settle_s": "2.0"}
+    outcome, run = run_trials("mock/transient", rows, settings=settings, seed=3, out=tmp_path, say=say)
+    assert outcome.exit_code == 0
+    assert notes and all(notes)
+    whole = run.folder.trials_path.read_bytes()
+    run.folder.trials_path.write_bytes(b"".join(whole.splitlines(keepends=True)[:2]))
+    code, _, err = verb("resume", run.folder.path, "--no-report")
+    assert (code, err) == (0, "")
+    assert run.folder.trials_path.read_bytes() == whole
+
+
+def test_a_script_is_refused_what_the_guard_would_refuse_before_anything_is_written(tmp_path):
+    with pytest.raises(ProfileError, match="a run would be refused"):
+        run_trials("mock/transient", [{"location": "f", "speed_m_s": 0.9}], out=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_scripts_trial_whose_device_failed_is_repeated(tmp_path, monkeypatch):
+    failing(monkeypatch, 1)
+    said = []
+    rows = [{"location": "f", "speed_m_s": 0.004}] * 2
+    settings = {"behavior.settle_s": "2.0", "trials.reconnects": "1"}
+    outcome, run = run_trials("mock/transient", rows, settings=settings, out=tmp_path, say=said.append)
+    assert outcome.exit_code == 0
+    assert [row["trial"] for row in run.trials] == [1, 2]
+    assert any("reconnected, 1 of 1" in line for line in said)
 
 
 @pytest.mark.parametrize(

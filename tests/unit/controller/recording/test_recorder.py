@@ -2,6 +2,7 @@ import json
 import threading
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -250,8 +251,12 @@ def test_a_trial_that_runs_again_after_a_resume_replaces_its_first_attempt(folde
     assert [block.seq for block in open_run(folder.path).trial(1).blocks("board.load_cell")] == [500]
 
 
-def test_a_recording_that_cannot_be_begun_is_one_clear_line(tmp_path):
-    (tmp_path / "recording.mcap").symlink_to("/dev/full")
+def test_a_recording_that_cannot_be_begun_is_one_clear_line(tmp_path, monkeypatch):
+    (tmp_path / "recording.mcap").touch()
+    with refused(RecordingError, "File exists while making", "move away"):
+        StreamWriter(tmp_path / "recording.mcap", START, STREAMS)
+    full = Path("/dev/full").open("wb")  # noqa: SIM115 - the writer closes it
+    monkeypatch.setattr(Path, "open", lambda *_: full)
     with refused(RecordingError, "No space left on device while making"):
         StreamWriter(tmp_path / "recording.mcap", START, STREAMS)
 

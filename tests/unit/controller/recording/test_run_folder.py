@@ -147,6 +147,10 @@ def test_a_resumed_run_writes_over_no_recording(tmp_path):
         names.append(path.name)
     assert names[:3] == ["recording.mcap", "recording_2.mcap", "recording_3.mcap"]
     assert [path.name for path in folder.recordings] == names
+    (folder.path / "recording_2.mcap").unlink()
+    (folder.path / "recording_before.mcap").touch()
+    assert [path.name for path in folder.recordings] == [*names[:1], *names[2:]], "a copy is no recording"
+    assert folder.new_recording().name == "recording_12.mcap"
 
 
 def test_a_run_whose_devices_could_not_be_opened_is_never_the_latest(tmp_path):
