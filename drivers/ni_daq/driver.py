@@ -13,6 +13,7 @@ from drivers.core.numbering import ENDLESS, StreamTrack
 from drivers.core.scaled import ScaledStreams
 from drivers.core.wire import WireDriver, check_sensor
 from drivers.ni_daq.link import DaqBlock, DaqLink, open_daq
+from drivers.ni_daq.output import LONGEST, periods
 from drivers.ni_daq.settings import NiDaqSettings
 
 FULL: Final = 0.99
@@ -79,6 +80,12 @@ class NiDaq(WireDriver[DaqLink]):
                 if drive.rate_hz is None or not 0.0 < frequency_hz < drive.rate_hz / 2.0:
                     reason = f"{frequency_hz:g} Hz needs more than {2.0 * frequency_hz:g} samples a second"
                     raise wrong(self.name, command, reason, "rate_hz of its drive says how many there are")
+                if periods(frequency_hz, drive.rate_hz) is None:
+                    reason = f"a period of {frequency_hz:g} Hz is more than the {LONGEST} samples that are repeated"
+                    least_hz = drive.rate_hz / LONGEST
+                    raise wrong(
+                        self.name, command, reason, f"choose {least_hz:g} Hz or more, or a lower rate_hz"
+                    )
                 if not 0.0 <= level <= 1.0:
                     raise wrong(
                         self.name, command, f"level is {level:g}", "it is between 0 and 1, of limit_v"

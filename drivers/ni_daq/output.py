@@ -20,12 +20,26 @@ from drivers.ni_daq.settings import DaqDrive
 LONGEST = 50_000
 """Samples of a sine that are repeated, at the most (assumption: a tenth of a second, 0.4 MB to send)."""
 
+FREQUENCY_ERROR = 1e-3
+"""How far the frequency of whole periods among these may be from the one asked for (assumption)."""
+
+
+def periods(frequency_hz: float, rate_hz: float) -> Fraction | None:
+    """How many periods of a sine to repeat, over in how many samples; None where these cannot have its frequency."""
+    share = Fraction(frequency_hz / rate_hz).limit_denominator(LONGEST)
+    return (
+        share
+        if abs(share * Fraction(rate_hz) - Fraction(frequency_hz)) <= FREQUENCY_ERROR * frequency_hz
+        else None
+    )
+
 
 def sine(tone: Tone, drive: DaqDrive) -> NDArray[np.float64]:
     """Whole periods of a tone in volts, to be repeated: its frequency is met within rate / (LONGEST n) Hz,
     shape (n,)."""
     assert drive.rate_hz is not None
-    share = Fraction(tone.frequency_hz / drive.rate_hz).limit_denominator(LONGEST)
+    share = periods(tone.frequency_hz, drive.rate_hz)
+    assert share is not None  # else it was refused
     turns = np.arange(share.denominator) * (share.numerator / share.denominator)
     return np.asarray(drive.limit_v * tone.level * np.sin(2.0 * np.pi * turns))
 

@@ -209,7 +209,7 @@ def test_a_failed_input_switches_the_output_off(served: Served) -> None:
 
 
 def test_a_sine_has_the_frequency_that_was_asked_for_in_whole_periods() -> None:
-    for frequency_hz in (40_000.0, 39_999.0, 123.4):
+    for frequency_hz in (40_000.0, 39_999.0, 123.4, 10.0):
         volts = sine(Tone("daq", frequency_hz, 0.5), DaqDrive.model_validate(DRIVE))
         periods = np.argmax(np.abs(np.fft.rfft(volts)))
         assert periods * DRIVE["rate_hz"] / len(volts) == pytest.approx(frequency_hz, abs=1.0)
@@ -222,6 +222,8 @@ def test_a_sine_has_the_frequency_that_was_asked_for_in_whole_periods() -> None:
     [
         (Excite("daq", True), {"on_v": None}, "no on_v"),
         (Tone("daq", 40_000.0, 1.2), {}, "level is 1.2"),
+        (Tone("daq", 1.0, 0.5), {}, "a period of 1 Hz"),
+        (Tone("daq", 7.0, 0.5), {}, "choose 10 Hz or more"),
         (Tone("daq", 40_000.0, 0.5), {"rate_hz": 50_000.0}, "80000 samples a second"),
         (Tone("daq", 40_000.0, 0.5), {"rate_hz": None}, "80000 samples a second"),
     ],
