@@ -284,3 +284,9 @@ def test_an_approach_that_would_go_back_is_refused(settings, limit_m):
     ):
         settings(start_m=0.002, approach_limit_m=limit_m)
     assert settings(start_m=0.002, approach_limit_m=0.003).approach_limit_m == 0.003
+
+
+def test_a_nudge_that_leads_to_the_approachs_end_or_beyond_is_refused():
+    assert FirstContactSettings(start_m=0.004, nudge_m=0.0009, approach_limit_m=0.005)
+    with pytest.raises(ValueError, match=r"nudge_m = 0.001 .*approach_limit_m = 0.005"):
+        FirstContactSettings(start_m=0.004, nudge_m=0.001, approach_limit_m=0.005)

@@ -4,7 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from behaviors.border import BorderFactors, BorderTrialSettings, KeepOnTip
-from behaviors.events import BorderLeft, BorderNear, Contact, SlipEnded, SlipStarted, Tick
+from behaviors.events import BaselineRefused, BorderLeft, BorderNear, Contact, SlipEnded, SlipStarted, Tick
 from drivers.core.messages import Reached, Standstill, Twist
 from tests.refusals import refused
 
@@ -93,3 +93,16 @@ def test_a_trial_that_waits_for_a_detector_that_is_not_there_is_refused():
         KeepOnTip(SETTINGS, BorderFactors(begins_rad=0.3), frozenset({"touch", "ours"}))
     with pytest.raises(ValidationError, match="nothing moves"):
         BorderFactors(begins_rad=0.3, slide_m_s=0.0)
+
+
+@pytest.mark.parametrize("detector", ["ours", "border"])
+def test_what_is_to_keep_the_contact_on_the_tip_must_be_there_and_have_learned(detector):
+    with refused(ValueError, f"keep = true waits for {detector}", "keep = false"):
+        KeepOnTip(
+            SETTINGS, BorderFactors(begins_rad=0.3), frozenset({"touch", "ours", "border"} - {detector})
+        )
+    refusal = BaselineRefused(7.0, detector, 1.0, 2.0, "no variance")
+    for keep, outcome in ((True, "fault"), (False, "contact")):
+        behavior = sliding(keep=keep)
+        behavior.handle(refusal)
+        assert behavior.outcome == outcome

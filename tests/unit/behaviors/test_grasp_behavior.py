@@ -254,3 +254,20 @@ def test_a_force_that_the_gripper_refuses_is_no_match(gripper, force_n, says):
     assert says in mismatch.mistake
     assert not found(grip_force_n=20.0)
     assert not [*GripSettings(grip_force_n=force_n).mismatches(("behavior",), {})]
+
+
+@pytest.mark.parametrize(("tightest_n", "goes"), [(10.0, True), (40.0, True), (9.0, False), (41.0, False)])
+def test_jaws_that_could_press_no_harder_upon_a_slip_or_harder_than_the_gripper_are_no_match(
+    tightest_n, goes
+):
+    gripper = CanGripperSettings(port="can0", max_force_n=40.0)
+    settings = GraspSettings(grip_force_n=10.0, tightest_n=tightest_n)
+    found = settings.mismatches(("behavior",), {("devices", "gripper"): gripper})
+    assert [each.key for each in found] == ([] if goes else ["tightest_n"])
+
+
+def test_a_slip_counts_where_the_jaws_press_harder_and_is_heard_where_they_cannot():
+    behavior, _ = grasping(rule="step", load=(), tighten_n=2.0, tightest_n=12.0)
+    assert slips(behavior, 13.0) == [harder(12.0)]
+    assert not behavior.handle(Tick(13.05)), "as hard as they may"
+    assert behavior.notes == {"told_s": [13.0, 13.05], "slip_s": [13.0]}

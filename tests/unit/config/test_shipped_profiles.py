@@ -216,6 +216,10 @@ def test_who_tracks_the_clocks_needs_a_rest_in_which_detectors_can_learn():
         " [detectors.left_contact] learns for 0.3 s; make it 1.31 or longer"
     )
     assert loaded("mock/centering", tracked | {"behavior.baseline_s": "1.31"}).behavior.baseline_s == 1.31
+    with refused(ProfileError, "baseline_s = 0.1: [detectors.touch] learns for 0.3 s; make it 0.3 or longer"):
+        level = {"detectors.left_contact": "none", "detectors.right_contact": "none"}
+        touch = {"detectors.touch.kind": "level", "detectors.touch.input": "signals.left"}
+        loaded("mock/centering", level | touch | {"behavior.baseline_s": "0.1"})
 
 
 def test_a_bench_that_is_driven_at_another_frequency_throughout_is_taken():

@@ -1,13 +1,15 @@
-"""Whether a grasp held its object: by what share of its weight was carried."""
+"""Whether a grasp held its object, by what share of its weight was carried; how far its middle was off."""
 
 import numpy as np
 import pytest
 
 from behaviors.grasp import GraspSettings
+from behaviors.search import SearchSettings
+from controller.measures import centering
 from controller.measures.grasp import measure
 from controller.measures.trial import TrialEvidence
 from controller.recording.series import TrialRecording
-from drivers.core.messages import SampleBlock, Standstill
+from drivers.core.messages import Reached, SampleBlock, Standstill
 from simulator.physics.aura_scene import Lift
 
 VISITS = [("RESTING", 0.0), ("CLOSING", 1.0), ("LOADING", 2.0), ("HOLDING", 3.0), ("LOWERING", 4.0)]
@@ -32,3 +34,18 @@ def judged(share, *, simulated):
 def test_an_object_is_held_where_nine_tenths_of_its_weight_are_carried(simulated, failed):
     assert judged(0.91, simulated=simulated) == "held"
     assert judged(0.89, simulated=simulated) == failed
+
+
+@pytest.mark.parametrize(
+    ("factors", "truth", "error_m"), [({}, None, None), ({"object_x_m": 0.001}, None, 0.002), ({}, [], 0.003)]
+)
+def test_a_middle_has_an_error_only_where_somebody_knows_where_the_object_is(factors, truth, error_m):
+    visits = [("SEEKING_FORWARD", 1.0), ("CENTERING", 2.0), ("LEAVING", 3.0)]
+    events = [Reached(2.5, "arm", 0.003)]
+    evidence = TrialEvidence(factors, TrialRecording(1), events, dict(visits), visits, truth=truth)
+    outcome, row = centering.measure(evidence, SearchSettings(), "centered")
+    assert outcome == "centered"
+    assert (row["middle_m"], row["error_m"]) == (
+        0.003,
+        error_m if error_m is None else pytest.approx(error_m),
+    )
