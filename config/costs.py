@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -16,8 +17,9 @@ if TYPE_CHECKING:
 COSTS = Path(__file__).with_name("costs.toml")
 """What a trial of each shipped profile took: `python -m benchmarks.costs`."""
 
-_UNITS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
-_SIZES = ((1e9, "GB"), (1e6, "MB"), (1e3, "kB"))
+_UNITS = ((48 * 3600.0, 86400.0, "days"), (3600.0, 3600.0, "h"), (60.0, 60.0, "min"), (1.0, 1.0, "s"))
+_SIZES = ((1e9, 1e9, "GB"), (1e6, 1e6, "MB"), (1e3, 1e3, "kB"))
+"""From how much a unit is used, its size, and its name."""
 
 
 class Cost(NamedTuple):
@@ -57,8 +59,9 @@ def planned(profile: Profile, trials: Sequence[Trial], campaign: CampaignPlan, w
     yield f"disk      {_rounded(found.disk_bytes, _SIZES) if found else 'not measured'}"
     yield f"opens     {', '.join(sorted(campaign.devices))}"
     limits: Any = profile.limits
-    asked = [profile.behavior.model_dump(), *(trial.own for trial in trials)]
-    speed_m_s = max(_speeds(asked), default=0.0)
+    asked = [(profile.for_trial(trial).behavior, profile.factors_of(trial)) for trial in trials]
+    speeds = (_speeds(settings.model_dump()) for pair in asked for settings in pair)
+    speed_m_s = max(chain.from_iterable(speeds), default=0.0)
     travel = f"{limits.travel_min_m:g} to {limits.travel_m:g} m of travel"
     speed = f"at {speed_m_s:g} m/s" if speed_m_s else "no speed is set in m/s"
     yield f"motion    {travel}, {speed}; the guard stops beyond {limits.speed_m_s:g} m/s"
@@ -132,8 +135,10 @@ def duration(name: str, experiment: str, bench: str, trials: int, workers: int =
 
 def _speeds(settings: Any) -> Iterator[float]:
     """All speeds in settings, however deep, m/s: names end in their unit."""
+    from controller.scales import si_unit  # `list` plans nothing, and loads nothing that it does not need
+
     if isinstance(settings, Mapping):
-        yield from (abs(value) for key, value in settings.items() if key.endswith("speed_m_s") and value)
+        yield from (abs(value) for key, value in settings.items() if si_unit(key) == "m/s" and value)
         settings = settings.values()
     if isinstance(settings, Iterable) and not isinstance(settings, str):
         for each in settings:
@@ -148,6 +153,8 @@ def _force(profile: Profile, speed_m_s: float) -> str:
     if limits.force_n is None:
         return "no limit (limits.force_n is not set)"
     stop, turn_s = f"the guard stops at {limits.force_n:g} N", 1.0 / loop.rate_hz
+    if not speed_m_s:
+        return f"{stop}; no speed is set in m/s, so no peak is forecast"
     found = forecast(limits, speed_m_s, turn_s)
     if found is None:
         return f"{stop}; no contact stiffness is known (limits.stiffness_n_m), so no peak is forecast"
@@ -166,6 +173,6 @@ def _table() -> dict[str, dict[str, Any]]:
     return tomllib.loads(COSTS.read_text("utf-8"))
 
 
-def _rounded(value: float, units: Sequence[tuple[float, str]]) -> str:
-    size, unit = next((each for each in units if value >= each[0]), units[-1])
-    return f"{value / size:.2g} {unit}"
+def _rounded(value: float, units: Sequence[tuple[float, float, str]]) -> str:
+    _, size, unit = next((each for each in units if value >= each[0]), units[-1])
+    return f"{float(f'{value / size:.2g}'):g} {unit}"

@@ -21,8 +21,9 @@ Cell = str | int | float | bool | None
 DIGITS = 9
 """Significant digits of a number: finer than any sensor here, coarser than rounding errors."""
 
-_INTEGER = re.compile(r"-?\d+")
-_NUMBER = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?")
+_INTEGER = re.compile(r"-?(0|[1-9]\d*)")
+_NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?(e[+-]\d\d+)?")
+"""Numbers as `format_cell` writes them: a label such as `007` or `1e5` is text."""
 
 
 class TrialRows:

@@ -324,7 +324,11 @@ def _draw_study(figures: Figures, cells: Sequence[Row]) -> str:
             left.errorbar(x, delays_s, sigmas, label=f"{rate:g} samples/s", **look)
             right.plot(x, [100.0 * cell["false"] / cell["n"] for cell in mine], **look)
         for axes, label in ((left, "delay (s), mean ± σ"), (right, "false contacts (%)")):
-            axes.set(xscale="log", xlabel="noise, relative to the plant's own", ylabel=label)
+            axes.set(
+                xscale="log" if min(scales) > 0.0 else "linear",
+                xlabel="noise, relative to the plant's own",
+                ylabel=label,
+            )
             axes.set_xticks(scales, [f"{scale:g}" for scale in scales])
             axes.set_xticks([], minor=True)
             axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))

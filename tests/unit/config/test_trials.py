@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from config.assemble import plan_campaign
-from config.costs import cost, duration, planned
+from config.costs import _SIZES, _UNITS, _rounded, _speeds, cost, duration, planned
 from config.jobs import jobs_for
 from config.listing import profiles
 from config.profile import load_profile
@@ -133,6 +133,30 @@ def test_a_plan_shows_time_disk_motion_force_and_what_each_state_computes():
     assert "SETTLING, RETRACTING\n          skipped: no subscriber" in plan
     assert "BASELINE, APPROACH\n          contact (board.period), ours (board.accelerometer)" in plan
     assert lines_of("emulated/pointer")[0].startswith("emulated/pointer: 1 trial of pointer")
+
+
+def test_every_speed_is_planned_by_its_unit_and_without_one_no_peak_is_forecast():
+    none = "\n".join(lines_of("mock/chirp", limits__stiffness_n_m="5000"))
+    assert "of travel, no speed is set in m/s; the guard stops beyond" in none
+    assert "no speed is set in m/s, so no peak is forecast" in none
+    slides = {"slide_m_s": 0.015}, {"speed_m_s": 0.02}
+    assert [list(_speeds(each)) for each in slides] == [[0.015], [0.02]]
+    assert list(_speeds({"acceleration_m_s2": 1.0, "parts": [{"lift_m_s": -0.03, "grip_n": 4.0}]})) == [0.03]
+    shaken = "\n".join(lines_of("mock/grasp", behavior__shake_m_s="0.5", limits__stiffness_n_m="5000"))
+    assert "of travel, at 0.5 m/s" in shaken
+    assert "with 0.5 m/s x " in shaken
+
+
+@pytest.mark.parametrize(
+    ("value", "units", "said"),
+    [(820e3, _SIZES, "820 kB"), (1e6, _SIZES, "1 MB"), (7.4e6, _SIZES, "7.4 MB")]
+    + [
+        (n * 3600.0, _UNITS, said)
+        for n, said in ((1.14, "1.1 h"), (47, "47 h"), (360, "15 days"), (0.4, "24 min"))
+    ],
+)
+def test_what_a_plan_takes_is_in_plain_numbers(value, units, said):
+    assert _rounded(value, units) == said
 
 
 def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):

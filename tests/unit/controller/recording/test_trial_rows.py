@@ -76,8 +76,8 @@ def test_what_is_read_is_what_was_written_but_a_last_line_that_is_cut(tmp_path):
     assert not cut
 
 
-@pytest.mark.parametrize("text", ["nan", "inf", "1_000", "0x10", "a"])
-def test_text_that_python_would_take_for_a_number_stays_text(tmp_path, text):
+@pytest.mark.parametrize("text", ["nan", "inf", "1_000", "0x10", "a", "007", "1e5", "1E+05", "5."])
+def test_text_that_is_no_number_as_they_are_written_stays_text(tmp_path, text):
     path = tmp_path / "trials.csv"
     table(path, {"trial": 1, "location": text})
     assert read_rows(path)[0][0]["location"] == text

@@ -693,6 +693,17 @@ def test_a_detector_is_sooner_only_where_it_detected_as_often_and_over_the_same_
     assert said in sentence
 
 
+def test_a_study_with_no_noise_at_all_is_drawn_with_its_points(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(Figures, "save", lambda self, figure, name: drawn.append(figure) or "<svg></svg>")
+    noises = (0.0, 1.0, 2.0)
+    section(
+        [write_transient(tmp_path, [Given(noise_scale=n, sample_hz=15.0) for n in noises])], Figures(tmp_path)
+    )
+    places = [axes.transData.transform((0.0, 0.1))[0] for axes in drawn[-1].axes]
+    assert np.isfinite(places).all(), "no noise has no place on a logarithmic axis"
+
+
 def test_trials_that_were_broken_off_stand_in_no_share_of_any_section(tmp_path, unsectioned):
     kept = [({"k": 1}, "kept", {"push_n": push_n}) for push_n in (1.0, 1.2)]
     broken = [({"k": 1}, outcome, {"push_n": 50.0}) for outcome in ("guard", "fault", "aborted")]
