@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
-from drivers.arm.axis import quaternion, rotation_vector
+from drivers.arm.axis import quaternion, rotation_vector, way
+from drivers.arm.guidance import MISSED_M, MISSED_RAD
 from drivers.arm.link import CALLS_S, ArmRow, LinkError, Opened
 from drivers.arm.settings import Pose
 from drivers.core.clock import Clock, rest
@@ -48,6 +49,7 @@ class FrankaLink:
         self._fault = ""
         self._zero: Pose = (0.0,) * 6
         self._force: Pose = (0.0,) * 6
+        self._pose: Pose = (0.0,) * 6
         self._robot: Any = None
 
     @property
@@ -102,10 +104,10 @@ class FrankaLink:
         # `O_dP_EE_c` is what was commanded: the tool's own speed follows from the joints' measured ones.
         twist = self._robot.model.zero_jacobian(self._franky.Frame.EndEffector, state) @ state.dq
         self._fault = self._why_not(state)
-        self._force = _six(state.O_F_ext_hat_K)
+        self._force, self._pose = _six(state.O_F_ext_hat_K), _pose(state.O_T_EE)
         force = _six(part - zero for part, zero in zip(self._force, self._zero, strict=True))
         return ArmRow(
-            arrival_s, 1e-3 * cycle_ms, _pose(state.O_T_EE), _six(twist), force, self._fault, not self._fault
+            arrival_s, 1e-3 * cycle_ms, self._pose, _six(twist), force, self._fault, not self._fault
         )
 
     def check(self) -> None:
@@ -122,7 +124,7 @@ class FrankaLink:
         """See `Client.speed`."""
         target = self._franky.Twist(list(twist[:3]), list(twist[3:]))
         duration = self._franky.Duration(KEEP_MS)
-        factor = self._dynamics(None, acceleration_m_s2)
+        factor = self._dynamics(1.0, acceleration_m_s2)
         return self._begin(self._franky.CartesianVelocityMotion(target, duration, factor))
 
     def end_speed(self) -> bool:
@@ -138,14 +140,19 @@ class FrankaLink:
             return False
         w, *vector = quaternion(pose[3:])
         target = self._franky.Affine(list(pose[:3]), [*vector, w])
-        factor = self._dynamics(speed_m_s, acceleration_m_s2)
+        limit, turn_limit = self._robot.translation_velocity_limit, self._robot.rotation_velocity_limit
+        length_m, angle_rad = way(self._pose, pose)
+        shares = [speed_m_s / turn_limit.get()] if angle_rad > MISSED_RAD else []  # the same number in rad/s
+        if length_m > MISSED_M or not shares:
+            shares.append(speed_m_s / limit.get())
+        factor = self._dynamics(min(shares), acceleration_m_s2)
         return self._begin(self._franky.CartesianMotion(target, self._franky.ReferenceType.Absolute, factor))
 
     def end_move(self, deceleration_m_s2: float) -> bool:
         """See `Client.end_move`."""
         if not self._robot.is_in_control:
             return True
-        return self._begin(self._franky.CartesianStopMotion(self._dynamics(None, deceleration_m_s2)))
+        return self._begin(self._franky.CartesianStopMotion(self._dynamics(1.0, deceleration_m_s2)))
 
     def busy(self) -> bool:
         """See `Client.busy`."""
@@ -201,11 +208,9 @@ class FrankaLink:
         except Exception:
             return False
 
-    def _dynamics(self, speed_m_s: float | None, acceleration_m_s2: float) -> Any:
-        """franky's factors of the robot's own limits; no speed is the greatest."""
-        robot = self._robot
-        speed = 1.0 if speed_m_s is None else speed_m_s / robot.translation_velocity_limit.get()
-        acceleration = acceleration_m_s2 / robot.translation_acceleration_limit.get()
+    def _dynamics(self, speed: float, acceleration_m_s2: float) -> Any:
+        """franky's factors of the robot's own limits: `speed` is one, of translation and turn together."""
+        acceleration = acceleration_m_s2 / self._robot.translation_acceleration_limit.get()
         return self._franky.RelativeDynamicsFactor(min(1.0, speed), min(1.0, acceleration), 1.0)
 
 

@@ -24,6 +24,7 @@ class Robot:
         self.motions: list[Any] = []
         self.is_in_control = False
         self.translation_velocity_limit = SimpleNamespace(get=lambda: 1.7)
+        self.rotation_velocity_limit = SimpleNamespace(get=lambda: 2.5)
         self.translation_acceleration_limit = SimpleNamespace(get=lambda: 13.0)
         self.model = SimpleNamespace(zero_jacobian=lambda frame, state: np.eye(6, 7))
         self.ms = 0
@@ -100,14 +101,34 @@ def test_a_robot_that_will_not_move_says_why(link: FrankaLink, mode: str, why: s
 
 
 def test_a_move_goes_to_the_pose_at_the_speed_that_was_asked_for(link: FrankaLink) -> None:
-    assert link.move(POSE, 0.17, 1.3)
+    link.read()
+    assert link.move((0.6, *POSE[1:]), 0.17, 1.3)
     (motion,) = link._robot.motions
     assert motion.reference_type == franky.ReferenceType.Absolute
-    assert motion.target.pose.end_effector_pose.translation == pytest.approx(POSE[:3])
+    assert motion.target.pose.end_effector_pose.translation == pytest.approx((0.6, 0.1, 0.4))
     # a quaternion and its opposite are one rotation
     assert abs(motion.target.pose.end_effector_pose.quaternion @ _xyzw(POSE[3:])) == pytest.approx(1.0)
     factor = motion.relative_dynamics_factor
     assert (factor.velocity, factor.acceleration) == pytest.approx((0.1, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("to", "share"),
+    [
+        ((0.6, 0.1, 0.4, 1.2, -2.0, 0.3), 0.5 / 1.7),
+        ((0.5, 0.1, 0.4, 1.2, -2.0, 0.9), 0.5 / 2.5),
+        ((0.6, 0.1, 0.4, 1.2, -2.0, 0.9), 0.5 / 2.5),
+        (POSE, 0.5 / 1.7),
+    ],
+    ids=["goes", "turns", "both", "stays"],
+)
+def test_what_turns_is_no_faster_than_the_same_number_of_radians(
+    link: FrankaLink, to: tuple[float, ...], share: float
+) -> None:
+    """0.5 m/s or rad/s of a Panda's 1.7 m/s and 2.5 rad/s, both of which franky scales by one factor."""
+    link.read()
+    assert link.move(to, 0.5, 1.3)  # type: ignore[arg-type]
+    assert link._robot.motions[-1].relative_dynamics_factor.velocity == pytest.approx(share)
 
 
 def test_a_move_waits_for_tool_speeds_to_end_and_is_refused_where_they_do_not(link: FrankaLink) -> None:
