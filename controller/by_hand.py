@@ -58,7 +58,7 @@ HOME_S = 120.0
 """Longest way home. Assumption: twice a stage of 0.5 m at a slow 10 mm/s, and an arm that is unlocked before."""
 
 FORCES = ("N", "N m")
-"""Units of streams that can be tared."""
+"""Units of streams that a `Tare` is offered for."""
 
 
 class ByHand(Behavior):
@@ -403,6 +403,11 @@ def home(session: HandSession, mover: str, deadline_s: float) -> HandResult:
     """Send a mover to its reference position; it stands there, or the reason says why not."""
     limits = limits_of(session.limits, mover)
     return session.run(scripted(until(Home(mover), Reached)), mover, limits=limits, deadline_s=deadline_s)
+
+
+def forces(infos: Mapping[str, DeviceInfo]) -> Sequence[StreamInfo]:
+    """The streams that can be tared."""
+    return [each for each in streams_of(infos).values() if each.unit in FORCES and each.tared]
 
 
 def tare(session: HandSession, stream: str) -> tuple[HandResult, Sequence[Floats]]:

@@ -230,12 +230,7 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
         EndingOperator() as operator,
         session_on(loaded, asked, operator, endpoints, doing="tare") as session,
     ):
-        forces = [
-            stream
-            for info in session.infos.values()
-            for stream in info.streams.values()
-            if stream.unit in by_hand.FORCES
-        ]
+        forces = by_hand.forces(session.infos)
         if not forces:
             raise click.UsageError(f"{', '.join(asked)}: no stream in {' or '.join(by_hand.FORCES)} to tare")
         for stream in forces:

@@ -6,7 +6,6 @@ from typing import Any
 from controller import by_hand
 from controller.console import PAUSED, ConsoleOperator
 from controller.loop import Aborted
-from controller.rig import streams_of
 
 
 class Between:
@@ -30,12 +29,12 @@ class Between:
 
     # on the publishing thread
 
-    def ask(self, do: str, target: str) -> str:
-        """`hold` (again: no longer), `home` of a mover or `tare` of a stream; returns why it is refused, or ""."""
+    def ask(self, do: str, target: str, on: bool = True) -> str:
+        """`hold` (no longer where not `on`), `home` of a mover or `tare` of a stream; returns why it is refused."""
         if do == "hold":
             if not self.possible:
                 return "hold: the trials of this run are computed elsewhere; nothing is held between them"
-            self.hold = not self.hold
+            self.hold = on
             return ""
         if not self._offer:
             return f"{do}: a trial runs; hold the run after it first"
@@ -60,11 +59,13 @@ class Between:
         Raises:
             Aborted: they end the run.
         """
-        forces = [name for name, each in streams_of(session.infos).items() if each.unit in by_hand.FORCES]
         self._resumed = self._aborted = False
         self._operator.press("pause", "the live page, between two trials")
         self._show(PAUSED, 0.0)
-        self._offer = {"home": list(session.movers), "tare": forces}
+        self._offer = {
+            "home": list(session.movers),
+            "tare": [each.name for each in by_hand.forces(session.infos)],
+        }
         self._said = ""
         try:
             while True:

@@ -167,8 +167,8 @@ class Watched(Console):
     # on the publishing thread
 
     def receive(self, line: bytes) -> str:
-        """A client's command: `{"do": "stop"}`, `pause`, `resume`, `hold` (before the next trial), there `home` and
-        `tare` with a `target`, or `answer` with `number` and `done`.
+        """A client's command: `{"do": "stop"}`, `pause`, `resume`, `hold` before the next trial, no longer with
+        `"on": false`, there `home` and `tare` with a `target`, or `answer` with `number` and `done`.
 
         Returns:
             Why it was refused; "" where it was not.
@@ -180,7 +180,8 @@ class Watched(Console):
             elif message["do"] in COMMANDS:
                 self._operator.press(message["do"], "a click on the live page")
             elif message["do"] in BY_HAND:
-                return self.between.ask(message["do"], str(message.get("target", "")))
+                target, on = str(message.get("target", "")), bool(message.get("on", True))
+                return self.between.ask(message["do"], target, on)
             else:
                 return f"do must be answer, {', '.join((*COMMANDS, *BY_HAND))}"
         except Exception as error:  # whatever a line holds, an endless number too: the next may be a stop

@@ -94,7 +94,14 @@ class CanGripper(WireDriver[CanLink]):
         self._units = units.GripperUnits(s.closed_width_m, s.force_n_per_ma)
         self._infos = (
             StreamInfo(f"{self.name}.width", ("width",), "m", longest_s=units.LONGEST_S),
-            StreamInfo(f"{self.name}.force", ("force",), "N", s.force_n_per_ma, longest_s=units.LONGEST_S),
+            StreamInfo(
+                f"{self.name}.force",
+                ("force",),
+                "N",
+                s.force_n_per_ma,
+                longest_s=units.LONGEST_S,
+                tared=False,
+            ),
         )
         self._samples = [Samples(info, np.float64) for info in self._infos]
         self._seq = 0

@@ -30,6 +30,7 @@ class StreamInfo:
             of the rate's intervals; None where samples come only on a change, so that silence means nothing.
         noisy: Whether the sensor's own noise moves its raw values all the time, so that one which stands still is
             stuck. A position may stand for as long as it likes.
+        tared: Whether its device takes a `Tare` of it, where it is one of forces.
     """
 
     name: str
@@ -39,6 +40,7 @@ class StreamInfo:
     rate_hz: float | None = None
     longest_s: float | None = None
     noisy: bool = False
+    tared: bool = True
 
     def __post_init__(self) -> None:
         if self.longest_s is None and self.rate_hz is not None:

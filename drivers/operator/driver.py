@@ -88,7 +88,7 @@ class Person(WireDriver[SerialLink | ConsolePerson]):
     _opens = staticmethod(open_person)
 
     def _prepare(self) -> None:
-        self._info = StreamInfo(f"{self.name}.load", tuple(BRIDGES.values()), "N")
+        self._info = StreamInfo(f"{self.name}.load", tuple(BRIDGES.values()), "N", tared=False)
         self._listening = False
         self._loads = 0
         self._number = 0

@@ -55,7 +55,7 @@ class MockCanGripper(MockDriver):
         self._infos = {
             f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
             f"{name}.force": StreamInfo(
-                f"{name}.force", ("force",), "N", FORCE_N_PER_MA, longest_s=LONGEST_S
+                f"{name}.force", ("force",), "N", FORCE_N_PER_MA, longest_s=LONGEST_S, tared=False
             ),
         }
 

@@ -200,7 +200,7 @@ def test_held_between_trials_it_offers_home_and_tare_and_shows_a_refusal(watchin
     assert between.ask("tare", "board.load_cell") == "tare: home stage is still being done"
     assert "HELD between two trials" in page.locator("#banner").inner_text()
     monkeypatch.setattr(between, "_asked", None)
-    monkeypatch.setattr(between, "ask", lambda do, target: f"{do} {target}: not now")
+    monkeypatch.setattr(between, "ask", lambda do, target, on: f"{do} {target}: not now")
     page.get_by_role("button", name="tare board.load_cell").click()
     page.get_by_text("Refused: tare board.load_cell: not now").wait_for()
 

@@ -467,6 +467,15 @@ def test_the_verbs_say_what_they_did(verb):
     assert "to keep it" not in out, "the board keeps it"
 
 
+@pytest.mark.parametrize(
+    ("name", "tared"), [("mock/grasp", ["arm.force"]), ("mock/first_contact", ["board.load_cell"])]
+)
+def test_a_bench_with_a_gripper_or_a_person_is_tared_where_that_is_possible(verb, name, tared):
+    code, out, err = verb("tare", name, "--set", "loop.rate_hz=50")
+    assert (code, err) == (0, "")
+    assert [line.partition(":")[0] for line in out.splitlines()] == tared
+
+
 def test_a_zero_that_no_device_keeps_is_the_line_to_paste(verb):
     code, out, err = verb(
         "tare", "tests/data/serial_lines.toml", "uno", "--set", "devices.uno.streams.force.offset=512"
@@ -496,6 +505,7 @@ def test_a_zero_that_no_device_keeps_is_the_line_to_paste(verb):
         (["home", "mock/weights"], 2, ("mock/weights", "nothing that moves")),
         (["home", "papers/slip"], 2, ("papers/slip", "parts", "mock/weights")),
         (["tare", "mock/transient", "stage"], 2, ("stage", "N")),
+        (["tare", "mock/grasp", "gripper"], 2, ("gripper", "N")),
     ],
 )
 def test_what_cannot_be_done_is_one_line(verb, arguments, code, named):

@@ -107,6 +107,17 @@ def test_between_two_trials_a_mover_goes_home_and_a_force_is_tared_and_the_rows_
     assert (outcome.folder / "trials.csv").read_bytes() == rows(tmp_path / "alone", 0)
 
 
+def test_a_hold_says_whether_it_holds_however_often_it_is_sent():
+    watched = Watched(Console(), ConsoleOperator())
+    watched.between.possible = True
+    seen = []
+    for message in ('{"do": "hold"}', '{"do": "hold", "on": true}', '{"do": "hold", "on": false}') * 2:
+        assert watched.receive(message.encode()) == ""
+        assert watched.receive(message.encode()) == ""
+        seen.append(watched.between.hold)
+    assert seen == [True, True, False] * 2
+
+
 def test_a_bench_whose_guard_watches_a_computed_signal_is_tared_and_goes_home_between_trials(tmp_path):
     acts = [{"do": "tare", "target": "arm.force"}, {"do": "home", "target": "arm"}]
     outcome, refused, manifest = held(tmp_path, acts, "mock/pointer", SHORTER["mock/pointer"])

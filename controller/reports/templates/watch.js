@@ -29,7 +29,7 @@
   }, 500);
   stop.addEventListener("click", () => send({do: "stop"}));
   pause.addEventListener("click", () => send({do: now.paused ? "resume" : "pause"}));
-  at("hold").addEventListener("click", () => send({do: "hold"}));
+  at("hold").addEventListener("click", () => send({do: "hold", on: !now.between?.hold}));
   for (const button of at("question").querySelectorAll("button"))
     button.addEventListener("click", () => send({do: "answer", number: question.number, done: Boolean(button.dataset.done)}));
 
