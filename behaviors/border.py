@@ -75,12 +75,11 @@ class KeepOnTip(RollSlip):
         self, settings: BorderTrialSettings, factors: BorderFactors, detectors: frozenset[str]
     ) -> None:
         self._factors, self._border = factors, settings.border if settings.border in detectors else ""
-        if factors.keep and not self._border:
-            raise ValueError(
-                f"keep = true waits for {settings.border}, which is not there; or write keep = false"
-            )
-        turn_rad = math.copysign(settings.roll_rad, factors.begins_rad or factors.turn_rad_s)
         sensor = settings.sensors["fingertip"]
+        acting = {settings.border, sensor.ours or "ours"} if factors.keep else set()
+        if missing := ", ".join(sorted(acting - detectors)):
+            raise ValueError(f"keep = true waits for {missing}, which is not there; or write keep = false")
+        turn_rad = math.copysign(settings.roll_rad, factors.begins_rad or factors.turn_rad_s)
         steps = (
             StepSettings(do="roll", duration_s=settings.roll_s, turn_rad=turn_rad),
             StepSettings(do="hold", duration_s=0.1),
@@ -91,6 +90,7 @@ class KeepOnTip(RollSlip):
         self._near_rad, self._slipping = 0.0, False
         given = settings.model_copy(update={"sensors": {"fingertip": own}})
         super().__init__(given, RollSlipFactors(sensor="fingertip"), detectors)
+        self.acts_on |= acting
 
     def _planned(self) -> Mapping[str, StatePlan]:
         planned = super()._planned()

@@ -55,6 +55,11 @@ class FirstContactSettings(Settings):
     @model_validator(mode="after")
     def _leads_on(self) -> Self:
         see_that_it_leads_on(self.start_m, self.approach_limit_m)
+        if self.start_m + self.nudge_m >= self.approach_limit_m:
+            raise ValueError(
+                f"nudge_m = {self.nudge_m:g} leads from start_m = {self.start_m:g} to approach_limit_m ="
+                f" {self.approach_limit_m:g} or beyond: make it shorter"
+            )
         return self
 
 

@@ -36,12 +36,19 @@ class GripSettings(SonicSettings):
     hold_s: float = Field(default=1.0, ge=0.0, le=600.0)
     """How long the object is held."""
 
+    def forces_n(self, profile: Mapping[tuple[str, ...], Settings]) -> tuple[float, float]:
+        """Least and greatest force of the gripper, N, as far as it says."""
+        found: tuple[float, float] = getattr(
+            profile.get(("devices", self.gripper)), "forces_n", (0.0, math.inf)
+        )
+        return found
+
     def mismatches(
         self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
     ) -> Iterator[Mismatch]:
         """What the gripper would refuse in the trial is refused before it."""
         yield from super().mismatches(path, profile)
-        least_n, most_n = getattr(profile.get(("devices", self.gripper)), "forces_n", (0.0, math.inf))
+        least_n, most_n = self.forces_n(profile)
         if not least_n <= self.grip_force_n <= most_n:
             range_n = f"{least_n:.3g} to {most_n:.3g} N"
             mistake = f" = {self.grip_force_n}: {self.gripper} presses with {range_n}; write one of those"

@@ -141,6 +141,13 @@ class LiftSettings(GripSettings):
     ) -> Iterator[Mismatch]:
         """What a slip asks for in the air must not be refused there."""
         yield from super().mismatches(path, profile)
+        least_n, most_n = self.grip_force_n, self.forces_n(profile)[1]
+        if not least_n <= self.tightest_n <= most_n:
+            mistake = (
+                f" = {self.tightest_n}: upon a slip {self.gripper} presses with grip_force_n = {least_n} or more, and"
+                f" {most_n:.3g} N at the most; write one of those"
+            )
+            yield Mismatch(path, "tightest_n", mistake)
         limits: Any = profile.get(("limits",))
         if limits is not None:
             most_m_s = limits.movers.get(self.gripper, limits).speed_m_s
@@ -214,7 +221,7 @@ class Lifting(Gripping):
             share = self._load_n / self._force_n
             if share >= self.settings.least_friction and self._uses(share, self.settings.limit):
                 self._note_friction(event.t_s, share)
-                commands += self._pressed(self._wanted_n, event.t_s)
+                commands += self._answered(self._wanted_n, event.t_s)
         if self._slipping and now_s >= self._tighten_due_s:
             commands += self._tightened(event.t_s)
         if self.state in _UP and now_s >= max(self._relax_due_s, self._calm_s):
@@ -309,7 +316,7 @@ class Lifting(Gripping):
         if self.settings.load and share > 0.0:
             self._friction = min(self._friction, share)
             self.notes.setdefault("friction", []).append(self._friction)
-        self.notes.setdefault("slip_s", []).append(t_s)
+        self.notes.setdefault("told_s", []).append(t_s)
         self._acted_s = t_s
 
     def note_held(self) -> None:
@@ -350,8 +357,16 @@ class Lifting(Gripping):
             return []
         self._note_friction(t_s, self._share)
         if settings.rule == "step":
-            return self._pressed(self._force_n + settings.tighten_n, t_s)
-        return self._pressed(max(self._braced_n(t_s), self._wanted_n), t_s)
+            return self._answered(self._force_n + settings.tighten_n, t_s)
+        return self._answered(max(self._braced_n(t_s), self._wanted_n), t_s)
+
+    def _answered(self, force_n: float, t_s: float) -> Sequence[Command]:
+        """As `_pressed`, upon a slip: counted where the jaws are made to press harder."""
+        before_n = self._force_n
+        commands = self._pressed(force_n, t_s)
+        if self._force_n > before_n:
+            self.notes.setdefault("slip_s", []).append(t_s)
+        return commands
 
     def _braced_n(self, t_s: float) -> float:
         """How hard at once: on the table a little harder, in the air enough to brake, not again where it just was."""

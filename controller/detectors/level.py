@@ -192,14 +192,14 @@ class LevelSettings(Settings):
         from behaviors.sonic import SonicSettings
 
         behavior, chain = profile.get(("behavior",)), profile.get(tuple(self.input.split(".")))
-        if not (isinstance(behavior, SonicSettings) and isinstance(chain, IqSettings) and chain.silent_s):
+        if not (isinstance(behavior, SonicSettings) and isinstance(chain, IqSettings)):
             return
         needed_s = chain.silent_s + self.learn_s
         if behavior.baseline_s < needed_s:
+            late = f"[{self.input}] tracks for {chain.silent_s:.2f} s before it gives anything, and "
             mistake = (
-                f" = {behavior.baseline_s}: [{self.input}] tracks for {chain.silent_s:.2f} s before it gives anything,"
-                f" and [{'.'.join(path)}] learns for {self.learn_s:g} s; make it"
-                f" {math.ceil(100.0 * needed_s) / 100.0:g} or longer"
+                f" = {behavior.baseline_s}: {late if chain.silent_s else ''}[{'.'.join(path)}] learns for"
+                f" {self.learn_s:g} s; make it {math.ceil(100.0 * needed_s) / 100.0:g} or longer"
             )
             yield Mismatch(("behavior",), "baseline_s", mistake)
 

@@ -79,7 +79,8 @@ def _measured(evidence: TrialEvidence, settings: SearchSettings) -> dict[str, An
     arrived = evidence.first(Reached, math.nextafter(ended_s, math.inf), device=settings.mover)
     if arrived is not None:
         row["middle_m"] = arrived.position_m
-        row["error_m"] = arrived.position_m - float(evidence.factors.get("object_x_m", 0.0))
+        if evidence.truth is not None or "object_x_m" in evidence.factors:  # else nobody knows where it is
+            row["error_m"] = arrived.position_m - float(evidence.factors.get("object_x_m", 0.0))
     return row | dict(_grasp(evidence, settings))
 
 

@@ -121,7 +121,8 @@ def _true(
     known["slipped"] = len(slips)
     known["told_true"] = sum(any(_within(t_s, span) for span in (*slips, *slides)) for t_s in told_s)
     known["told_false"] = len(told_s) - known["told_true"]
-    known["untold"] = sum(not any(_within(t_s, span) for t_s in told_s) for span in slides)
+    heard_s = evidence.notes.get("told_s", ())  # also what the jaws could not answer
+    known["untold"] = sum(not any(_within(t_s, span) for t_s in heard_s) for span in slides)
     if not lifts:
         return known
     known["push_n"], known["crushed"] = lifts[-1].push_n, int(lifts[-1].crushed)
