@@ -1,17 +1,21 @@
 """A2: delay, extent and force at detection, against the load cell (Backus and Dollar, III.C, Table I)."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from behaviors.events import BaselineReady
-from behaviors.transient import TransientSettings
 from controller.detectors.protocol import quantity_of
 from controller.measures import Column
 from controller.measures.trial import STEP_S, Measured, TrialEvidence, not_before
 from drivers.core.messages import Floats, Standstill
+
+if TYPE_CHECKING:
+    from behaviors.transient import TransientSettings
 
 ONSET_N = 0.005
 """The reference's onset: the load cell rises from 0 to 0.005 N (IV.B)."""
