@@ -45,11 +45,21 @@ class JoinedCampaign(Campaign):
     Args:
         *campaign: As of `Campaign`; the rig has no devices.
         parts: Gives the trials in order; calls what it is given while it waits.
+        ran: Commit and versions of the program that ran the trials; None is this one.
     """
 
-    def __init__(self, *campaign: Any, parts: Callable[[Callable[[], None]], Generator[Part]]) -> None:
+    def __init__(
+        self,
+        *campaign: Any,
+        parts: Callable[[Callable[[], None]], Generator[Part]],
+        ran: Mapping[str, Any] | None = None,
+    ) -> None:
         super().__init__(*campaign)
         self._parts = parts
+        self._ran = ran or {}
+
+    def _first_manifest(self, started: datetime) -> dict[str, Any]:
+        return {**super()._first_manifest(started), **self._ran}
 
     def _on_bench(self, folder: RunFolder, started: datetime) -> tuple[int, str, str]:
         plan = self._plan
@@ -104,8 +114,9 @@ def add_manifest(manifest: dict[str, Any], more: Mapping[str, Any]) -> None:
     """
     began, ran = _program_of(manifest), _program_of(more)
     ran["own"] = {name: ran["own"].get(name) for name in began["own"]}  # a trial may have loaded more
-    if not manifest["devices"]:  # the first: what takes trials over loads less than what runs them
-        began |= {"commit": ran["commit"], "versions": ran["versions"]}
+    if not manifest["devices"]:  # the first: what takes trials over loads other packages than what runs them
+        own = {name: version for name, version in began["versions"].items() if name in ran["versions"]}
+        began["versions"] = {**ran["versions"], **own, "platform": ran["versions"]["platform"]}
     if other := differing(began, ran):
         raise RunFolderError(
             f"some trials were run by another program ({other}); install the same one everywhere"

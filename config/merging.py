@@ -72,7 +72,8 @@ def merged(names: Sequence[str], out: Path) -> RunFolder:
         loop=LoopSettings(),
     )
     rig = Rig(first["bench"], {}, VirtualClock(), time=first["clock"])
-    campaign = JoinedCampaign(plan, rig, Console(), out, parts=lambda _: (each for each in [whole]))
+    ran = {key: first[key] for key in ("versions", "commit")}
+    campaign = JoinedCampaign(plan, rig, Console(), out, parts=lambda _: (each for each in [whole]), ran=ran)
     joined = campaign.run(min(datetime.fromisoformat(shard.manifest["started_utc"]) for shard in shards))
     if joined.unwritten is not None:
         raise joined.unwritten

@@ -78,8 +78,11 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> tuple[Path, s
 
 def _pairs(first: Run, second: Run) -> pd.DataFrame:
     """A row for each trial that both have measured, the second's columns behind the first's."""
-    one, other = (run.table[~run.table["outcome"].isin(UNMEASURED)] for run in (first, second))
-    return one.merge(other, on=["trial", *_factors(first, second)], suffixes=("", SECOND))
+    keys = ["trial", *_factors(first, second)]
+    # as objects: a factor may be a number in one run and a word in the other
+    tables = (run.table.astype(dict.fromkeys(keys, object)) for run in (first, second))
+    one, other = (table[~table["outcome"].isin(UNMEASURED)] for table in tables)
+    return one.merge(other, on=keys, suffixes=("", SECOND))
 
 
 def _tables(first: Run, second: Run) -> tuple[list[Row], list[Row]]:

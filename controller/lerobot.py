@@ -4,6 +4,7 @@ Layout v3.0 of huggingface/lerobot (src/lerobot/datasets): data/ and meta/ in Pa
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,9 @@ VERSION = "v3.0"
 FILES = 1000
 """Files of a folder, as LeRobot has them."""
 
+ROUNDING = 1e-9
+"""Of a rate by its times: so much above a whole number is none."""
+
 INDICES = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 """Columns that every dataset has."""
 
@@ -33,26 +37,35 @@ def write_lerobot(run: Run, out: Path) -> list[Path]:
     """Write a run's trials as episodes.
 
     A frame holds of each stream the last sample until then, `observation.STREAM` in its own unit, and the bench time of
-    that sample, `time.STREAM` (s): NaN before its first one. No sample of a stream is lost, for frames are as many a
-    second as the fastest stream has samples. There is no action: a state machine moves the bench.
+    that sample, `time.STREAM` (s): NaN before its first one. Frames are as many a second as the fastest stream has
+    samples, or a few more. Samples that came closer together than frames are in none: their number is put into the
+    run's notes. There is no action: a state machine moves the bench.
 
     Raises:
-        RunFolderError: nothing was recorded.
+        RunFolderError: nothing was recorded, or the folder has episodes of a larger dataset.
     """
     trials = {trial: _streams(run, trial) for trial in run.recorded_trials}
     widths = {name: one.values.shape[1] for streams in trials.values() for name, one in streams.items()}
     if not widths:
         raise RunFolderError(f"{run.folder.path}: no samples were recorded")
-    fps = max(round(_rate_hz(one)) for streams in trials.values() for one in streams.values())
+    rates_hz = [_rate_hz(one) for streams in trials.values() for one in streams.values()]
+    fps = max(1, math.ceil(max(rates_hz) * (1.0 - ROUNDING)))
+    places = [{"chunk_index": number // FILES, "file_index": number % FILES} for number in range(len(trials))]
+    own = [out / "data" / _file(**place) for place in places]
+    if others := sorted(set(out.glob("data/*/*.parquet")) - set(own)):
+        raise RunFolderError(f"{others[0]}: of another dataset; choose a folder without one with --into")
+    left_out: dict[str, int] = {}
     tasks: dict[str, int] = {}
     episodes: list[dict[str, Any]] = []
     whole: dict[str, list[NDArray[Any]]] = {}
-    paths: list[Path] = []
     frames = 0
     for episode, (trial, streams) in enumerate(trials.items()):
         task = ", ".join(f"{name} {value}" for name, value in run.trial(trial).factors.items())
         task = f"{run.manifest.get('experiment', '')}: {task}"
         columns = _frames(streams, widths, fps)
+        for name, one in streams.items():
+            kept = len(np.unique(columns[f"time.{name}"][~np.isnan(columns[f"time.{name}"])]))
+            left_out[name] = left_out.get(name, 0) + len(one) - kept
         length = len(columns["timestamp"])
         columns |= {
             "frame_index": np.arange(length),
@@ -60,9 +73,7 @@ def write_lerobot(run: Run, out: Path) -> list[Path]:
             "index": np.arange(frames, frames + length),
             "task_index": np.full(length, tasks.setdefault(task, len(tasks))),
         }
-        place = {"chunk_index": episode // FILES, "file_index": episode % FILES}
-        paths.append(out / "data" / _file(**place))
-        _write(paths[-1], columns)
+        _write(own[episode], columns)
         episodes.append(
             {
                 "episode_index": episode,
@@ -70,7 +81,7 @@ def write_lerobot(run: Run, out: Path) -> list[Path]:
                 "length": length,
                 "dataset_from_index": frames,
                 "dataset_to_index": frames + length,
-                **{f"data/{name}": value for name, value in place.items()},
+                **{f"data/{name}": value for name, value in places[episode].items()},
                 **dict.fromkeys(("meta/episodes/chunk_index", "meta/episodes/file_index"), 0),
                 "trial": trial,
             }
@@ -104,7 +115,9 @@ def write_lerobot(run: Run, out: Path) -> list[Path]:
     (meta / "info.json").write_text(json.dumps(info, indent=4), "utf-8")
     stats = {name: _joined(parts) for name, parts in whole.items()}
     (meta / "stats.json").write_text(json.dumps(stats, indent=4), "utf-8")
-    return [*paths, listed, *(meta / name for name in ("tasks.parquet", "info.json", "stats.json"))]
+    if lost := ", ".join(f"{count} of {name}" for name, count in left_out.items() if count):
+        run.notes.append(f"The dataset has {fps} frames a second; samples between two are in none: {lost}.")
+    return [*own, listed, *(meta / name for name in ("tasks.parquet", "info.json", "stats.json"))]
 
 
 def _streams(run: Run, trial: int) -> Mapping[str, Series]:

@@ -82,8 +82,14 @@ def write_set(run: Run, into: Path, *, licence: str, name: str, by: str) -> list
 
 def described(run: Run, paths: Sequence[Path], *, licence: str, name: str, by: str) -> Mapping[str, Any]:
     """What `dataset.json` says."""
-    manifest, trial = run.manifest, run.trial(run.recorded_trials[0])
+    manifest = run.manifest
     bench = str(manifest.get("bench"))
+    factors: dict[str, str] = {}
+    streams: dict[str, Mapping[str, Any]] = {}
+    for number in run.recorded_trials:
+        trial = run.trial(number)
+        factors |= {key: si_unit(key) for key in trial.factors}
+        streams |= {name: _described(trial.stream(name)) for name in trial.streams if name not in streams}
     return {
         "name": name,
         "licence": licence,
@@ -97,8 +103,8 @@ def described(run: Run, paths: Sequence[Path], *, licence: str, name: str, by: s
         "commit": manifest.get("commit"),
         "versions": manifest.get("versions"),
         "clock": "t_s: bench time, s since the trial began, one clock for all streams",
-        "factors": {key: si_unit(key) for key in trial.factors},
-        "streams": {stream: _described(trial.stream(stream)) for stream in trial.streams},
+        "factors": factors,
+        "streams": streams,
         "trials": [int(each) for each in run.recorded_trials],
         "sha256": {path.name: sha256(path.read_bytes()).hexdigest() for path in paths},
     }
@@ -133,7 +139,7 @@ def labels_of(run: Run, trial: int) -> Iterator[Label]:
     if math.isfinite(touch_s):
         yield _label(trial, "touch", "", touch_s, math.nan, 0.0, TRUTH)
     if found.get("slip_s") is not None:
-        source = TRUTH if found.get("reference") == "truth" else COMMAND
+        source = COMMAND if found.get("reference") == "command" else TRUTH
         begin_s, end_s = (
             math.nan if found.get(key) is None else float(found[key]) for key in ("slip_s", "slip_end_s")
         )

@@ -105,9 +105,10 @@ def export(run: str, to: str, into: Path | None, out: Path) -> None:
     from controller.recording.reader import open_run
 
     opened = open_run(run, out)
+    paths = exported(opened, to, into or opened.folder.path / to)
     for note in opened.notes:
         verbs.complain(note)
-    for path in exported(opened, to, into or opened.folder.path / to):
+    for path in paths:
         click.echo(path)
 
 
@@ -132,7 +133,11 @@ def record_set(run: str, into: Path, licence: str, by: str, name: str | None, ou
     from controller.record_set import write_set
     from controller.recording.reader import open_run
 
-    for path in write_set(open_run(run, out), into, licence=licence, name=name or into.name, by=by):
+    opened = open_run(run, out)
+    paths = write_set(opened, into, licence=licence, name=name or into.name, by=by)
+    for note in opened.notes:
+        verbs.complain(note)
+    for path in paths:
         click.echo(path)
 
 

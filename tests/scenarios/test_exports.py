@@ -10,14 +10,15 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
 
-from controller.comparing import compared, side_by_side
+from controller.comparing import _pairs, compared, side_by_side
 from controller.export import export, tidy
 from controller.measures.transient import COLUMNS
 from controller.recording.reader import open_run
-from controller.recording.run_folder import RecordingError
+from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.recording.series import TrialRecording
 from controller.recording.tables import read_columns
 from drivers.core.messages import SampleBlock
+from tests.refusals import refused
 
 TRIALS = (2, 16)
 
@@ -132,6 +133,58 @@ def test_channels_that_make_no_vector_are_all_there_by_name(tmp_path, unit, widt
     (bag,) = export(run, "rosbag2", tmp_path)
     columns = ",".join(f"position.{channel}" for channel in range(width))
     np.testing.assert_array_equal(read_columns(bag, f"/board/own:{columns}", width).values, values)
+
+
+def recorded(notes, **blocks):
+    """A run of one trial with these streams."""
+    recording = TrialRecording(1)
+    for name, given_s in blocks.items():
+        times_s = np.asarray(given_s, dtype=float)
+        values = np.arange(float(len(times_s)))[:, None]
+        recording.add(SampleBlock(f"board.{name}", 0, times_s[0], values, times_s=times_s, unit="N"))
+    return SimpleNamespace(recorded_trials=[1], trial=lambda _: recording, manifest={}, notes=notes)
+
+
+def episode(folder, stream):
+    (path,) = folder.glob("data/*/*.parquet")
+    return pd.read_parquet(path)[f"time.board.{stream}"].dropna().unique()
+
+
+@pytest.mark.parametrize("rate_hz", [1000.4, 26.67, 1000.0, 1.0 / 3.0])
+def test_a_lerobot_dataset_holds_every_sample_at_any_rate(tmp_path, rate_hz):
+    times_s, notes = 5.0 + np.arange(5000) / rate_hz, []
+    export(recorded(notes, force=times_s), "lerobot", tmp_path)
+    np.testing.assert_array_equal(episode(tmp_path, "force"), times_s)
+    assert json.loads((tmp_path / "meta/info.json").read_text())["fps"] == int(np.ceil(rate_hz))
+    assert notes == []
+
+
+def test_samples_closer_together_than_frames_are_told(tmp_path):
+    times_s, notes = np.arange(1000) / 100.0, []
+    times_s[500] += 0.009
+    export(recorded(notes, force=times_s, way=times_s[::10]), "lerobot", tmp_path)
+    lost = 1000 - len(episode(tmp_path, "force"))
+    assert lost > 0
+    assert notes == [
+        f"The dataset has 100 frames a second; samples between two are in none: {lost} of board.force."
+    ]
+
+
+def test_episodes_of_another_dataset_are_not_mixed_with_a_runs(run, tmp_path):
+    export(run, "lerobot", tmp_path)
+    export(run, "lerobot", tmp_path)  # the same again
+    with refused(RunFolderError, "file-001.parquet", "another dataset", "--into"):
+        export(recorded([], force=np.arange(10.0)), "lerobot", tmp_path)
+    assert json.loads((tmp_path / "meta/info.json").read_text())["total_episodes"] == len(TRIALS)
+
+
+def test_a_factor_that_is_a_number_in_one_run_and_a_word_in_the_other_pairs_nothing():
+    def of(value):
+        table = pd.DataFrame([{"trial": 1, "outcome": "contact", "object": value}])
+        return SimpleNamespace(table=table, factors=["object"])
+
+    assert len(_pairs(of(1), of("cup"))) == 0
+    assert len(_pairs(of(1), of(1.0))) == len(_pairs(of("cup"), of("cup"))) == 1
 
 
 def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, run):

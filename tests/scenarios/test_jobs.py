@@ -11,6 +11,7 @@ import tempfile
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
+from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,12 +21,13 @@ from mcap.reader import make_reader
 from config import jobs
 from config.assemble import plan_campaign
 from config.jobs import BATCH_S, DEATHS, Batch, Crew, JobsError, batches, cluster, cores, in_batches, order_of
+from config.joined import add_manifest
 from config.profile import load_profile
 from controller.recording.joining import broken_off
 from controller.recording.reader import open_run
-from controller.recording.run_folder import RecordingError
+from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.recording.stream_writer import StreamWriter
-from tests.refusals import check_refusal
+from tests.refusals import check_refusal, refused
 from tests.scenarios.conftest import InTurn, Script, change_manifest, run_of, run_once
 
 SETS = {"behavior.settle_s": "2.0", "trials.repeats": "1", "detectors.contact.threshold_sigma": "3.0"}
@@ -276,6 +278,33 @@ def test_of_a_batch_whose_samples_cannot_be_taken_over_no_row_is(one, tmp_path, 
     run = open_run(outcome.folder)
     assert 0 < len(run.trials) < 14
     assert not broken_off(run.folder).unrecorded
+
+
+def test_what_another_version_of_the_program_ran_is_refused_also_where_all_workers_have_it(one):
+    ran = open_run(one).manifest
+
+    def taken_over(**versions):
+        host = {**deepcopy(dict(ran)), "devices": {}}
+        host["versions"] = {
+            name: ran["versions"][name] for name in ("python", "platform", "numpy")
+        } | versions
+        add_manifest(host, ran)
+        return host["versions"]
+
+    assert taken_over() == ran["versions"], "a worker has loaded more"
+    assert taken_over(platform="another kernel") == ran["versions"], "a cluster's workers have another"
+    with refused(RunFolderError, "another program", "versions.numpy: 1.0", "everywhere"):
+        taken_over(numpy="1.0")
+    with refused(RunFolderError, "another program", "commit", "everywhere"):
+        add_manifest({**deepcopy(dict(ran)), "devices": {}, "commit": "0" * 12}, ran)
+
+
+def test_shards_that_an_older_program_ran_are_merged_as_its_run(verb, one, tmp_path):
+    run = Path(shutil.copytree(one, tmp_path / "run"))
+    change_manifest(run, lambda m: m.update(commit="0" * 12))
+    code, _, err = verb("merge", run, "--out", tmp_path / "merged")
+    assert (code, err) == (0, "")
+    assert open_run(run_of(tmp_path / "merged")).manifest["commit"] == "0" * 12
 
 
 def test_what_a_worker_reports_of_its_disk_comes_back_from_it():

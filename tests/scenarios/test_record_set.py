@@ -3,9 +3,11 @@
 import hashlib
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,8 +15,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from controller.record_set import moves
-from controller.recording.series import Series
+from controller.record_set import described, labels_of, moves
+from controller.recording.series import Series, TrialRecording
+from drivers.core.messages import SampleBlock
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "run_campaigns.md"
 
@@ -89,6 +92,33 @@ def test_a_mover_moves_where_its_encoder_leaves_its_own_noise():
     x[:, 0] += 0.01 * np.clip(t_s - 4.0, 0.0, 2.0)
     (span,) = moves(Series(t_s, x, "m"))
     assert span == (pytest.approx(4.0, abs=0.02), pytest.approx(6.0, abs=0.02))
+
+
+def test_a_slip_without_a_reference_is_known_by_the_truth_and_all_trials_streams_and_factors_are_described():
+    one, other = TrialRecording(1, {"speed_m_s": 0.1}), TrialRecording(2, {"turn_rad": 0.1})
+    for recording, stream in ((one, "board.a"), (other, "board.b")):
+        recording.add(SampleBlock(stream, 0, 0.0, np.zeros((10, 1)), 100.0, unit="V"))
+    rows = [
+        {"trial": 1, "outcome": "kept", "slip_s": 2.5},
+        {"trial": 2, "slip_s": 2.5, "reference": "command"},
+    ]
+    trials = {1: one, 2: other}
+    run = SimpleNamespace(recorded_trials=[1, 2], trial=trials.__getitem__, trials=rows, manifest={})
+    sources = [label["source"] for trial in trials for label in labels_of(run, trial)]
+    assert sources == ["truth of the simulation", "command"]
+    about = described(run, [], licence="CC0", name="x", by="me")
+    assert about["factors"] == {"speed_m_s": "m/s", "turn_rad": "rad"}
+    assert [*about["streams"]] == ["board.a", "board.b"]
+
+
+def test_what_is_damaged_in_a_run_is_said_where_a_set_of_it_is_written(verb, slips, tmp_path, monkeypatch):
+    (run,) = (slips.parent / "runs").iterdir()
+    copy = Path(shutil.copytree(run, tmp_path / "run"))
+    (copy / "trials.csv").write_bytes((copy / "trials.csv").read_bytes()[:-3])
+    monkeypatch.setattr("controller.record_set.write_set", lambda *_, **__: [])
+    code, _, err = verb("record-set", copy, "--into", tmp_path / "x", "--by", "me", "--licence", "CC0-1.0")
+    assert code == 0
+    assert "The last line of trials.csv is incomplete" in err
 
 
 def test_a_set_needs_a_licence_and_something_recorded(verb, slips, tmp_path):
