@@ -303,5 +303,6 @@ def _shown(streams: Sequence[StreamInfo], baseline_s: float) -> list[SampleBlock
         for start in range(0, len(times_s), per_block):
             part = slice(start, start + per_block)
             own_s = None if stream.rate_hz else times_s[part]
-            blocks.append(stream.block(start, float(times_s[start]), counts[part], times_s=own_s))
+            shown = stream.block(start, float(times_s[start]), counts[part], times_s=own_s)
+            blocks.append(shown.read_only())
     return sorted(blocks, key=lambda block: block.last_s)

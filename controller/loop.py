@@ -24,6 +24,7 @@ from behaviors.events import (
 from behaviors.machine import Behavior, verdict_of
 from controller.detectors.protocol import Detector, readings_of
 from controller.guard import Guard, GuardRefusal
+from controller.own_modules import is_shipped, own_place
 from controller.rig import Rig, streams_of
 from controller.signals.protocol import Signal, Signals
 from controller.subscriptions import unknown_streams
@@ -584,15 +585,26 @@ class Loop:
         for block in blocks:
             for detector in armed:
                 if block.stream in detector.inputs:
-                    try:
-                        events = detector.push(block)
-                    except ValueError as error:
-                        raise UnfitStreamError(f"{detector.name}: {error}") from error
-                    found += [self._named(event, detector) for event in events]
+                    events = self._pushed(detector, block)
+                    found += events
                     read = readings_of(detector)
                     if len(read):
                         readings.append((detector.name, read, [event.t_s for event in events]))
         return found, readings
+
+    def _pushed(self, detector: Detector, block: SampleBlock) -> list[Detected]:
+        """What a detector found in a block; one of the user's own may return anything."""
+        try:
+            given = detector.push(block if is_shipped(detector) else block.read_only())
+            events = list(given) if isinstance(given, Iterable) else [None]
+        except ValueError as error:
+            place = own_place(error)
+            raise UnfitStreamError(f"{place}{': ' * bool(place)}{detector.name}: {error}") from error
+        for event in events:
+            if not isinstance(event, Detected) or not math.isfinite(event.t_s):
+                wrong = f"{detector.name}: push returns no list of events, each at its sample's time, but {given!r}"
+                raise UnfitStreamError(" ".join(wrong.split())[:200])
+        return [self._named(event, detector) for event in events]
 
     def _named(self, event: Detected, detector: Detector) -> Detected:
         """Of what a refused baseline was: the device that is wrong is to be found in the reason."""

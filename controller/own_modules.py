@@ -29,6 +29,11 @@ def is_own(name: str) -> bool:
     return ":" in name
 
 
+def is_shipped(thing: object) -> bool:
+    """Whether a signal or detector is one of the program's."""
+    return type(thing).__module__.startswith("controller.")
+
+
 def found_beside(name: str, folders: Sequence[Path]) -> Any:
     """What `module:attribute`, or `module`, names in the first of `folders` that has the module, or installed.
 

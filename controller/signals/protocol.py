@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol
 
+from controller.own_modules import is_shipped, own_place
 from drivers.core.messages import SampleBlock, Saturated, StreamInfo
 
 
@@ -80,15 +81,33 @@ class Signals:
             awake[stream] = signal  # after its inputs
 
     def push(self, blocks: Sequence[SampleBlock]) -> tuple[list[SampleBlock], list[Saturated]]:
-        """Process one turn's blocks; returns the active signals' blocks, and their `Saturated` statuses."""
+        """Process one turn's blocks; returns the active signals' blocks, and their `Saturated` statuses.
+
+        Raises:
+            ValueError: a signal cannot use its stream, or returns what is neither.
+        """
         made: list[SampleBlock] = []
         saturated: list[Saturated] = []
         for signal in self._awake:
             for block in [*blocks, *made]:
                 if block.stream in signal.inputs:
-                    for thing in signal.push(block):
+                    for thing in self._pushed(signal, block):
                         if isinstance(thing, SampleBlock):
                             made.append(thing)
                         else:
                             saturated.append(thing)
         return made, saturated
+
+    @staticmethod
+    def _pushed(signal: Signal, block: SampleBlock) -> Sequence[SampleBlock | Saturated]:
+        try:
+            given = signal.push(block if is_shipped(signal) else block.read_only())
+            things = list(given) if isinstance(given, Iterable) else [None]
+        except ValueError as error:
+            place = own_place(error)
+            raise ValueError(f"{place}: {signal.info.name}: {error}" if place else str(error)) from error
+        for thing in things:
+            if not isinstance(thing, SampleBlock | Saturated):
+                wrong = f"{signal.info.name}: push returns no list of blocks, but {given!r}"
+                raise ValueError(" ".join(wrong.split())[:200])
+        return things

@@ -7,7 +7,7 @@ Lengths are metres, forces newtons; the unit stands in the name of every scalar.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +118,14 @@ class SampleBlock:
         if abs(ticks) < 2**52 and (tick := float(round(ticks))) / self.rate_hz == self.t0_s:
             return self.rate_hz, tick, 0.0
         return self.rate_hz, 0.0, self.t0_s
+
+    def read_only(self) -> SampleBlock:
+        """The same samples; who writes to them gets a `ValueError`, for others and the recording have them as well."""
+        values, times_s = self.values.view(), None if self.times_s is None else self.times_s.view()
+        for array in (values, times_s):
+            if array is not None:
+                array.flags.writeable = False
+        return replace(self, values=values, times_s=times_s)
 
     @property
     def physical(self) -> NDArray[np.float64]:

@@ -445,6 +445,27 @@ def test_an_error_of_a_part_stops_every_mover_and_comes_out_with_the_parts_name(
     assert [command for _, command in bench.stops] == [Stop("stage"), Stop("other")]
 
 
+@pytest.mark.parametrize("given", [None, [3], [Contact(math.nan, "contact", 1.0, 0.5)]])
+def test_what_a_detector_returns_that_is_no_event_with_a_time_ends_the_trial(bench, given):
+    bench.detector.push = lambda block: given
+    with refused(UnfitStreamError, "contact", "push returns", "list of events"):
+        bench.run()
+    assert [command for _, command in bench.stops] == [Stop("stage"), Stop("other")]
+
+
+@pytest.mark.parametrize("part", ["detector", "signal"])
+def test_who_writes_to_what_others_get_as_well_ends_the_trial_and_the_recording_stays_as_it_was(bench, part):
+    bench.signals, bench.detector.inputs = (Doubled(),), ("board.force", "signals.double")
+    changed: Any = bench.detector if part == "detector" else bench.signals[0]
+    push = changed.push
+    changed.push = lambda block: [block.values.sort(), *push(block)]
+    bench.slope = -0.001
+    with pytest.raises(UnfitStreamError, match="read-only"):
+        bench.run()
+    force_n = np.concatenate([block.values for block in bench.recorded if block.stream == "board.force"])
+    assert len(force_n) and (np.diff(force_n[:, 0]) < 0.0).all()
+
+
 def test_what_is_not_recorded_any_more_ends_the_trial_with_the_bench_still(bench):
     bench.behavior = Approach(rest_s=0.5)
     bench.when(bench.stage, MoveTo, lambda: setattr(bench, "failure", OSError("the disk is full")))

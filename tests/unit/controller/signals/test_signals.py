@@ -1,6 +1,7 @@
 """Signals: subscriptions; level, spectrum and strain."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from controller.signals.protocol import Signals
 from controller.signals.spectrum import BlockCutter, block_peaks
 from controller.signals.strain import CHANNELS, Strain, StrainSettings
 from drivers.core.messages import SampleBlock, Saturated, StreamInfo
+from tests.refusals import refused
 
 
 class Doubled:
@@ -41,6 +43,16 @@ def test_a_signal_without_a_subscriber_computes_nothing_and_beyond_its_range_is_
     signals.subscribe(frozenset({"signals.a"}))
     _, saturated = signals.push([block(1.0, 6.0)])
     assert [(status.stream, status.value) for status in saturated] == [("signals.a", 12.0)]
+
+
+@pytest.mark.parametrize("given", [None, block(1.0), [block(1.0), 3]])
+def test_a_signal_that_returns_no_list_of_blocks_is_named(given):
+    signal: Any = Doubled("a", "board.bridge")
+    signal.push = lambda block: given
+    signals = Signals([signal])
+    signals.subscribe(frozenset({"signals.a"}))
+    with refused(ValueError, "signals.a", "push returns", "list of blocks"):
+        signals.push([block(1.0)])
 
 
 def test_a_subscribed_signal_needs_its_sources():
