@@ -1,7 +1,7 @@
 """Signals: streams computed from other streams, while they are subscribed."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 from controller.own_modules import is_shipped, own_place
 from drivers.core.messages import SampleBlock, Saturated, StreamInfo
@@ -102,7 +102,7 @@ class Signals:
     def _pushed(signal: Signal, block: SampleBlock) -> Sequence[SampleBlock | Saturated]:
         try:
             given = signal.push(block if is_shipped(signal) else block.read_only())
-            things = list(given) if isinstance(given, Iterable) else [None]
+            things: list[Any] = list(given) if isinstance(given, Iterable) else [None]
         except ValueError as error:
             place = own_place(error)
             raise ValueError(f"{place}: {signal.info.name}: {error}" if place else str(error)) from error
