@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import click
 from click.core import ParameterSource
 from pydantic import Field
 
-from config.source import ProfileError, read_source
+from config.source import ProfileError, profile_names, read_source
 from config.validation import validated
 from config.verbs import INTERRUPTED
 from drivers.core.clock import utc_now
@@ -72,6 +73,10 @@ def parts_of(name_or_path: str) -> ProfileParts | None:
     if "parts" not in source.data:
         return None
     parts = validated(ProfileParts, source.data, lambda place: f"{source.origin(place)}: {'.'.join(place)}")
+    folder = source.folders[0]
+    lines = tuple(_line(part, folder) for part in parts.parts)
+    paper = tuple(shown.model_copy(update={"part": _beside(shown.part, folder)}) for shown in parts.paper)
+    parts = parts.model_copy(update={"parts": lines, "paper": paper})
     problems = [f"parts = {part!r}: {wrong}" for part in parts.parts if (wrong := _mistake(part))]
     named = {"", *(arguments[0] for arguments in (() if problems else parts.runs))}
     problems = problems or [
@@ -82,6 +87,23 @@ def parts_of(name_or_path: str) -> ProfileParts | None:
     if problems:
         raise ProfileError([f"{source.files[-1]}: {problem}" for problem in problems])
     return parts
+
+
+def _beside(name: str, folder: Path) -> str:
+    """The name of a part's profile; where that stands beside the profile of parts, as it is found from here."""
+    with suppress(OSError):  # told as what it is when it is read
+        if name and name not in profile_names() and (folder / name).is_file():
+            path, here = (folder / name).resolve(), Path.cwd()
+            return str(path.relative_to(here) if path.is_relative_to(here) else path)
+    return name
+
+
+def _line(part: str, folder: Path) -> str:
+    """Likewise a part's whole line."""
+    with suppress(ValueError):
+        name, *more = shlex.split(part)
+        return shlex.join([found, *more]) if (found := _beside(name, folder)) != name else part
+    return part
 
 
 def _mistake(part: str) -> str:

@@ -1,13 +1,16 @@
 """The program's own call for scripts: the same campaign as `run.py run`, trials from Python."""
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
+from operator import index
 from pathlib import Path
 from typing import Any
 
 from config.assemble import build_rig, plan_campaign
 from config.campaigns import on_bench, reconnected, rehearse
 from config.profile import load_profile
+from config.source import ProfileError
 from controller.campaign import CampaignPlan, Outcome
 from controller.console import ConsoleOperator, PlainConsole
 from controller.recording.joining import ResumedRun
@@ -20,7 +23,7 @@ def run_trials(
     *,
     settings: Mapping[str, str] | None = None,
     seed: int = 0,
-    out: Path = Path("runs"),
+    out: str | Path = "runs",
     say: Callable[[str], None] = print,
 ) -> tuple[Outcome, Run]:
     """Run trials on a profile's bench, in the order given.
@@ -35,11 +38,15 @@ def run_trials(
         How it ended, and the run as it can be read from its folder.
 
     Raises:
-        ProfileError: the profile or a trial cannot be used, or guard or movers do not permit what it commands.
+        ProfileError: profile, trial or seed cannot be used, or guard or movers do not permit what it commands.
         DeviceError: another program has one of a real bench's devices.
         KeyboardInterrupt: somebody ended it; what was measured is in its folder. A script of many runs ends with it.
     """
-    rows = [dict(row) for row in trials]
+    seed, out = index(seed), Path(out)
+    if not 0 <= seed < 2**63:
+        raise ProfileError(f"run_trials: seed = {seed}: a whole number from 0 to 2**63 - 1")
+    # numbers of NumPy are numbers as any other
+    rows = json.loads(json.dumps([dict(row) for row in trials], default=_plain))
     once = {**(settings or {}), "trials.order": "listed", "trials.repeats": "1"}
     labels = [f"run_trials: trial {number}" for number in range(1, len(rows) + 1)]
     loaded = load_profile(profile, once, rows=rows, labels=labels)
@@ -59,3 +66,7 @@ def run_trials(
     if operator.stopped:
         raise KeyboardInterrupt
     return outcome, open_run(outcome.folder)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value)

@@ -4,6 +4,7 @@ import shutil
 import signal
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
 from config.parts import parts_of
@@ -34,6 +35,33 @@ item = "Fig. 1"
 shows = "a drawing"
 differs = "nothing is measured in it"
 """
+
+
+@pytest.mark.parametrize("number", [np.float64, np.float32, np.int64, np.array])
+def test_numbers_of_numpy_are_numbers_for_a_script(tmp_path, number):
+    settings, out = {"behavior.settle_s": "1.0"}, str(tmp_path / "runs")
+    rows = [{"condition": "none", "plant": {"noise_scale": number(1)}, "limits.force_n": number(2)}]
+    outcome, run = run_trials("mock/static", rows, settings=settings, seed=np.int64(3), out=out, say=print)
+    assert outcome.exit_code == 0, outcome.line
+    assert (run.trials[0]["limits.force_n"], run.manifest["seed"]) == (2, 3)
+
+
+@pytest.mark.parametrize("seed", [-1, 1 << 63])
+def test_a_seed_that_is_none_is_refused_in_a_script(tmp_path, seed):
+    with refused(ProfileError, "run_trials", "seed", str(seed)):
+        run_trials("mock/static", [{"condition": "none"}], seed=seed, out=tmp_path)
+
+
+def test_a_part_is_found_beside_the_profile_of_parts_from_wherever_it_is_named(tmp_path, monkeypatch):
+    (tmp_path / "lab").mkdir()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lab" / "a b.toml").write_text('extends = "mock/transient"\n')
+    paper = '[[paper]]\nitem = "1"\nshows = "it"\npart = "PART"\ndiffers = "no"\n'
+    for part, there in (("a b.toml", "lab/a b.toml"), ("mock/static", "mock/static")):
+        text = f"title = 'all'\nparts = [\"'{part}' --only 1\"]\n" + paper.replace("PART", part)
+        (tmp_path / "lab" / "all.toml").write_text(text)
+        parts = parts_of("lab/all.toml")
+        assert [run[0] for run in parts.runs] == [shown.part for shown in parts.paper] == [there]
 
 
 @pytest.fixture
