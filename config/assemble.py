@@ -541,12 +541,12 @@ def _used_devices(profile: Profile, trials: Sequence[Trial], excused: Collection
 
 def make_signals(profile: Profile) -> Sequence[Signal]:
     """The profile's signals, fresh."""
-    return [entry.made(name, entry.settings) for name, entry in profile.signals.items()]
+    return [entry.make("signal", name) for name, entry in profile.signals.items()]
 
 
 def make_detectors(profile: Profile) -> dict[str, Detector]:
     """The profile's detectors, fresh, by name."""
-    return {name: entry.made(name, entry.settings) for name, entry in profile.detectors.items()}
+    return {name: entry.make("detector", name) for name, entry in profile.detectors.items()}
 
 
 def make_detector(

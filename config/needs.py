@@ -150,9 +150,9 @@ def _followed(profile: Profile, streams: Collection[str], parts: set[Part]) -> s
             continue
         found.add(part)
         section, name = part
-        entry = profile.signals.get(name) if section == SIGNALS else profile.detectors.get(name)
-        if section != "devices" and entry is not None:
-            waiting += [_sender(stream) for stream in entry.made(name, entry.settings).inputs]
+        of, known = ("signal", profile.signals) if section == SIGNALS else ("detector", profile.detectors)
+        if section != "devices" and (entry := known.get(name)) is not None:
+            waiting += [_sender(stream) for stream in entry.make(of, name).inputs]
     return found
 
 

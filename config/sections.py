@@ -58,6 +58,17 @@ class Entry:
     settings: Settings
     port: str = ""
 
+    def make(self, of: str, name: str) -> Any:
+        """A signal or detector, fresh.
+
+        Raises:
+            KindError: one of the user's own lacks what each must have.
+        """
+        made, family = self.made(name, self.settings), FAMILIES[of]
+        if lacking := ", ".join(each for each in family.made if not hasattr(made, each)):
+            raise KindError(f'[{family.section}.{name}] kind = "{self.kind}": what it makes has no {lacking}')
+        return made
+
 
 class Sections:
     """Reads a source section by section.

@@ -28,10 +28,10 @@ from controller.live_view import LiveView
 from controller.loop import Aborted, Loop, LoopSettings, UnfitStreamError
 from controller.measures.trial import MissingDataError, TrialEvidence
 from controller.outcomes import counted, exit_of
-from controller.own_modules import KindError
+from controller.own_modules import KindError, as_error
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import TrialRecording
-from controller.rig import Rig, TrialScene, streams_of
+from controller.rig import Rig, TrialScene, opened, streams_of
 from controller.signals.protocol import Signal
 from drivers.core.clock import utc_now
 from drivers.core.errors import DeviceError, RefusedError
@@ -222,8 +222,13 @@ class Campaign:
             code, status, line = EXIT_FAILED, "failed", str(error)
         except RecordingError as error:
             code, status, line, unwritten = EXIT_FAILED, "failed", str(error), error
-        except Exception as error:
-            code, status, line, fault = EXIT_FAILED, "failed", f"{type(error).__name__}: {error}", error
+        except (Exception, SystemExit) as error:
+            code, status, line, fault = (
+                EXIT_FAILED,
+                "failed",
+                f"{type(error).__name__}: {error}",
+                as_error(error),
+            )
         if self._not_at_rest:
             line = f"{line}; NOT seen standing still: {', '.join(self._not_at_rest)}: look at the bench"
         links = (found.get("link", {}) for found in self._manifest["devices"].values())
@@ -254,7 +259,7 @@ class Campaign:
             trials = self._warmed()
             # while no device is open whose own watchdog would wait for it: a program with much in memory takes seconds
             self._settle_memory()
-            infos = {name: device.open() for name, device in self._rig.devices.items()}
+            infos = {name: opened(name, device) for name, device in self._rig.devices.items()}
             self._rig.clock.leave()
             if self._resumed is not None:
                 _check_devices(self._resumed.manifest["devices"], infos)

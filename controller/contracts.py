@@ -13,7 +13,7 @@ from controller.detectors.contract import CLAUSES, cut, trace
 from controller.detectors.protocol import Detector
 from controller.doctor import Finding
 from controller.own_modules import own_place
-from controller.rig import Rig, TrialScene, streams_of
+from controller.rig import Rig, TrialScene, opened, streams_of
 from controller.signals.protocol import Signal
 from drivers.core.errors import CommandError
 from drivers.core.messages import (
@@ -68,7 +68,7 @@ def tried(
     """
     infos: dict[str, DeviceInfo] = {}
     try:
-        infos = {name: device.open() for name, device in rig.devices.items()}
+        infos = {name: opened(name, device) for name, device in rig.devices.items()}
         rig.clock.restart()
         rig.begin_trial(scene)
         for name in devices:

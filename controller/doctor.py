@@ -14,7 +14,7 @@ from controller.campaign import TrialPlan
 from controller.detectors.contract import ALARMS
 from controller.guard import GuardRefusal
 from controller.limits import shown_limits
-from controller.rig import Rig, TrialScene, streams_of
+from controller.rig import Rig, TrialScene, opened, streams_of
 from controller.signals.protocol import Signal, Signals
 from controller.subscriptions import missing, unknown_streams
 from drivers.core.errors import DeviceError
@@ -85,7 +85,7 @@ def compare(
         DeviceError: one does not open.
     """
     try:
-        infos = {name: device.open() for name, device in rig.devices.items()}
+        infos = {name: opened(name, device) for name, device in rig.devices.items()}
         yield from _unknown_streams(infos, trials, named)
     finally:
         for device in rig.devices.values():
@@ -122,7 +122,7 @@ def examine(
     try:
         for name, device in rig.devices.items():
             try:
-                infos[name] = device.open()
+                infos[name] = opened(name, device)
             except DeviceError as error:
                 yield Finding("fail", str(error))
         blocks, statuses, late_s = _listen(rig, scene, infos)

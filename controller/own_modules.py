@@ -6,6 +6,8 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -73,6 +75,28 @@ def forget_own() -> None:
     for top in _folders:
         _unload(top)
     _folders.clear()
+
+
+def as_error(ended: Exception | SystemExit) -> Exception:
+    """An error; a class of the user's own that ends the program (`sys.exit`) makes one as any other."""
+    if isinstance(ended, Exception):
+        return ended
+    return RuntimeError(f"ends the program, by sys.exit({ended.code!r})").with_traceback(ended.__traceback__)
+
+
+class _Beside(MetaPathFinder):
+    """Finds what the user's own imports later, inside a function, beside their modules that are loaded."""
+
+    def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        """See `MetaPathFinder`; asked last."""
+        for folder in dict.fromkeys(_folders.values()) if path is None else ():
+            if _has(folder, name):
+                _folders[name] = folder
+                return PathFinder.find_spec(name, [str(folder)])
+        return None
+
+
+sys.meta_path.append(_Beside())
 
 
 def own_place(error: BaseException) -> str:

@@ -138,18 +138,20 @@ class Family(NamedTuple):
         section: Of a profile; a table in it for each one, or ("") none.
         key: Which names the kind there.
         members: What a class of the family has; see `controller.detectors.protocol` and its like.
+        made: What one that is made of it has besides.
     """
 
     section: str
     key: str
     members: Sequence[str] = ()
     row: type[PlainKind] = PlainKind
+    made: Sequence[str] = ()
 
 
 FAMILIES: Mapping[str, Family] = {
     "driver": Family("devices", "driver", ("open", "close", "apply", "read", "poll", "account"), DriverKind),
-    "signal": Family("signals", "kind", ("push", "reset")),
-    "detector": Family("detectors", "kind", ("push", "reset")),
+    "signal": Family("signals", "kind", ("push", "reset"), made=("name", "inputs", "info")),
+    "detector": Family("detectors", "kind", ("push", "reset"), made=("name", "inputs")),
     "plant": Family("", "kind"),
     "experiment": Family("", "experiment", ("begin", "handle", "table", "states"), ExperimentKind),
 }

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from controller.own_modules import KindError
 from drivers.core.clock import Clock
 from drivers.core.messages import DeviceInfo, StreamInfo
 from drivers.core.protocols import Asking, Device
@@ -74,6 +75,18 @@ class Rig:
     def asking(self) -> Sequence[Asking]:
         """The devices that ask the person at the console."""
         return [device for device in self.devices.values() if isinstance(device, Asking)]
+
+
+def opened(name: str, device: Device) -> DeviceInfo:
+    """Open a device; what it found.
+
+    Raises:
+        KindError: one of the user's own that does not say.
+    """
+    info: object = device.open()
+    if not isinstance(info, DeviceInfo):
+        raise KindError(f"devices.{name}: open() returns {info!r}, no DeviceInfo")
+    return info
 
 
 def streams_of(infos: Mapping[str, DeviceInfo]) -> dict[str, StreamInfo]:

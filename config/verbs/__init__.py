@@ -105,10 +105,12 @@ class Verb(click.Command):
             return super().invoke(ctx) or DONE
         except (click.ClickException, click.exceptions.Exit, BrokenPipeError, KeyboardInterrupt):
             raise
-        except Exception as error:
-            if debug:
+        except (Exception, SystemExit) as error:
+            from controller.own_modules import as_error, own_place
+
+            if debug if isinstance(error, Exception) else not own_place(error):
                 raise
-            code, line = explained(error)
+            code, line = explained(as_error(error))
             complain(line)
             return code
 
@@ -132,7 +134,7 @@ def explained(error: Exception) -> tuple[int, str]:
         from config.source import ProfileError
         from controller.guard import GuardRefusal
         from controller.loop import UnfitStreamError
-        from controller.own_modules import own_place
+        from controller.own_modules import KindError, own_place
         from controller.recording.run_folder import RecordingError, RunFolderError
         from controller.recording.tables import ReplayError
         from drivers.core.errors import DeviceError
@@ -147,7 +149,7 @@ def explained(error: Exception) -> tuple[int, str]:
         return USAGE, "\n".join([*lines, f"and {more} more"] if more else lines)
     sorts = {
         GUARD: (GuardRefusal,),
-        USAGE: (RunFolderError, ReplayError, JobsError, UnfitStreamError),
+        USAGE: (RunFolderError, ReplayError, JobsError, UnfitStreamError, KindError),
         DEVICE: (DeviceError,),
         FAILED: (RecordingError,),
     }

@@ -12,7 +12,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from controller.own_modules import own_folders
+from controller.own_modules import KindError, own_folders
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError
 from controller.registry import ExperimentKind, experiment_of
@@ -280,7 +280,13 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
 
 
 def _experiment(run: Run) -> ExperimentKind:
-    return experiment_of(experiment_in(run), own_folders(run.manifest))
+    """What a run measured; of the user's own that is not there any more, what reports any experiment."""
+    try:
+        return experiment_of(experiment_in(run), own_folders(run.manifest))
+    except KindError as error:
+        return ExperimentKind(
+            "", f"Its own module is not found ({error}): this is the section of any experiment."
+        )
 
 
 FIGURE = re.compile(r"<figure>.*?</figure>\s*", re.DOTALL)

@@ -1,6 +1,7 @@
 """A detector, a signal, an experiment and a driver of the user's own, found beside the profile."""
 
 import json
+import shutil
 import sys
 from contextlib import closing
 
@@ -441,6 +442,82 @@ def test_what_a_measure_of_ones_own_returns_is_held_against_what_its_module_decl
     check_refusal(err, "rest.py", *named)
     (row,) = next(lab.parent.glob("runs/*/trials.csv")).read_text().splitlines()[1:]
     assert row == "1,fault,1,", "what is not measured is no result"
+
+
+def test_a_class_of_ones_own_that_ends_the_program_is_an_error_and_the_run_is_no_running_one(verb, lab):
+    path = lab / "my_lab" / "edge.py"
+    path.write_text(path.read_text().replace("        events = []\n", "        raise SystemExit(0)\n", 1))
+    for action, more in (("run", ("--no-report", "--out", lab / "runs")), ("check", ())):
+        code, _, err = verb(action, lab / "touch.toml", *more)
+        assert code == 1
+        check_refusal(err.splitlines()[-1], "edge.py, line", "sys.exit(0)")
+    (run,) = lab.glob("runs/*")
+    assert json.loads((run / "manifest.json").read_text())["exit"]["status"] == "failed"
+
+
+def test_the_report_of_an_experiment_whose_module_is_gone_has_the_section_of_any(verb, lab, run_of):
+    run = run_of("rest.toml")
+    (lab / "my_lab" / "rest.py").rename(lab / "my_lab" / "moved.py")
+    forget_own()  # as a new program
+    code, _, err = verb("report", run)
+    assert code == 0, err
+    page = (run / "report.html").read_text("utf-8")
+    assert "Mean ± standard deviation" in page
+    assert "Its own module is not found (no module my_lab.rest in" in page
+    code, _, err = verb("resume", run)
+    assert code == 2, err
+
+
+def test_a_method_imports_what_stands_beside_its_module_and_each_folder_has_its_own(verb, lab):
+    text = EXPERIMENT.replace("    _, force_n", "    import helper\n\n    _, force_n")
+    values = []
+    for name in ("one", "two"):
+        shutil.copytree(lab, lab.parent / name)
+        (lab.parent / name / "helper.py").write_text(f"FACTOR = {len(values) + 1}\n")
+        (lab.parent / name / "my_lab" / "rest.py").write_text(
+            text.replace("float(force_n.mean())", "helper.FACTOR")
+        )
+        code, _, err = verb("run", lab.parent / name / "rest.toml", "--no-report", "--out", lab.parent / name)
+        assert code == 0, err
+        (table,) = (lab.parent / name).glob("*/trials.csv")
+        values.append(table.read_text().splitlines()[1])
+    assert values == ["1,rested,1,1", "1,rested,1,2"]
+
+
+@pytest.mark.parametrize(
+    ("module", "right", "wrong", "named"),
+    [
+        (
+            "edge",
+            "self.settings, self.inputs = name, settings, (settings.input,)",
+            "self.settings = name, settings",
+            "inputs",
+        ),
+        ("double", "self.info =", "self.inf =", "info"),
+    ],
+)
+def test_what_an_object_of_ones_own_lacks_is_one_line(verb, lab, module, right, wrong, named):
+    path = lab / "my_lab" / f"{module}.py"
+    assert right in path.read_text()
+    path.write_text(path.read_text().replace(right, wrong))
+    twice = (
+        "--set",
+        "signals.twice.kind=my_lab.double:Double",
+        "--set",
+        "detectors.contact.input=signals.twice",
+    )
+    code, _, err = verb("check", lab / "touch.toml", *twice)
+    assert code == 2, err
+    check_refusal(err, 'kind = "my_lab.', f"has no {named}")
+
+
+@pytest.mark.parametrize("action", ["run", "check"])
+def test_a_device_of_ones_own_that_does_not_say_what_it_found_is_one_line(verb, lab, action):
+    path = lab / "my_lab" / "cell.py"
+    path.write_text(path.read_text() + "\n    def open(self):\n        super().open()\n")
+    code, _, err = verb(action, lab / "touch.toml", *(("--out", lab / "runs") if action == "run" else ()))
+    assert code == (1 if action == "run" else 2)
+    check_refusal(err.splitlines()[-1], "devices.board", "open() returns None", "DeviceInfo")
 
 
 @pytest.mark.parametrize("part", ["        self.reset()\n", "        events = []\n"])
