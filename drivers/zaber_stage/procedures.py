@@ -96,7 +96,12 @@ class Procedures:
         yield from self._hold("comm.checksum", 1)
         device_id = yield from _accepted("get deviceid")
         model = yield from self._known(device_id.data)
-        acceleration = yield from _asked("accel")
+        acceleration = yield from _asked("motion.decelonly")  # at which it brakes
+        if acceleration <= 0:
+            raise RejectedError(
+                f"its motion.decelonly is {acceleration}: how it brakes is not known",
+                "set accel to what its data sheet says",
+            )
         self._acceleration_m_s2 = codec.acceleration_m_s2(acceleration, s.microstep_m)
         limits = {}
         for name in ("limit.min", "limit.max"):

@@ -22,7 +22,8 @@ class Script:
     def __init__(self, **settings: int) -> None:
         self.held: dict[str, Any] = {
             "pos": 0,
-            "accel": 200,
+            "accel": 800,
+            "motion.decelonly": 200,
             "limit.min": 0,
             "limit.max": 51200,
             "maxspeed": 99,
@@ -140,6 +141,13 @@ def test_a_firmware_without_a_speed_in_its_moves_is_refused_at_opening(version: 
         identified(script)
 
 
+def test_a_stage_brakes_as_its_deceleration_says_and_one_without_is_refused() -> None:
+    found = identified(Script(motion_decelonly=100))
+    assert found["acceleration_m_s2"] == pytest.approx(acceleration_m_s2(100, STEP_M))
+    with pytest.raises(RejectedError, match=r"motion\.decelonly is 0"):
+        identified(Script(motion_decelonly=0))
+
+
 def test_an_approach_is_sent_no_farther_than_its_limit_and_writes_no_setting() -> None:
     script = Script()
     target = opened(script).carry_out(MoveAt("stage", 0.00254, 10000 * STEP_M))
@@ -197,7 +205,7 @@ def test_a_stage_is_sent_on_from_where_it_is_and_no_farther_than_its_target() ->
 
 
 def test_a_speed_that_the_blind_travel_does_not_bear_is_refused_with_what_it_needs() -> None:
-    procedures = opened(Script(accel=round(0.5 / acceleration_m_s2(1, STEP_M))))
+    procedures = opened(Script(motion_decelonly=round(0.5 / acceleration_m_s2(1, STEP_M))))
     fast = MoveAt("stage", 0.025, 0.012, blind_travel_m=0.0018)
     with pytest.raises(RejectedError, match=r"needs 0.0019 m .* limits.blind_travel_m is 0.0018"):
         Script().play(procedures.carry_out(fast))

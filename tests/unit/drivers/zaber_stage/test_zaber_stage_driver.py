@@ -92,7 +92,7 @@ def test_opening_identifies_the_stage_sets_its_limits_and_moves_nothing() -> Non
             "homed": True,
         },
     )
-    asked = ["deviceid", "accel", "limit.min", "limit.max"]
+    asked = ["deviceid", "motion.decelonly", "limit.min", "limit.max"]
     notes = [f"touchbench.{name}" for name in ("comm.checksum", "limit.min", "limit.max", "maxspeed")]
     assert b.wire.lines() == [
         *("00", "get version", "get system.serial"),
