@@ -79,6 +79,7 @@ class BarrettHand(WireDriver[CanLink]):
             link.send(codec.encode_wake(finger))
         if asleep:
             self._clock.rest(QUIET_S)
+            link.receive()  # late answers, of before it was woken
         for finger in asleep:
             if self._asked(link, finger, codec.STATUS, s.wake_s) != codec.READY:
                 reason = f"finger {finger} was woken and is not ready"

@@ -95,6 +95,32 @@ def test_fingers_that_sleep_are_woken_and_left_in_peace_meanwhile(link: Link) ->
     assert clock.monotonic_s() >= 0.3
 
 
+@pytest.mark.parametrize("late_s", [0.005, 0.022, 0.05])
+def test_a_finger_that_was_asked_twice_before_it_was_woken_and_answers_late_is_ready(late_s: float) -> None:
+    clock = VirtualClock()
+
+    class Late(Link):
+        """An adapter behind a busy host."""
+
+        def send(self, frame: CanFrame) -> float:
+            before, self.waiting = self.waiting, []
+            super().send(frame)
+            due_s = clock.monotonic_s() + late_s
+            self.waiting = before + [each._replace(arrival_s=due_s) for each in self.waiting]
+            return due_s
+
+        def receive(self) -> list[ReceivedFrame]:
+            now_s = clock.monotonic_s()
+            come = [each for each in self.waiting if each.arrival_s <= now_s]
+            self.waiting = [each for each in self.waiting if each.arrival_s > now_s]
+            return come
+
+    late = Late()
+    late.status = dict.fromkeys(codec.FINGERS, 0)
+    hand = BarrettHand("hand", BarrettHandSettings(port="can0", fingers=(12,)), clock, late.open)
+    assert hand.open().details["woken"] == (12,)
+
+
 def test_a_finger_that_does_not_wake_is_refused(link: Link) -> None:
     link.status[13] = link.wakes_to = 0
     with refused(RefusedError, "hand", "finger 13", "not ready", "off and on"):
