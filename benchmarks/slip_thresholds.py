@@ -87,7 +87,7 @@ def read(bench: Any, sensor: Sensor, times_s: Floats) -> Any:
     if sensor == "flexible_finger":
         return CONVERTER_V * np.rint(bench.sample("flexible", times_s) / CONVERTER_V)
     if sensor == "barrett_finger":
-        return HAND_N * np.rint(bench.finger_n(FINGER, times_s) / HAND_N)[:, None]
+        return HAND_N * np.rint(bench.forces_n(FINGER, times_s) / HAND_N)[:, None]
     if sensor == "wrist":
         ticks = np.rint(times_s * RATES_HZ[sensor]).astype(np.int64)
         noise_n = ARM_N * gaussian_at(bench.key, 32, 6 * ticks + 2)
