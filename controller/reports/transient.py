@@ -48,12 +48,15 @@ from controller.reports.counts import (
     under,
 )
 from controller.reports.figures import LOOKS, OURS, PAPER, Figures
-from controller.reports.first_screen import MOSTLY, kinds_in, listed
+from controller.reports.first_screen import kinds_in, listed
 from controller.reports.papers import headlines
 from controller.reports.run_account import acting_of, criterion_of, setting_of
 from controller.reports.section import ROWS, Headline, Section, rows_where, told
 from controller.reports.settings import shown
 from controller.scales import NOTHING, scale_of
+
+OFTEN = 0.9
+"""Share of the contacts that a detector must have detected to be called sooner or later (assumption)."""
 
 OVER = ("here, rows", "here, approaches", "paper, rows")
 """What `trends` correlates over."""
@@ -79,7 +82,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "acting": acting,
         "other": other,
         "both": list(map(mean_of, zip(*both, strict=True))),
-        "mostly": MOSTLY,
+        "often": OFTEN,
         "sooner": larger(mean_of(theirs_s - mine_s for mine_s, theirs_s in both), Mean(0.0, 0.0, 2)),
         "chosen": run.simulated and own.get("sigma_of") == "samples",
         "onset": f"{ONSET_N:g}",

@@ -672,11 +672,11 @@ def test_beside_trials_of_some_rows_of_table_1_stands_the_papers_mean_of_these(t
     [
         (
             2,
-            "detected contact in 2 of 20 of these approaches, silent in 18; in the 2 in which both did after 0.051 ",
+            "detected 2 of 20 contacts before the stop, these after 0.051 ",
         ),
         (
             20,
-            "is 4.3 times sooner on the 20 approaches in which both detected contact: 0.069 (0.063 to 0.075) s",
+            "is 4.3 times sooner over the 20 of 20 contacts that both detected: 0.069 (0.063 to 0.075) s",
         ),
     ],
 )
