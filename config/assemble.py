@@ -223,7 +223,7 @@ def scene_check(profile: Profile, devices: Collection[str]) -> Callable[[TrialSc
 
         plant, _ = wired(emulator_scene(_with_devices(profile, devices)))
     else:
-        plant = profile.plant.made(profile.plant.settings)
+        plant = profile.plant.make("plant")
     check = getattr(plant, "check", lambda factors, settings: None)  # a plant of the user's own may have none
     return lambda scene: check(scene.factors, scene.plant)
 
@@ -241,7 +241,7 @@ def _mock_rig(profile: Profile) -> Rig:
     assert profile.plant is not None
     faults = _schedules(profile, [*profile.devices, *OF_THE_BENCH])
     clock = FaultyClock(faults["loop"]) if faults["loop"].any else VirtualClock()
-    bench = profile.plant.made(profile.plant.settings)
+    bench = profile.plant.make("plant")
     devices = {}
     for name, entry in profile.devices.items():
         made = faulty(entry.made, faults[name]) if faults[name].any else entry.made

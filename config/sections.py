@@ -58,15 +58,16 @@ class Entry:
     settings: Settings
     port: str = ""
 
-    def make(self, of: str, name: str) -> Any:
-        """A signal or detector, fresh.
+    def make(self, of: str, name: str = "") -> Any:
+        """A signal or detector of that name, or a plant, fresh.
 
         Raises:
             KindError: one of the user's own lacks what each must have.
         """
-        made, family = self.made(name, self.settings), FAMILIES[of]
+        made, family = self.made(*filter(None, [name]), self.settings), FAMILIES[of]
+        place = f"{family.section}.{name}" if name else of
         if lacking := ", ".join(each for each in family.made if not hasattr(made, each)):
-            raise KindError(f'[{family.section}.{name}] kind = "{self.kind}": what it makes has no {lacking}')
+            raise KindError(f'[{place}] kind = "{self.kind}": what it makes has no {lacking}')
         return made
 
 

@@ -152,7 +152,7 @@ FAMILIES: Mapping[str, Family] = {
     "driver": Family("devices", "driver", ("open", "close", "apply", "read", "poll", "account"), DriverKind),
     "signal": Family("signals", "kind", ("push", "reset"), made=("name", "inputs", "info")),
     "detector": Family("detectors", "kind", ("push", "reset"), made=("name", "inputs")),
-    "plant": Family("", "kind"),
+    "plant": Family("", "kind", made=("advance", "restart", "begin", "check", "mount", "wrench", "account")),
     "experiment": Family("", "experiment", ("begin", "handle", "table", "states"), ExperimentKind),
 }
 

@@ -156,4 +156,7 @@ from simulator.devices.faults import FaultSchedule as FaultSchedule
 from simulator.mocks.base import MockDriver as MockDriver
 from simulator.mocks.base import MockSensor as MockSensor
 from simulator.mocks.base import OverMemory as OverMemory
+from simulator.physics.bench import Bench as Bench
+from simulator.physics.bench import BenchPart as BenchPart
+from simulator.physics.bench import StreamSpec as StreamSpec
 from simulator.physics.stage_axis import StageAxis as StageAxis

@@ -1,9 +1,11 @@
 """A detector, a signal, an experiment and a driver of the user's own, found beside the profile."""
 
 import json
+import re
 import shutil
 import sys
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -247,6 +249,26 @@ def test_a_plant_of_the_users_own_is_what_is_touched(lab, run_of, bench):
     run = run_of("sponge.toml", SOON, "plant.depth_m=0.02")
     assert json.loads((run / "manifest.json").read_text())["profile"]["resolved"]["plant"]["depth_m"] == 0.02
     assert (run / "trials.csv").read_text().splitlines()[1].startswith("1,contact,")
+
+
+def test_a_plant_is_made_as_the_page_says(lab, run_of):
+    page = (Path(__file__).parents[2] / "docs/how-to/add_a_device.md").read_text("utf-8")
+    (code,) = re.findall(r"```python\n# my_bench/spring.py\n(.*?)```", page, re.DOTALL)
+    (lab / "spring.py").write_text(code)
+    run = run_of(
+        "rest.toml", "plant.kind=spring:spring", "plant.surface_m=-0.001", "plant.stiffness_n_m=200.0"
+    )
+    _, first, *_ = (run / "trials.csv").read_text().splitlines()
+    assert float(first.split(",")[-1]) == pytest.approx(200.0 * 0.001, abs=2e-4), "the tool rests 1 mm in it"
+
+
+def test_what_is_no_bench_is_told(verb, lab):
+    (lab / "my_lab" / "sponge.py").write_text(
+        PLANT + "\n\nclass Sponge:\n    def __init__(self, settings):\n        pass\n"
+    )
+    code, _, err = verb("check", lab / "touch.toml", "--set", "plant.kind=my_lab.sponge:Sponge")
+    assert code == 2
+    check_refusal(err.splitlines()[-1], '[plant] kind = "my_lab.sponge:Sponge"', "has no advance")
 
 
 def test_settings_of_the_users_own_are_held_against_the_rest_by_their_own_rule(verb, lab):
