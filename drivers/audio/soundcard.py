@@ -29,8 +29,8 @@ ROUND_TRIP_MAX_S: Final = 1.0
 """A card that reports a longer way from output to input has no clock to measure it (assumption)."""
 
 
-SERVERS: Final = ("pulse", "pipewire")
-"""Names under which PortAudio lists sound servers."""
+SERVERS: Final = ("pulse", "pipewire", "default")
+"""Names under which PortAudio lists sound servers; ALSA's `default` leads to one, or mixes and resamples itself."""
 
 SERVER_LATENCY_S: Final = 0.1
 """Least buffering of a sound server (PulseAudio: measured, no gap)."""

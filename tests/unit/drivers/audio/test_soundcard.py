@@ -415,6 +415,7 @@ def test_the_drive_goes_out_on_the_channels_that_the_profile_names_alone(portaud
     [
         ("Duet", 2, {"drive_channels": (0, 2)}, ("Duet has 2 outputs", "names 2", "from 0")),
         ("pulse", 2, {"latency_s": 0.02}, ("pulse is a sound server", "latency_s = 0.1")),
+        ("default", 2, {"latency_s": 0.02}, ("default is a sound server", "latency_s = 0.1")),
     ],
 )
 def test_a_card_that_cannot_do_what_the_profile_asks_for_is_refused(
