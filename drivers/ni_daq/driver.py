@@ -111,6 +111,8 @@ class NiDaq(WireDriver[DaqLink]):
                     self._sent(command)
                 else:
                     self._refuse(command, "no samples of it yet; listen to it first")
+            case Tone() if self._link.least_v >= 0.0:
+                self._refuse(command, "its output has no negative voltage, and a sine needs it")
             case Excite() | Tone():
                 self._link.drive(command)
 

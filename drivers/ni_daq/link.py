@@ -74,7 +74,8 @@ def open_daq(device: str, settings: NiDaqSettings, clock: Clock) -> DaqLink:
         output = None
         if settings.drive is not None:
             terminal = f"{settings.port}/{settings.drive.output}"
-            output = DaqOutput(device, terminal, settings.drive, remote, clock)
+            lowest_v = min(found.ao_voltage_rngs, default=0.0)
+            output = DaqOutput(device, terminal, lowest_v, settings.drive, remote, clock)
             ending.callback(output.close)
         task, range_v, reads = _inputs(device, settings, remote, ending)
         reads += [
@@ -206,6 +207,11 @@ class DaqLink:
     def fault(self) -> str | None:
         """Why a task has ended, or None while all run."""
         return self._fault or (self._output.fault if self._output else None)
+
+    @property
+    def least_v(self) -> float:
+        """Least voltage of its output; 0 of none."""
+        return self._output.least_v if self._output else 0.0
 
     def drive(self, command: Command) -> None:
         """Order something from the output, which the profile has."""

@@ -49,9 +49,11 @@ class DaqOutput:
 
     Args:
         terminal: The output, as `Dev1/ao0`.
+        lowest_v: Least voltage that the device has for it: 0 of a USB-6008.
         remote: Where the device is, as `nidaqmx.Task` takes it.
 
     Attributes:
+        least_v: Least voltage that it may be given.
         fault: Why it can no longer be written to, or None.
 
     Raises:
@@ -59,8 +61,15 @@ class DaqOutput:
     """
 
     def __init__(
-        self, device: str, terminal: str, drive: DaqDrive, remote: Mapping[str, Any], clock: Clock
+        self,
+        device: str,
+        terminal: str,
+        lowest_v: float,
+        drive: DaqDrive,
+        remote: Mapping[str, Any],
+        clock: Clock,
     ) -> None:
+        self.least_v = max(-drive.limit_v, lowest_v)
         self.fault: str | None = None
         self._terminal, self._drive, self._remote, self._clock = terminal, drive, remote, clock
         self._task: Any = None
@@ -129,8 +138,9 @@ class DaqOutput:
 
         self._end()
         self._task = nidaqmx.Task("", **self._remote)
-        limit_v = self._drive.limit_v
-        self._task.ao_channels.add_ao_voltage_chan(self._terminal, min_val=-limit_v, max_val=limit_v)
+        self._task.ao_channels.add_ao_voltage_chan(
+            self._terminal, min_val=self.least_v, max_val=self._drive.limit_v
+        )
         return self._task
 
     def _end(self) -> None:

@@ -64,6 +64,7 @@ class NiDaqServer:
     Attributes:
         given_hz: Rate at which it samples instead of the one that is asked for; 0: at that.
         asked: Analog inputs as they were asked for, in order.
+        lowest_v: Least voltage of its output; 0 of a USB-6008.
         written: Volts that were written to the output, in order; of a sine its amplitude.
     """
 
@@ -77,7 +78,7 @@ class NiDaqServer:
         self._next = 0  # of the sample behind those that are kept
         self._pending: list[float] = []
         self._faults = FaultSchedule()
-        self.given_hz = 0.0
+        self.given_hz, self.lowest_v = 0.0, -10.0
         self.asked: list[Any] = []
         self.written: list[float] = []
         self._server = grpc.server(futures.ThreadPoolExecutor(8))
@@ -146,6 +147,7 @@ class NiDaqServer:
         return {
             "GetSystemInfoAttributeUInt32": lambda request, context: {},
             "GetDeviceAttributeString": self._model,
+            "GetDeviceAttributeDoubleArray": lambda request, context: {"value": [self.lowest_v, 10.0]},
             "GetDeviceAttributeUInt32": lambda request, context: {"value": 0x1A2B3C},
             "CreateTask": self._create,
             "GetTaskAttributeString": lambda request, _: {"value": ", ".join(self._task(request).channels)},
@@ -192,6 +194,8 @@ class NiDaqServer:
         task = self._task(request)
         task.channels.append(request.physical_channel)
         task.limit_v = request.max_val
+        if request.min_val < self.lowest_v:
+            _refuse(context, BEYOND, "Requested value is not a supported value for this property.")
         return {}
 
     def _range(self, request: Any, context: Any) -> Fields:

@@ -17,6 +17,7 @@ class DaqMemory(MemoryLine):
     def __init__(self, device: EmulatedNiDaq, settings: Any, clock: Any, faults: Any) -> None:
         super().__init__(device, clock, faults)
         self._settings = settings
+        self.least_v = -settings.drive.limit_v if settings.drive else 0.0
         self.range_v = -device.range_v, device.range_v
         self._done: list[tuple[Command, float]] = []
 

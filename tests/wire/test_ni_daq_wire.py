@@ -194,6 +194,17 @@ def test_the_output_is_at_zero_but_for_what_is_ordered(served: Served) -> None:
     assert written[5:] == [3.3, 0.0, 0.0], "once before its samples end, once behind everything"
 
 
+def test_an_output_that_begins_at_zero_volts_is_switched_and_plays_no_tone(served: Served) -> None:
+    served.server.lowest_v = 0.0
+    bench = Crank(daq(served.where), WallClock())
+    bench.device.apply(Excite("daq", True))
+    bench.until(Sent)
+    assert served.server.written == [0.0, 3.3]
+    bench.device.apply(Tone("daq", 40_000.0, 0.4))
+    assert "no negative voltage" in bench.until(Refused).reason
+    bench.device.close()
+
+
 def test_a_failed_input_switches_the_output_off(served: Served) -> None:
     bench = Crank(daq(served.where, silence_timeout_s=0.5), WallClock())
     bench.listen(FORCE)
