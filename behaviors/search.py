@@ -1,7 +1,7 @@
 """Find an object between two fingers by its aura, go to its middle: a part of a trial (Rupavatharam et al., III.D)."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from pydantic import Field
@@ -10,7 +10,7 @@ from behaviors.events import PreTouch
 from behaviors.machine import Row, StatePlan, concluding, from_mover, on
 from behaviors.sonic import CONTACTS, Place, SonicBehavior, SonicSettings
 from drivers.core.messages import MoveAt, MoveTo, Standstill, Stop, Twist
-from drivers.core.settings import Mismatch, Settings, StreamName
+from drivers.core.settings import Settings, StreamName
 
 HALF_TURN_RAD = math.radians(178.0)
 """Half a turn of the wrist, but for two degrees: so the shortest way back is the way it came, and winds up no cable."""
@@ -59,17 +59,6 @@ class SearchSettings(SonicSettings):
     def envelopes(self) -> frozenset[str]:
         """Both fingers' envelopes and the mover's position: what is measured."""
         return frozenset((self.left_stream, self.right_stream, self.position_stream))
-
-    def mismatches(
-        self, path: tuple[str, ...], profile: Mapping[tuple[str, ...], Settings]
-    ) -> Iterator[Mismatch]:
-        """A mover that turns more slowly than it is asked to would turn less far."""
-        yield from super().mismatches(path, profile)
-        fastest = getattr(profile.get(("devices", self.mover)), "max_turn_rad_s", math.inf)
-        if self.half_turn and fastest < self.turn_rad_s:
-            has = f"[devices.{self.mover}] has max_turn_rad_s = {fastest:g}"
-            mistake = f" = {self.turn_rad_s:g}: {has}; lower it to that"
-            yield Mismatch(path, "turn_rad_s", mistake)
 
 
 class SearchFactors(Settings):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -11,7 +12,7 @@ from pydantic import Field, Strict, model_validator
 
 from behaviors.approach import TipTrial, TipTrialSettings, approaching
 from behaviors.machine import Action, Row, StatePlan, from_mover, on
-from drivers.core.messages import Home, MoveAt, Standstill, Stop, Tare, Twist
+from drivers.core.messages import Command, Home, MoveAt, Standstill, Stop, Tare, Twist
 from drivers.core.settings import DetectorName, Settings, StreamName
 
 SensorName = Literal["fingertip", "flexible_finger", "barrett_finger", "wrist", "dsa"]
@@ -240,6 +241,18 @@ class RollSlip(TipTrial):
         for number, step in enumerate(self.run.steps):
             found[_STATES[step.do]] = (*found[_STATES[step.do]], self._step_plan(number))
         return found
+
+    def rehearse(self, state: str) -> Sequence[Command]:
+        """See `Behavior.rehearse`: a state of steps commands each of them."""
+        if state not in _STATES.values():
+            return super().rehearse(state)
+        rehearsed: list[Command] = []
+        for number, step in enumerate(self.run.steps):
+            if _STATES[step.do] == state:
+                twin = copy(self)
+                twin._step = number
+                rehearsed += super(RollSlip, twin).rehearse(state)
+        return rehearsed
 
     @property
     def deciding(self) -> Sequence[str]:

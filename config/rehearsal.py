@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from controller.guard import GuardRefusal
@@ -11,7 +13,7 @@ from drivers.arm.commands import valid
 from drivers.arm.settings import ArmSettings
 from drivers.core.axis import AxisLimits
 from drivers.core.errors import CommandError, DeviceError
-from drivers.core.messages import Command, MoveAt, MoveTo
+from drivers.core.messages import Command, MoveAt, MoveTo, Twist
 
 if TYPE_CHECKING:
     from config.profile import Profile
@@ -34,7 +36,7 @@ def refusals(
         except DeviceError as error:
             met.setdefault(str(error), []).append(trial.trial)
         behavior = trial.behavior
-        commanded = [(state, command) for state in behavior.states for command in behavior.rehearse(state)]
+        commanded = [(state, _begun(each)) for state in behavior.states for each in behavior.rehearse(state)]
         for state, command in (each for each in commanded if _is_settled(each[1])):
             try:
                 trial.guard.admit(command)
@@ -44,6 +46,11 @@ def refusals(
     for reason, (first, *others) in met.items():
         more = f" and {len(others)} more" if others else ""
         yield f"{profile.name}: trial {first}{more}: a run would be refused: {reason}"
+
+
+def _begun(command: Command) -> Command:
+    """A twist that leads as far as a trial has yet to see has its speed already."""
+    return replace(command, duration_s=command.duration_s or 1e-3) if isinstance(command, Twist) else command
 
 
 def _is_settled(command: Command) -> bool:
@@ -59,6 +66,24 @@ def _bounded(profile: Profile, command: Command) -> None:
     """See that the mover's own bounds let it through; `CommandError` where they do not."""
     entry = profile.devices.get(command.device)
     if entry and isinstance(entry.settings, ArmSettings):
-        valid(command.device, entry.settings, (f"{command.device}.force",), command)
+        taken = valid(command.device, entry.settings, (f"{command.device}.force",), command)
+        if isinstance(command, Twist) and isinstance(taken, Twist):
+            _see_that_it_goes_as_far(entry.settings, command, taken)
     elif entry and isinstance(entry.settings, AxisLimits) and isinstance(command, MoveAt | MoveTo):
         entry.settings.checked(command.device, command)
+
+
+def _see_that_it_goes_as_far(arm: ArmSettings, command: Twist, taken: Twist) -> None:
+    """A twist lasts for a time: an arm that makes it slower makes it lead less far."""
+    if all(
+        math.isclose(asked, made, rel_tol=1e-9)
+        for asked, made in zip(command.twist, taken.twist, strict=True)
+    ):
+        return
+    speed_m_s, turn_rad_s = math.hypot(*command.twist[:3]), math.hypot(*command.twist[3:])
+    reason = (
+        f"it would lead less far: [devices.{command.device}] has max_speed_m_s = {arm.max_speed_m_s:g},"
+        f" max_turn_rad_s = {arm.max_turn_rad_s:g}"
+    )
+    doing = f"moving at {speed_m_s:.6g} m/s and {turn_rad_s:.6g} rad/s"
+    raise CommandError(command.device, doing, reason, "ask for less, or give it more")

@@ -147,7 +147,7 @@ def test_what_check_prints_is_a_profile_again(verb, tmp_path):
         ("mock/slip", "behavior.sensors.dsa.stream=board.x", "[behavior.sensors.dsa] stream = board.x"),
         ("mock/transient", "limits.force_stream=board.lode_cell", "did you mean board.load_cell?"),
         ("mock/touch", "behavior.contact=nix", "no such detector to stop an approach that touches"),
-        ("mock/grasp", "behavior.tightest_n=80.0", "tightest_n = 80.0: more than [limits] grip_n = 60.0"),
+        ("mock/grasp", "limits.grip_n=50.0", "tightest_n = 60.0: more than [limits] grip_n = 50.0"),
         ("mock/grasp", "behavior.tighten_speed_m_s=0.1", "more than [limits] speed_m_s = 0.06"),
     ],
 )
@@ -155,6 +155,24 @@ def test_check_finds_a_stream_that_is_not_sent_and_a_trial_that_cannot_be_run(ve
     code, _, err = verb("check", name, "--set", setting)
     assert code == 2
     check_refusal(err, named)
+
+
+@pytest.mark.parametrize(
+    ("name", "bound", "states"),
+    [
+        ("mock/slip", "max_turn_rad_s=0.19", ["TILTING", "ROLLING", "LEVELLING"]),
+        ("mock/slip", "max_speed_m_s=0.005", ["SLIPPING"]),
+        ("mock/pointer", "max_turn_rad_s=0.2", ["TURNING"]),
+        ("mock/border", "max_turn_rad_s=0.35", ["SLIPPING", "TURNING_BACK"]),
+        ("mock/centering_turned", "max_turn_rad_s=1.0", ["HALF_TURN"]),
+    ],
+)
+def test_check_names_each_motion_for_a_time_that_a_slower_arm_would_make_less_far(verb, name, bound, states):
+    code, _, err = verb("check", name, "--set", "trials.repeats=1", "--set", f"devices.arm.{bound}")
+    assert code == 2
+    assert {line.split("refused: ")[1].split(":")[0] for line in err.splitlines()} == set(states)
+    for line in err.splitlines():
+        check_refusal(line, name, "less far", bound.partition("=")[0])
 
 
 @pytest.fixture

@@ -16,7 +16,6 @@ from drivers.core.messages import (
     Tone,
     Twist,
 )
-from drivers.core.settings import Settings
 from tests.unit.behaviors.driving import arm, held, jaws, lead, lost, seen, still, tell, touch
 
 DETECTORS = frozenset({"left_ours", "right_ours", "left_contact", "right_contact"})
@@ -274,20 +273,6 @@ def test_a_search_that_fails_with_the_wrist_turned_turns_back_before_it_leaves()
     assert behavior.state == "LEAVING"
     behavior.handle(arm(22.0))
     assert (behavior.done, behavior.outcome) == (True, "not_found")
-
-
-def test_a_mover_that_turns_more_slowly_than_asked_is_no_match():
-    class Arm(Settings):
-        max_turn_rad_s: float = 0.5
-
-    def found(**settings):
-        return [*CenteringSettings(**settings).mismatches(("behavior",), {("devices", "arm"): Arm()})]
-
-    [mismatch] = found(half_turn=True)
-    assert mismatch.key == "turn_rad_s"
-    assert "max_turn_rad_s = 0.5" in mismatch.mistake
-    assert not found()
-    assert not found(half_turn=True, turn_rad_s=0.5)
 
 
 def test_a_rehearsal_shows_the_turn_where_there_is_one():
