@@ -134,8 +134,8 @@ class Snapshot:
     """The state of some objects, down to the last array, to be restored in place. An array stays itself and gets its
     values back, as do its views, whoever has them.
 
-    Settings, functions without a closure and frozen dataclasses (blocks, commands) are values, which never change;
-    nor does a read-only array. A class names in `lasting` what need not be put back: a ring of the
+    Settings, functions without a closure and the program's frozen dataclasses (blocks, commands) are values, which
+    never change; nor does a read-only array. A class names in `lasting` what need not be put back: a ring of the
     latest samples, twice as long as a look; what it holds of later ones is written anew. One with a method
     `copy_kept` is copied by it.
 
@@ -179,7 +179,8 @@ def _copier(kind: type) -> Copier:
     if issubclass(kind, (*_VALUES, Settings)) or kind.__module__.partition(".")[0] in ("numba", "typing"):
         return _same
     if is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
-        return _same
+        # one of the user's own may hold an array that is written to
+        return _same if kind.__module__.partition(".")[0] in _OURS else _of_objects(kind)
     if hasattr(kind, "copy_kept"):
         return lambda thing, _: thing.copy_kept()
     if issubclass(kind, tuple) and hasattr(kind, "_make"):
@@ -280,6 +281,8 @@ _VALUES: tuple[type, ...] = (
     *(type(None), bool, int, float, complex, str, bytes, range, slice, frozenset, Enum, type),
     *(np.generic, np.dtype, np.ufunc, ModuleType, MappingProxyType),
 )
+
+_OURS = ("behaviors", "config", "controller", "drivers", "simulator")
 
 _PLAIN: set[type] = set(_VALUES)
 """Types whose things are values; those that are met are added."""

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from dataclasses import dataclass, field
 from threading import Lock
 from types import SimpleNamespace
 from typing import Any
@@ -59,6 +60,32 @@ def test_views_of_what_is_put_back_are_views_of_it_still():
     thing.low[0] = thing.high[0] = 9.0
     assert thing.ring.tolist() == [9.0, 1.0, 2.0, 3.0, 9.0, 5.0, 6.0, 7.0]
     assert thing.windows[0].tolist() == [9.0, 1.0, 2.0, 3.0]
+
+
+@dataclass(frozen=True)
+class Held:
+    """A value of the user's own, with what can be written to."""
+
+    ring: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class HeldInSlots:
+    """Likewise."""
+
+    ring: np.ndarray
+    names: list[str] = field(default_factory=list)
+
+
+@pytest.mark.parametrize("kind", [Held, HeldInSlots])
+def test_what_a_frozen_dataclass_of_the_users_own_holds_is_put_back(kind):
+    thing = SimpleNamespace(held=kind(np.zeros(2)))
+    kept = Snapshot([thing])
+    thing.held.ring[0] = 1.0
+    getattr(thing.held, "names", []).append("later")
+    kept.restore()
+    assert thing.held.ring.tolist() == [0.0, 0.0]
+    assert getattr(thing.held, "names", []) == []
 
 
 def test_an_array_that_was_given_away_in_what_is_put_back_can_be_written_to_again():
