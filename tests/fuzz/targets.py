@@ -355,13 +355,13 @@ class _Settled(SerialLines):
 
 
 def _printed(data: bytes) -> None:
-    sound = b"".join(b"%d,1.5,%d\n" % (10_000 * tick, tick) for tick in range(3))
+    whole = b"".join(b"%d,1.5,%d\n" % (10_000 * tick, tick) for tick in range(3))
     streams = {"force": {"columns": (1,), "unit": "N"}}
     given: dict[str, Any]
     for given in ({}, {"time_column": None}, {"counter_column": 2, "counter_modulus": 256, "rate_hz": 100.0}):
         clock = VirtualClock()
         settings = SerialLinesSettings(port="x", streams=streams, reply_timeout_s=0.01, **given)
-        line = MemoryLine(_Sends([sound, *_halves(data)]), clock)
+        line = MemoryLine(_Sends([b"5,0\n" + whole, *_halves(data)]), clock)
         board = _Settled("uno", settings, clock, line.connect)
         board.open()
         board.apply(Listen("uno", frozenset({"uno.force"})))
