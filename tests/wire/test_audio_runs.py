@@ -72,8 +72,10 @@ def test_a_sweep_finds_the_fingers_resonance_and_an_emulated_link_is_in_the_mani
 def test_a_recording_runs_in_the_fingers_place(tmp_path: Path, verb: Verb) -> None:
     path = profile(tmp_path, f"file:{recording(tmp_path / 'take.wav')}", 'kind = "none"')
     code, _, _ = verb("run", path, "--no-report", "--out", tmp_path / "runs")
-    assert code == 0
-    assert manifest(tmp_path / "runs")["devices"]["audio"]["drive"] == "as recorded"
+    assert code == 1, "noise has no echo"
+    recorded = manifest(tmp_path / "runs")
+    assert recorded["devices"]["audio"]["drive"] == "as recorded"
+    assert recorded["outcomes"] == {"no_echo": 1}
 
 
 def test_check_connects_and_reads_both_fingers(tmp_path: Path, verb: Verb) -> None:

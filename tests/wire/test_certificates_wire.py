@@ -8,6 +8,7 @@ which a profile has them move, which loop and driver refuse.
 
 import json
 import time
+from types import MappingProxyType
 
 import pytest
 
@@ -117,25 +118,33 @@ def test_every_limit_of_an_emulated_bench_acts(name, monkeypatch, tmp_path):
     assert all(proof.way_m is not None and proof.way_m < 2.2e-3 for proof in killed)
 
 
-def killed(monkeypatch, **settings):
-    """The proof of `emulated/transient` whose program is killed in the middle of a motion, which is the only one."""
+def killed(monkeypatch, settings=MappingProxyType({}), **limits):
+    """The proof of `emulated/transient` whose program is killed in the middle of a motion, which is the only one.
+
+    Args:
+        limits: Which that program has besides, and not the one that sends home before.
+    """
     monkeypatch.setattr(Certifier, "_cases", lambda self, movers: self._ended(movers[0]))
     profile = load_profile("emulated/transient", settings)
     first = Certifier._stops
     monkeypatch.setattr(Certifier, "_stops", lambda self, mover: [next(iter(first(self, mover)))])
-    home, proof = certifier_of(profile).proofs()
+    certifier = certifier_of(profile)
+    proofs = certifier.proofs()
+    home = next(proofs)
     assert (home.limit, home.verdict) == ("home of stage", "acted"), home.acted
+    certifier.session.limits = certifier.session.limits.model_copy(update=limits)
+    (proof,) = proofs
     return proof
 
 
 def test_a_program_that_is_killed_leaves_a_stage_within_the_blind_travel_of_its_profile(monkeypatch):
-    proof = killed(monkeypatch, **{"limits.blind_travel_m": "0.0005"})
+    proof = killed(monkeypatch, {"limits.blind_travel_m": "0.0005"})
     assert (proof.value, proof.verdict) == ("0.0005 m", "acted")
     assert proof.way_m is not None and 0.0002 < proof.way_m < 0.0007
 
 
 def test_the_guard_watches_a_motion_whose_program_is_to_be_killed(monkeypatch):
-    proof = killed(monkeypatch, **{"limits.force_n": "1e-6"})  # the load cell's noise is more
+    proof = killed(monkeypatch, force_n=1e-6)  # the load cell's noise is more
     assert (proof.verdict, "limits.force_n" in proof.acted) == ("not shown", True), proof.acted
 
 
