@@ -52,6 +52,9 @@ LATE_S = 0.05
 FAR_LOOKS = 6
 """So many looks in a row at a rattling finger that are far apart are not beyond a limit by chance."""
 
+OVER_S = 1.0
+"""How long after a line is there again its mover is reached as ever: an unanswered stop was sent again by then."""
+
 CLOSES_ITSELF = ("CALIBRATING", "HOMING")
 """States in which a gripper finds its ends by itself, jaw against jaw, as hard as its maker has set it."""
 
@@ -486,13 +489,14 @@ def _left(story: Any) -> Iterator[Violation]:
 
 def _beyond_reach(story: Any, trial: Any, device: str = "mover", from_s: float = 0.0) -> float:
     """From when on nobody reaches the mover: its line is cut, or it answers late, or the loop is; infinite where that
-    never is. A turn that was late once, before `from_s`, does not count."""
+    never is. What was over `OVER_S` before `from_s`, or a turn that was late once before it, does not count."""
     mover = story.profile["behavior"].get(device)
     kinds = ("silent", "unplug", "lose", "corrupt", "late", "refuse", "double")
     times = [
         effect["effect_s"]
         for effect in story.effects
         if effect["trial"] == trial.number and effect["device"] == mover and effect["kind"] in kinds
+        if "every_s" in effect or _ends_s(effect, trial) + OVER_S >= from_s
     ]
     times += [
         effect["effect_s"]
@@ -660,9 +664,10 @@ def _at_once(story: Any) -> Iterator[Violation]:
             or _beyond_reach(story, trial, from_s=event["t_s"]) < math.inf
         ):
             continue
-        # a device that failed says when, between two turns
+        # a device that failed says when, between two turns; that it is silent the loop says, of its own turn
         later_s = [t_s for t_s, _ in trial.samples if t_s > event["t_s"] - 1e-6]
-        turns_s = [event["t_s"], *later_s[: 1 if event["event"] == "GuardStopped" else 2]]
+        between = event["event"] != "GuardStopped" and " is silent " not in event.get("reason", "")
+        turns_s = [event["t_s"], *later_s[: 2 if between else 1]]
         kept_s = _kept_back_s(story, trial, event["t_s"])
         # what a turn asked for and a late line keeps back is in hand in the first turn after
         due_s = turns_s[-1] + kept_s
