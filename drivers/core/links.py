@@ -187,8 +187,11 @@ class SerialLink:
         with suppress(OSError, AttributeError):  # on the network there is none
             self._port.cancel_read()
         self._reader.join(JOIN_TIMEOUT_S)
+        connected = getattr(self._port, "_socket", None)
         with suppress(OSError):
             self._port.close()
+        if connected is not None:  # pyserial leaves one open that the far end has reset
+            connected.close()
 
     def _fill(self) -> None:
         try:

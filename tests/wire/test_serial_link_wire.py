@@ -2,6 +2,7 @@
 
 import os
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -188,3 +189,17 @@ def test_a_stage_behind_a_serial_server_of_bare_bytes_is_opened_and_its_end_is_n
 def test_a_serial_server_that_is_not_there_is_a_port_error(scheme: str) -> None:
     with refused(PortError, "stage", f"{scheme}://127.0.0.1:1", "refused", "serial server"):
         open_serial("stage", SerialPort(port=f"{scheme}://127.0.0.1:1"), WallClock())
+
+
+def test_a_connection_that_the_server_has_reset_is_closed() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        where = SerialPort(port=f"socket://127.0.0.1:{server.getsockname()[1]}")
+        link = open_serial("gripper", where, WallClock())
+        far, _ = server.accept()
+        far.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        far.close()
+    assert eventually(lambda: link.send(b"?") is None)
+    connected: Any = vars(link._port)["_socket"]
+    link.close()
+    assert "taken away" in str(link.fault)
+    assert connected.fileno() == -1
