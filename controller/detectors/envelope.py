@@ -3,13 +3,14 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import deepcopy
-from typing import NamedTuple, Self
+from typing import ClassVar, Generic, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from behaviors.events import Detected
 from controller.detectors.protocol import NOTHING, rate_of
+from controller.detectors.stream import S
 from drivers.core.messages import Floats, Ints, SampleBlock
 
 Complexes = NDArray[np.complex128]
@@ -168,28 +169,24 @@ class EncoderSync:
         return found
 
 
-class OnEnvelope(ABC):
-    """A detector on one finger's envelope.
+class OnEnvelope(ABC, Generic[S]):
+    """A detector on one finger's envelope, the setting `input`; where they have a `position_input`, with the mover's
+    position along `direction`.
 
-    Args:
-        signal: Stream of the envelope.
+    Attributes:
         doing: The purpose, as text for error messages.
-        encoder: Stream of the mover's position, where it is used.
-        direction: Along which a pose is measured.
     """
 
-    def __init__(
-        self,
-        name: str,
-        signal: str,
-        doing: str,
-        encoder: str | None = None,
-        direction: tuple[float, float, float] = (1.0, 0.0, 0.0),
-    ) -> None:
+    doing: ClassVar[str]
+
+    def __init__(self, name: str, settings: S) -> None:
         self.name = name
-        self.envelope = signal
-        self.inputs = (signal,) if encoder is None else (signal, encoder)
-        self._sync = EncoderSync(signal, encoder, direction, doing)
+        self.settings = settings
+        self.envelope = settings.input
+        encoder: str | None = getattr(settings, "position_input", None)
+        self.inputs = (settings.input,) if encoder is None else (settings.input, encoder)
+        direction = getattr(settings, "direction", (1.0, 0.0, 0.0))
+        self._sync = EncoderSync(settings.input, encoder, direction, self.doing)
         self.reset()
 
     def columns(self, values: Floats, times_s: Floats, blocks: Sequence[SampleBlock]) -> Floats:

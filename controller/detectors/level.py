@@ -15,8 +15,6 @@ from controller.signals.level import StepSearch, Window, find_steps, step_search
 from drivers.core.messages import Floats, Ints
 from drivers.core.settings import DriveHz, Mismatch, Settings, StreamName
 
-DOING = "waiting for contact"
-
 
 class LevelPaperSettings(Settings):
     """The paper's criterion, with what it does not print as settings."""
@@ -36,7 +34,7 @@ class LevelPaperSettings(Settings):
     0.2 s at gamma 3, and sooner at more."""
 
 
-class LevelPaperDetector(OnEnvelope):
+class LevelPaperDetector(OnEnvelope[LevelPaperSettings]):
     """Contact while a sample is farther from its own window's mean than some of the window's standard deviations.
 
     |z| of the newest of n samples is at most (n - 1) / sqrt(n), and that of a level which fills the share p of the
@@ -58,11 +56,8 @@ class LevelPaperDetector(OnEnvelope):
         [('Contact', 0.2), ('ContactLost', 0.205)]
     """
 
+    doing = "waiting for contact"
     quantity = Quantity("distance from the mean of its window", "σ")
-
-    def __init__(self, name: str, settings: LevelPaperSettings) -> None:
-        self.settings = settings
-        super().__init__(name, settings.input, DOING)
 
     def reset(self) -> None:
         """Clear window and contact."""
@@ -204,7 +199,7 @@ class LevelSettings(Settings):
             yield Mismatch(("behavior",), "baseline_s", mistake)
 
 
-class LevelDetector(OnEnvelope):
+class LevelDetector(OnEnvelope[LevelSettings]):
     """Contact when I and Q leave the circle on which an undulation turns, and stay where they are.
 
     About the level at rest an undulation turns steadily. At each length of `spans_s` its turning is measured over the
@@ -232,11 +227,8 @@ class LevelDetector(OnEnvelope):
         ['Contact', 'ContactHeld', 'ContactLost']
     """
 
+    doing = "waiting for contact"
     quantity = Quantity("jump of the level over the rms of the other jumps", "")
-
-    def __init__(self, name: str, settings: LevelSettings) -> None:
-        self.settings = settings
-        super().__init__(name, settings.input, DOING, settings.position_input, settings.direction)
 
     def reset(self) -> None:
         """Clear levels, scales and contact."""

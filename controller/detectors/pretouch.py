@@ -28,8 +28,6 @@ LONGEST_CELL_S = 0.5
 CERTAIN = 20.0
 """F ratio of a wave that noise does not make. Chosen on simulated rooms."""
 
-DOING = "detecting pre-touch"
-
 
 class PreTouchSettings(Settings):
     """What the matched filter looks for. Lengths in metres: they hold at any speed and sample rate."""
@@ -116,7 +114,7 @@ class PreTouchSettings(Settings):
         return 0.5 * self.sound_m_s / self.drive_hz
 
 
-class PreTouchDetector(OnEnvelope):
+class PreTouchDetector(OnEnvelope[PreTouchSettings]):
     """Pre-touch while a wave of the reflected sound's wavelength is in the envelope along the way.
 
     Amplitude, phase, decay, offset and slow drift are fitted; from the residual it learns the
@@ -135,12 +133,9 @@ class PreTouchDetector(OnEnvelope):
         ('signals.right', 'arm.position')
     """
 
+    doing = "detecting pre-touch"
     quantity = Quantity("explained over residual variance", "")
     decides_in_motion = True
-
-    def __init__(self, name: str, settings: PreTouchSettings) -> None:
-        self.settings = settings
-        super().__init__(name, settings.input, DOING, settings.position_input, settings.direction)
 
     def reset(self) -> None:
         """Clear the object and the path."""

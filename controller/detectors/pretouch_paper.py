@@ -42,7 +42,7 @@ class PreTouchPaperSettings(Settings):
     """gamma, full scales squared. Not printed ("heuristic"); here the power of a wave of 0.00014 full scales."""
 
 
-class PreTouchPaperDetector(OnEnvelope):
+class PreTouchPaperDetector(OnEnvelope[PreTouchPaperSettings]):
     """Pre-touch while the power of a window between 0 and 100 Hz exceeds a threshold.
 
     Windows follow each other without overlap. Power is |DFT / N|^2 over both signs of frequency, so the sum over all
@@ -60,14 +60,9 @@ class PreTouchPaperDetector(OnEnvelope):
         [0.399]
     """
 
+    doing = "detecting pre-touch"
     quantity = Quantity("power of the window", "FS²")
     decides_in_motion = True
-
-    def __init__(self, name: str, settings: PreTouchPaperSettings) -> None:
-        self.settings = settings
-        super().__init__(
-            name, settings.input, "detecting pre-touch", settings.position_input, settings.direction
-        )
 
     def reset(self) -> None:
         """Clear the window begun and the object."""
