@@ -24,7 +24,7 @@ from behaviors.events import (
 from behaviors.machine import Behavior, verdict_of
 from controller.detectors.protocol import Detector, readings_of
 from controller.guard import Guard, GuardRefusal
-from controller.own_modules import is_shipped, own_place
+from controller.own_modules import pushed
 from controller.rig import Rig, streams_of
 from controller.signals.protocol import Signal, Signals
 from controller.subscriptions import unknown_streams
@@ -593,17 +593,11 @@ class Loop:
         return found, readings
 
     def _pushed(self, detector: Detector, block: SampleBlock) -> list[Detected]:
-        """What a detector found in a block; one of the user's own may return anything."""
+        """What a detector found in a block."""
         try:
-            given = detector.push(block if is_shipped(detector) else block.read_only())
-            events = list(given) if isinstance(given, Iterable) else [None]
+            events = pushed(detector, detector.name, block, _dated, "events, each at its sample's time")
         except ValueError as error:
-            place = own_place(error)
-            raise UnfitStreamError(f"{place}{': ' * bool(place)}{detector.name}: {error}") from error
-        for event in events:
-            if not isinstance(event, Detected) or not math.isfinite(event.t_s):
-                wrong = f"{detector.name}: push returns no list of events, each at its sample's time, but {given!r}"
-                raise UnfitStreamError(" ".join(wrong.split())[:200])
+            raise UnfitStreamError(str(error)) from error
         return [self._named(event, detector) for event in events]
 
     def _named(self, event: Detected, detector: Detector) -> Detected:
@@ -803,3 +797,7 @@ class Loop:
 def _source(event: Event) -> tuple[str, str]:
     """The detector or device that it comes from."""
     return getattr(event, "detector", ""), getattr(event, "device", "")
+
+
+def _dated(thing: object) -> bool:
+    return isinstance(thing, Detected) and math.isfinite(thing.t_s)

@@ -4,7 +4,7 @@ import hashlib
 import importlib
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
@@ -34,6 +34,26 @@ def is_own(name: str) -> bool:
 def is_shipped(thing: object) -> bool:
     """Whether a signal or detector is one of the program's."""
     return type(thing).__module__.startswith("controller.")
+
+
+def pushed(thing: Any, name: str, block: Any, right: Callable[[Any], bool], what: str) -> list[Any]:
+    """What a signal or detector makes of a block; one of the user's own may return anything.
+
+    Args:
+        name: Of it, for the error message; "" where its own message says it.
+        right: Whether what it returns is made of these: `what`, in words.
+
+    Raises:
+        ValueError: it cannot use its stream, or returns no list of what is right.
+    """
+    try:
+        given = thing.push(block if is_shipped(thing) else block.read_only())
+        made = list(given) if isinstance(given, Iterable) else [None]
+    except ValueError as error:
+        raise ValueError(": ".join(filter(None, (own_place(error), name, str(error))))) from error
+    if not all(map(right, made)):
+        raise ValueError(" ".join(f"{name}: push returns no list of {what}, but {given!r}".split())[:200])
+    return made
 
 
 def found_beside(name: str, folders: Sequence[Path]) -> Any:

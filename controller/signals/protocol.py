@@ -1,9 +1,9 @@
 """Signals: streams computed from other streams, while they are subscribed."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
-from controller.own_modules import is_shipped, own_place
+from controller.own_modules import is_shipped, pushed
 from drivers.core.messages import SampleBlock, Saturated, StreamInfo
 
 
@@ -91,23 +91,14 @@ class Signals:
         for signal in self._awake:
             for block in [*blocks, *made]:
                 if block.stream in signal.inputs:
-                    for thing in self._pushed(signal, block):
+                    name = "" if is_shipped(signal) else signal.info.name
+                    for thing in pushed(signal, name, block, _either, "blocks"):
                         if isinstance(thing, SampleBlock):
                             made.append(thing)
                         else:
                             saturated.append(thing)
         return made, saturated
 
-    @staticmethod
-    def _pushed(signal: Signal, block: SampleBlock) -> Sequence[SampleBlock | Saturated]:
-        try:
-            given = signal.push(block if is_shipped(signal) else block.read_only())
-            things: list[Any] = list(given) if isinstance(given, Iterable) else [None]
-        except ValueError as error:
-            place = own_place(error)
-            raise ValueError(f"{place}: {signal.info.name}: {error}" if place else str(error)) from error
-        for thing in things:
-            if not isinstance(thing, SampleBlock | Saturated):
-                wrong = f"{signal.info.name}: push returns no list of blocks, but {given!r}"
-                raise ValueError(" ".join(wrong.split())[:200])
-        return things
+
+def _either(thing: object) -> bool:
+    return isinstance(thing, SampleBlock | Saturated)
