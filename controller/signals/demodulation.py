@@ -1,4 +1,4 @@
-"""From the counts of fingers to I and Q: mixed, low-passed and thinned in one go, in whole numbers.
+"""From the counts of a finger to I and Q: mixed, low-passed and thinned in one go, in whole numbers.
 
 A fused filter: the mixer's wave is in the taps, so that a window of frames gives I and Q by two sums of products, once
 an output sample. Counts and taps are whole numbers whose sums stay below 2^53: in float64 every sum is exact, in
@@ -6,16 +6,13 @@ whatever order it is added, so that blocks and processors change nothing.
 """
 
 import math
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.signals.demodulation_kernel import cic_counts, cic_packed, fused_counts, fused_packed
-from drivers.core.messages import Floats, Ints
-
-Counts = NDArray[np.int32] | NDArray[np.uint8]
+from drivers.core.compiled import compiled
+from drivers.core.messages import Floats
 
 FULL_SCALE_BITS: Final = 23
 """Largest counts: 24 bits with their sign."""
@@ -25,7 +22,7 @@ TAP_BITS: Final = 30
 full-scale noise."""
 
 CHUNK: Final = 4800
-"""Frames that are taken at once: 38 kB of work a finger, within the caches of a core."""
+"""Frames that are taken at once: 38 kB of work, within the caches of a core."""
 
 SPAN: Final = 6
 """Length of the low-pass in periods of the output: 6 ms at 1 kHz, 576 taps at 96 kHz."""
@@ -36,20 +33,13 @@ on a grid of frequencies) for: flat up to a tenth of the output rate, nothing wi
 which fold onto that band, and -130 dB beyond 10 times the output rate, where the mixer's images are. Whole harmonics of
 the window's length are nulls beyond the sixth: at 40 kHz the images fall on one."""
 
-CIC_STAGES: Final = 3
-
-CIC_DECIMATION_MAX: Final = 256
-"""Most frames an output of three sums: the mixer's whole numbers then still have an amplitude of 2^16."""
+Variant = Literal["fused", "cic", "in_phase"]
 
 STEPS_PER_HZ: Final = 1000
-"""Frequencies are whole millihertz, as the drive's are."""
+"""The drive's frequency is in whole millihertz: its phase is a whole number of steps, exact at every frame."""
 
-TABLE_MAX: Final = 96_000
-"""Longest period that is kept as a table, frames: any whole number of hertz at 96 kHz; 1.5 MB."""
-
-TWELFTHS: Final = 826_806
-"""Amplitude of the whole-number wave where the period divides 12: its half is whole, and its half times the square root
-of 3 is 716,035 less 7e-7 (413,403 / 716,035 is a convergent of 1 / sqrt 3), so that rounding leaves 1e-12."""
+ANY_ORDER: Final = {"reassoc", "contract"}
+"""For sums that are exact: their order is the compiler's."""
 
 
 def cosine_taps(decimation: int) -> Floats:
@@ -64,139 +54,189 @@ def cosine_taps(decimation: int) -> Floats:
     return np.asarray(taps / np.sum(taps))
 
 
-def cic_taps(decimation: int) -> Ints:
-    """Impulse response of three sums over `decimation` frames in a row, whole numbers, shape (3 decimation - 2,)."""
-    taps = np.ones(1, np.int64)
-    for _ in range(CIC_STAGES):
-        taps = np.convolve(taps, np.ones(decimation, np.int64))
-    return taps
+def cic_taps(decimation: int) -> Floats:
+    """Three means over `decimation` frames in a row, sum 1, shape (3 decimation - 2,): a cascade of three integrators
+    and combs has the same response.
+
+    At an output of 1 kHz -0.02 dB at 23 Hz and -0.43 dB at 100 Hz, and what folds onto 0 to 100 Hz is down by 58 dB at
+    least; its delay is half of that of `cosine_taps`.
+    """
+    mean = np.full(decimation, 1.0 / decimation)
+    return np.convolve(np.convolve(mean, mean), mean)
 
 
-class Oscillator:
-    """cos and sin of 2 pi f n / rate at frame n, zero phase at frame 0.
+@compiled(nogil=True)
+def peak(counts, channel):  # type: ignore[no-untyped-def]
+    """Farthest count of one channel from zero, negative ones less by one: 2^23 - 1 is full scale either way."""
+    farthest = 0
+    for i in range(counts.shape[0]):
+        value = np.int32(counts[i, channel])
+        farthest = max(farthest, int(value ^ (value >> 31)))
+    return farthest
+
+
+@compiled(nogil=True, fastmath=ANY_ORDER)
+def sums(work, i_taps, q_taps, decimation, out):  # type: ignore[no-untyped-def]
+    """Sums of products of whole numbers below 2^53, for windows `decimation` apart.
 
     Args:
-        frequency_hz: Rounded to whole millihertz.
-        rate_hz: Frames a second, a whole number.
-
-    Attributes:
-        step: Of the phase from frame to frame, in steps.
-        whole: Steps of a cycle; also frames after which any such tone is where it began.
-        period: Frames after which this one is.
-
-    Raises:
-        ValueError: the frequency is not between 0 and half the rate, or the rate is no whole number.
-
-    Example:
-        >>> Oscillator(40_000.0, 96_000.0).period
-        12
+        work: Counts, shape (frames,).
+        i_taps: Shape (size,).
+        q_taps: Shape (size,), or (0,) where Q is not wanted.
+        decimation: From window to window.
+        out: Written, shape (windows, 2).
     """
-
-    def __init__(self, frequency_hz: float, rate_hz: float) -> None:
-        if not rate_hz > 0.0 or rate_hz != round(rate_hz):
-            raise ValueError(f"{rate_hz:g} frames a second are no whole number")
-        if not 0.0 < frequency_hz < 0.5 * rate_hz:
-            raise ValueError(f"{frequency_hz:g} Hz are not between 0 and half of {rate_hz:g} frames a second")
-        self.step = round(frequency_hz * STEPS_PER_HZ)
-        self.whole = round(rate_hz) * STEPS_PER_HZ
-        self.period = self.whole // math.gcd(self.step, self.whole)
-
-    def steps(self, frames: Ints) -> Ints:
-        """Phase at each frame, steps of 1/`whole` of a cycle, shape (n,)."""
-        # both factors are below 2^30 at any rate up to 1 MHz
-        return np.asarray(self.step * (frames % self.whole) % self.whole)
-
-    def wave(self, frames: Ints) -> NDArray[np.complex128]:
-        """cos + j sin at each frame, shape (n,)."""
-        return np.asarray(np.exp(2j * np.pi / self.whole * self.steps(frames)))
-
-    def table(self, amplitude: int) -> Ints:
-        """One period of cos and of minus sin in whole numbers, shape (2, period); the period is at most `TABLE_MAX`."""
-        return whole_numbers(self.wave(np.arange(self.period, dtype=np.int64)), amplitude)
-
-    def coarse_and_fine(self, amplitude: int) -> tuple[Ints, Ints]:
-        """Two tables whose product is the wave at any phase: of `amplitude`, and of 2^30.
-
-        The phase in steps is `a` times the length of the second, plus `b`: indices into the tables.
-
-        Returns:
-            cos and minus sin at the coarse phases, shape (2, A), and at the fine ones, shape (2, B); A B = `whole`.
-        """
-        fine = max(k for k in range(1, math.isqrt(self.whole) + 1) if self.whole % k == 0)
-        angle = 2j * np.pi / self.whole
-        coarse_wave = np.exp(angle * fine * np.arange(self.whole // fine))
-        return whole_numbers(coarse_wave, amplitude), whole_numbers(np.exp(angle * np.arange(fine)), 1 << 30)
+    size, windows = i_taps.size, out.shape[0]
+    # five windows at a time share the taps' way from memory: a block of 5 or 10 ms has no others; at the end of others
+    # some are the last one again
+    for m in range(0, windows, 5):
+        m1, m2 = min(m + 1, windows - 1), min(m + 2, windows - 1)
+        m3, m4 = min(m + 3, windows - 1), min(m + 4, windows - 1)
+        x0 = work[m * decimation : m * decimation + size]
+        x1 = work[m1 * decimation : m1 * decimation + size]
+        x2 = work[m2 * decimation : m2 * decimation + size]
+        x3 = work[m3 * decimation : m3 * decimation + size]
+        x4 = work[m4 * decimation : m4 * decimation + size]
+        i0, i1, i2, i3, i4, q0, q1, q2, q3, q4 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if q_taps.size == 0:
+            for k in range(size):
+                i0 += i_taps[k] * x0[k]
+                i1 += i_taps[k] * x1[k]
+                i2 += i_taps[k] * x2[k]
+                i3 += i_taps[k] * x3[k]
+                i4 += i_taps[k] * x4[k]
+        else:
+            for k in range(size):
+                i0 += i_taps[k] * x0[k]
+                q0 += q_taps[k] * x0[k]
+                i1 += i_taps[k] * x1[k]
+                q1 += q_taps[k] * x1[k]
+                i2 += i_taps[k] * x2[k]
+                q2 += q_taps[k] * x2[k]
+                i3 += i_taps[k] * x3[k]
+                q3 += q_taps[k] * x3[k]
+                i4 += i_taps[k] * x4[k]
+                q4 += q_taps[k] * x4[k]
+        out[m, 0], out[m1, 0], out[m2, 0], out[m3, 0], out[m4, 0] = i0, i1, i2, i3, i4
+        out[m, 1], out[m1, 1], out[m2, 1], out[m3, 1], out[m4, 1] = q0, q1, q2, q3, q4
 
 
-def whole_numbers(wave: NDArray[np.complex128], amplitude: int) -> Ints:
-    """cos and minus sin, times an amplitude, rounded, shape (2, n)."""
-    return np.rint(amplitude * np.stack([wave.real, -wave.imag])).astype(np.int64)
+@compiled(nogil=True)
+def turn(out, steps, jump, whole, unit):  # type: ignore[no-untyped-def]
+    """Turn I + jQ back by the drive's phase at the beginning of each window, and scale.
 
-
-class Thinned(NamedTuple):
-    """Consecutive outputs.
-
-    Attributes:
-        first: Number of the first: output m ends with frame (m + 1) decimation - 1.
-        values: I and Q of each finger, shape (n, 2 fingers), float64, or int64 counts of the demodulator's `scale`.
+    Args:
+        out: Turned in place, shape (windows, 2).
+        steps: Phase of the first, of `whole` a cycle.
+        jump: From window to window.
+        whole: Steps of a cycle.
     """
+    for m in range(out.shape[0]):
+        if steps == 0:
+            out[m, 0] *= unit
+            out[m, 1] *= unit
+        else:
+            angle = 2.0 * math.pi * steps / whole
+            c, s = unit * math.cos(angle), unit * math.sin(angle)
+            i, q = out[m, 0], out[m, 1]
+            out[m, 0] = i * c + q * s
+            out[m, 1] = q * c - i * s
+        steps += jump
+        if steps >= whole:
+            steps -= whole
 
-    first: int
-    values: Floats | Ints
+
+@compiled(nogil=True)
+def fused(counts, start, channel, work, fill, i_taps, q_taps, decimation, steps, jump, whole, unit, out):  # type: ignore[no-untyped-def]
+    """Filter one channel of int32 frames, shape (frames, channels), from `start` on; see `sums` and `turn`.
+
+    Args:
+        work: The channel's frames that are still needed, `fill` of them; those of the next windows move to its start.
+        out: Written, shape (windows, 2).
+    """
+    done = 0
+    while start < counts.shape[0]:
+        taken = min(work.size - fill, counts.shape[0] - start)
+        for i in range(taken):
+            work[fill + i] = counts[start + i, channel]
+        start += taken
+        fill += taken
+        ready = max(0, (fill - i_taps.size) // decimation + 1)
+        passed = ready * decimation
+        if ready:
+            part = out[done : done + ready]
+            sums(work, i_taps, q_taps, decimation, part)
+            turn(part, (steps + done * jump) % whole, jump, whole, unit)
+            for k in range(fill - passed):
+                work[k] = work[passed + k]
+        done += ready
+        fill -= passed
 
 
 class Fused:
-    """A FIR of 6 periods of the output, 576 taps at 96 kHz and 1 kHz; see `cosine_taps` for its response.
+    """A FIR: `cosine_taps`, 576 at 96 kHz and 1 kHz, or `cic_taps`, 286.
 
     Where the tone is a cos(phase + p) and the drive cos(phase), I is a cos p and Q is a sin p.
 
     Attributes:
         delay_frames: From the middle of an output's window to its last frame.
-        scale: Counts (of the input's own) per count of the outputs.
 
     Args:
-        channels: Of the fingers, from 0; all are processed in one pass.
+        channel: Of the finger, from 0.
+        drive_hz: Rounded to whole millihertz; below half of the rate.
+        rate_hz: Frames a second, a whole number.
         decimation: Frames an output.
-        quadrature: False gives I alone, and Q as 0: the paper's chain (Rupavatharam et al., III.B).
+        variant: `cic` has the other taps; `in_phase` gives I alone, and Q as 0: the paper's chain (Rupavatharam et al.,
+            III.B).
+
+    Raises:
+        ValueError: the rate is no whole number.
     """
 
-    scale = 1.0
-
     def __init__(
-        self, channels: Sequence[int], oscillator: Oscillator, decimation: int, quadrature: bool = True
+        self, channel: int, drive_hz: float, rate_hz: float, decimation: int, variant: Variant = "fused"
     ) -> None:
-        self._channels = np.array(channels, np.int64)
+        if not rate_hz > 0.0 or rate_hz != round(rate_hz):
+            raise ValueError(f"{rate_hz:g} frames a second are no whole number")
+        self._channel = channel
         self._decimation = decimation
-        self._step, self._whole = oscillator.step, oscillator.whole
-        self._jump = oscillator.step * decimation % oscillator.whole
-        low_pass = cosine_taps(decimation)
+        # of the phase: from frame to frame, and of a cycle; after as many frames any such tone is where it began
+        self._step, self._whole = round(drive_hz * STEPS_PER_HZ), round(rate_hz) * STEPS_PER_HZ
+        self._jump = self._step * decimation % self._whole
+        low_pass = cic_taps(decimation) if variant == "cic" else cosine_taps(decimation)
+        self.delay_frames = 0.5 * (len(low_pass) - 1)
+        # a window is as long as whole outputs
+        low_pass = np.concatenate([np.zeros(-len(low_pass) % decimation), low_pass])
         frames = np.arange(len(low_pass), dtype=np.int64)
-        taps = 2.0 * low_pass * oscillator.wave(frames).conj()
+        taps = 2.0 * low_pass * np.exp(2j * np.pi / self._whole * (self._step * frames % self._whole)).conj()
         self._unit = 2.0 ** (1 - TAP_BITS)
         self._i_taps = np.rint(taps.real / self._unit)
         self._q_taps = np.rint(taps.imag / self._unit)
         assert max(np.abs(self._i_taps).sum(), np.abs(self._q_taps).sum()) < 2.0 ** (53 - FULL_SCALE_BITS)
-        self._quadrature = quadrature
+        quadrature = self._quadrature = variant != "in_phase"
         # a window that begins at phase zero needs no turning, and without quadrature no Q
         if not quadrature and self._jump == 0:
             self._q_taps = np.empty(0)
-        self.delay_frames = 0.5 * (len(low_pass) - 1)
         self._size = len(low_pass)
-        self._work = np.empty((len(channels), len(low_pass) + CHUNK))
+        self._work = np.empty(len(low_pass) + CHUNK)
         self._next = self._first = self._fill = 0
 
     def reset(self) -> None:
         """Drop all frames."""
         self._begin(0)
 
-    def push(self, counts: Counts, frame: int) -> Thinned:
+    def push(self, counts: NDArray[np.int32], frame: int) -> tuple[int, Floats]:
         """Process the next frames; `frame` is the number of the first, and a jump is loss.
 
         Outputs with an incomplete window are omitted.
 
         Args:
-            counts: int32, shape (n, channels), or packed little-endian 24-bit counts, uint8, shape (n, 3 channels).
+            counts: Shape (n, channels).
             frame: The drive's phase is zero at 0.
+
+        Returns:
+            Number of the first output (number m ends with frame (m + 1) decimation - 1), and I and Q of consecutive
+            ones in counts of the input, shape (n, 2).
         """
         if frame != self._next:
             self._begin(frame)
@@ -206,12 +246,11 @@ class Fused:
         decimation, whole = self._decimation, self._whole
         first = (self._first + self._size) // decimation - 1
         self._fill += len(counts) - start
-        out = np.empty((max(0, (self._fill - self._size) // decimation + 1), 2 * len(self._channels)))
-        kernel = fused_packed if counts.dtype == np.uint8 else fused_counts
-        kernel(
+        out = np.empty((max(0, (self._fill - self._size) // decimation + 1), 2))
+        fused(
             counts,
             start,
-            self._channels,
+            self._channel,
             self._work,
             self._fill - (len(counts) - start),
             self._i_taps,
@@ -226,86 +265,10 @@ class Fused:
         self._first += len(out) * decimation
         self._fill -= len(out) * decimation
         if not self._quadrature:
-            out[:, 1::2] = 0.0
-        return Thinned(first, out)
+            out[:, 1] = 0.0
+        return first, out
 
     def _begin(self, frame: int) -> None:
         """Frames begin anew; windows begin at whole multiples of the decimation."""
         self._next = frame
         self._first, self._fill = -(-frame // self._decimation) * self._decimation, 0
-
-
-class Cic:
-    """Mixer and a cascade of three integrators and combs, in int64 throughout: equal to the bit, for ever.
-
-    The integrators run over their ends and back: differences of their readings are right nevertheless (Hogenauer 1981).
-    Its delay is half of the fused filter's, its response that of three averages over one output's time each: at an
-    output of 1 kHz -0.02 dB at 23 Hz and -0.43 dB at 100 Hz, and what folds onto 0 to 100 Hz is down by 58 dB at least.
-
-    Args:
-        channel: Of the finger, from 0.
-        decimation: Frames an output.
-
-    Raises:
-        ValueError: the decimation is above `CIC_DECIMATION_MAX`.
-    """
-
-    def __init__(self, channel: int, oscillator: Oscillator, decimation: int) -> None:
-        self._channels = np.array([channel], np.int64)
-        self._decimation = decimation
-        if decimation > CIC_DECIMATION_MAX:
-            raise ValueError(f"{decimation} frames an output leave no room; {CIC_DECIMATION_MAX} at the most")
-        gain = decimation**CIC_STAGES
-        # one bit is the sign's
-        room = (1 << (63 - FULL_SCALE_BITS)) // gain
-        amplitude = TWELFTHS if 12 % oscillator.period == 0 and room >= TWELFTHS else min(room, 1 << 20)
-        self.scale = 2.0 / (amplitude * gain)
-        self._oscillator = oscillator
-        # one table of a whole period where there is room for it, else two
-        self._table = self._coarse = self._fine = np.empty((2, 0), np.int64)
-        if oscillator.period <= TABLE_MAX:
-            self._table = oscillator.table(amplitude)
-        else:
-            self._coarse, self._fine = oscillator.coarse_and_fine(amplitude)
-        self._span = len(cic_taps(decimation))
-        self.delay_frames = 0.5 * (self._span - 1)
-        self._work = np.empty((1, CHUNK), np.int64)
-        self._mixed = np.empty((2, CHUNK), np.int64)
-        self._state = np.zeros((2, 2, CIC_STAGES), np.int64)
-        self._begun = self._next = 0
-
-    def reset(self) -> None:
-        """See `Fused.reset`."""
-        self._begin(0)
-
-    def push(self, counts: Counts, frame: int) -> Thinned:
-        """See `Fused.push`."""
-        if frame != self._next:
-            self._begin(frame)
-        n, decimation = len(counts), self._decimation
-        first, end = frame // decimation, (frame + n) // decimation
-        out = np.empty((end - first, 2), np.int64)
-        kernel = cic_packed if counts.dtype == np.uint8 else cic_counts
-        kernel(
-            counts,
-            self._channels,
-            self._work,
-            self._mixed,
-            self._table,
-            self._coarse,
-            self._fine,
-            frame,
-            self._oscillator.step,
-            self._oscillator.whole,
-            self._state,
-            decimation,
-            out,
-        )
-        self._next = frame + n
-        # outputs whose window begins before the frames do
-        missing = min(len(out), max(0, -(-(self._begun + self._span) // decimation) - 1 - first))
-        return Thinned(first + missing, out[missing:])
-
-    def _begin(self, frame: int) -> None:
-        self._begun = self._next = frame
-        self._state[:] = 0

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from controller.signals.demodulation import CIC_DECIMATION_MAX, SPAN, Cic, Fused, Oscillator
-from controller.signals.demodulation_kernel import peak
-from drivers.core.messages import Floats, Ints, SampleBlock, Saturated, StreamInfo
+from controller.signals.demodulation import SPAN, Fused, Variant, peak
+from drivers.core.messages import Floats, SampleBlock, Saturated, StreamInfo
 from drivers.core.settings import DriveHz, Mismatch, Settings, StreamName
 
 CARRIER_FROM_HZ: Final = 4000.0
@@ -29,7 +28,7 @@ CONVERTER_HZ: Final = 96_000.0
 
 GUARD: Final = {"fused": 3.0, "in_phase": 3.0, "cic": 10.0}
 """How far from the drive its image and the converter's own offset must stay, in output rates: beyond, the low-pass
-takes 95 dB off them (the FIR), or 90 dB (the sums)."""
+takes 95 dB off them, or 90 dB (`cic`)."""
 
 OUTPUT_MIN_HZ: Final = 100.0
 """Least rate of I and Q: what is slower has no room for undulations (assumption)."""
@@ -57,9 +56,10 @@ class IqSettings(Settings):
     """I and Q a second; the frame rate is a multiple of it. The drive must be 3 times it or more (`cic`: 10), and as
     far below half the frame rate as 1.5 times it (`cic`: 5)."""
 
-    variant: Literal["fused", "cic", "in_phase"] = "fused"
-    """`fused`: a FIR of 6 ms (at 1 kHz out), flat to 0.001 dB from 0 to 100 Hz, 3 ms of delay. `cic`: whole numbers to
-    the end, 1.5 ms of delay, -0.43 dB at 100 Hz. `in_phase`: the paper's, without Q: one channel, and blind spots."""
+    variant: Variant = "fused"
+    """`fused`: a FIR of 6 ms (at 1 kHz out), flat to 0.001 dB from 0 to 100 Hz, 3 ms of delay. `cic`: one of 3 ms, as
+    three integrators and combs respond, 1.5 ms of delay, -0.43 dB at 100 Hz. `in_phase`: the paper's, without Q: one
+    channel, and blind spots."""
 
     clocks: Literal["locked", "watched", "tracked"] = "locked"
     """`locked`: drive and converter share a clock. `watched`: the same is assumed, and their difference is measured
@@ -91,9 +91,6 @@ class IqSettings(Settings):
         output_hz, drive_hz, guard = self.output_hz, self.drive_hz, GUARD[self.variant]
         if rate_hz / output_hz != round(rate_hz / output_hz):
             return "output_hz", f" = {output_hz:g}: {rate_hz:g} frames a second are no multiple of it"
-        if self.variant == "cic" and rate_hz / output_hz > CIC_DECIMATION_MAX:
-            least_hz = rate_hz / CIC_DECIMATION_MAX
-            return "output_hz", f' = {output_hz:g}: variant = "cic" needs {least_hz:g} at the least'
         least_hz, most_hz = guard * output_hz, 0.5 * (rate_hz - guard * output_hz)
         if least_hz <= drive_hz <= most_hz:
             return None
@@ -107,8 +104,7 @@ class IqSettings(Settings):
     def _remedy(self, rate_hz: float) -> str:
         """What to do about a drive that sound of this rate cannot hold."""
         slower_hz = min(self.drive_hz, rate_hz - 2.0 * self.drive_hz) / GUARD[self.variant]
-        least_hz = max(OUTPUT_MIN_HZ, rate_hz / CIC_DECIMATION_MAX if self.variant == "cic" else 0.0)
-        if slower_hz >= least_hz:
+        if slower_hz >= OUTPUT_MIN_HZ:
             return f"lower output_hz to {rate_hz / math.ceil(rate_hz / slower_hz):g}"
         if rate_hz < CONVERTER_HZ:
             return f"record at {CONVERTER_HZ:.0f} Hz"
@@ -135,7 +131,7 @@ class Iq:
         channels = ("I",) if settings.variant == "in_phase" else ("I", "Q")
         self.info = StreamInfo(f"signals.{name}", channels, "FS")
         self._settings = settings
-        self._demodulator: Fused | Cic | None = None
+        self._demodulator: Fused | None = None
         self._rate_hz = math.nan
         self.reset()
 
@@ -203,28 +199,23 @@ class Iq:
         demodulator = self._demodulator
         decimation = round(rate_hz / settings.output_hz)
         unit = block.scale if block.values.dtype.kind == "i" else 1.0 / FULL_SCALE
-        scale = unit * demodulator.scale
         made: list[SampleBlock | Saturated] = []
         for frame, counts in _runs(block, settings.channel):
             first, values = demodulator.push(counts, frame)
             if len(values):
                 middle = (first + 1) * decimation - 1 - demodulator.delay_frames
-                later_s, whole = (middle - block.seq) / rate_hz, values.dtype.kind == "i"
-                out, out_scale = (values, scale) if whole else (np.asarray(values * scale, np.float64), 1.0)
-                made += self._blocks(block, first, out, out_scale, settings.output_hz, later_s)
+                later_s = (middle - block.seq) / rate_hz
+                made += self._blocks(block, first, values * unit, settings.output_hz, later_s)
             made += self._excursions(block, rate_hz, frame, counts)
         return made
 
-    def _made(self, stream: str, rate_hz: float) -> Fused | Cic:
+    def _made(self, stream: str, rate_hz: float) -> Fused:
         settings = self._settings
         unsuitable = settings.unsuitable(rate_hz)
         if unsuitable is not None:
             raise ValueError(f"{stream}: {self.info.name} {unsuitable[0]}{unsuitable[1]}")
         decimation = round(rate_hz / settings.output_hz)
-        oscillator = Oscillator(settings.drive_hz, rate_hz)
-        if settings.variant == "cic":
-            return Cic(settings.channel, oscillator, decimation)
-        return Fused((settings.channel,), oscillator, decimation, settings.variant == "fused")
+        return Fused(settings.channel, settings.drive_hz, rate_hz, decimation, settings.variant)
 
     def _excursions(
         self, block: SampleBlock, rate_hz: float, frame: int, counts: NDArray[np.int32]
@@ -259,7 +250,7 @@ class Iq:
         made: list[SampleBlock | Saturated] = []
         for first, last in _stretches(good):
             later_s = first / rate_hz
-            made += self._blocks(block, block.seq + first, values[first:last], 1.0, rate_hz, later_s)
+            made += self._blocks(block, block.seq + first, values[first:last], rate_hz, later_s)
         return made
 
     # both
@@ -268,8 +259,7 @@ class Iq:
         self,
         block: SampleBlock,
         seq: int,
-        values: Floats | Ints,
-        scale: float,
+        values: Floats,
         rate_hz: float,
         later_s: float,
     ) -> list[SampleBlock | Saturated]:
@@ -278,10 +268,10 @@ class Iq:
         if settings.clocks != "locked":
             if self._beat is None:
                 self._beat = Beat(rate_hz)
-            z = np.ascontiguousarray(values * scale).view(np.complex128)[:, 0]
+            z = np.ascontiguousarray(values).view(np.complex128)[:, 0]
             still = self._beat.push(z, seq)
             if settings.clocks == "tracked":
-                values, scale = still.view(np.float64).reshape(-1, 2), 1.0
+                values = still.view(np.float64).reshape(-1, 2)
                 seq, later_s = seq + len(z) - len(still), later_s + (len(z) - len(still)) / rate_hz
         if not len(values):
             return []
@@ -293,7 +283,6 @@ class Iq:
                 values[:, : len(self.info.channels)],
                 rate_hz=rate_hz,
                 unit=self.info.unit,
-                scale=scale,
                 device_t0_s=None if block.device_t0_s is None else block.device_t0_s + later_s,
                 arrival_s=block.arrival_s,
             )

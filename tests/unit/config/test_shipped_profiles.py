@@ -202,8 +202,10 @@ def test_a_listener_for_another_frequency_than_the_drives_is_refused(listener):
 
 
 def test_a_drive_that_the_chain_cannot_do_is_refused_with_the_profile():
-    with refused(ProfileError, '[signals.left] output_hz = 100: variant = "cic" needs 375'):
-        loaded("mock/centering", {"signals.left.variant": "cic", "signals.left.output_hz": "100.0"})
+    with refused(
+        ProfileError, "[signals.left] drive_hz = 40000: ", "no drive at all; lower output_hz to 1600"
+    ):
+        loaded("mock/centering", {"signals.left.variant": "cic", "signals.left.output_hz": "4000.0"})
 
 
 def test_who_tracks_the_clocks_needs_a_rest_in_which_detectors_can_learn():
