@@ -1,4 +1,4 @@
-"""Centering without touching (C3): the paper's method and ours, 85 searches many times over, six objects.
+"""Centering without touching (C3): the paper's method and ours, 85 searches many times over, six objects, rooms.
 
 `python -m benchmarks centering`. The program itself, as `run.py run mock/centering`, without the grasp.
 """
@@ -10,24 +10,22 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
 from scipy.stats import t
 
-from benchmarks.results import in_parallel, progress, save, workers
+from benchmarks.results import in_parallel, played, progress, save, workers
 from config.profile import load_profile
-from config.script import run_trials
 from controller.detectors.envelope import as_complex
 from controller.detectors.pretouch import PreTouchDetector
 from controller.recording.reader import Run
 from drivers.can_gripper.units import STROKE_M
-from simulator.physics.aura_settings import OBJECTS, SIX
+from simulator.physics.aura import RIGHT, AuraMotion, AuraPlant
+from simulator.physics.aura_settings import NOTHING, OBJECTS, SIX
 from simulator.physics.gripper_part import AuraBenchSettings
 
-SEED_TUNE, SEED_CALIBRATE, SEED_TEST, SEED_OBJECTS = 41_000, 42_000, 43_000, 44_000
+SEED_TUNE, SEED_CALIBRATE, SEED_TEST, SEED_OBJECTS, SEED_ROOMS = 41_000, 42_000, 43_000, 44_000, 47_000
 """Every part has its own noise and places; choices were made on the first."""
 
 SPEEDS_M_S = (0.01, 0.03)
@@ -92,27 +90,17 @@ class Searches:
 T = TypeVar("T")
 
 
-def played(searches: Searches, take: Callable[[Run, Trial], T]) -> list[T]:
-    """Make them, and take something of each; a fault ends a run: those that are left have another one."""
-    method, found = searches.method, list[T]()
+def taken(searches: Searches, take: Callable[[Run, Trial], T]) -> list[T]:
+    """Make them, and take something of each."""
+    method = searches.method
     trials = [{**trial, "method": method.name} for trial in searches.trials]
-    while len(found) < len(trials):
-        with TemporaryDirectory() as folder:
-            _, run = run_trials(
-                method.profile,
-                trials[len(found) :],
-                settings={**method.settings, "behavior.grasp": "false"},
-                seed=searches.seed + len(found),
-                out=Path(folder),
-                say=lambda line: None,
-            )
-            found += [take(run, row) for row in run.trials]
-    return found
+    settings = {**method.settings, "behavior.grasp": "false"}
+    return played(method.profile, trials, settings, searches.seed, lambda run, row, spent_s: take(run, row))
 
 
 def made(searches: Searches) -> list[Trial]:
     """Rows of the trials."""
-    return played(searches, lambda run, row: row)
+    return taken(searches, lambda run, row: row)
 
 
 # --- scores ------------------------------------------------------------------------------------
@@ -212,7 +200,7 @@ def gains_of(mismatch_db: float) -> tuple[float, float]:
     and the mean amplitude that its detector fits at 8 mm is made the same for both."""
     nearer = OURS.having(APART, mismatch_db).finding("level_fs", 0.003)  # both come past that distance
     passes = Searches(nearer, [{"object_x_m": 0.0, "speed_m_s": 0.01}] * CALIBRATIONS, SEED_CALIBRATE)
-    fitted_fs = played(passes, lambda run, row: [_amplitude_fs(run, row, side) for side in (-1, 1)])
+    fitted_fs = taken(passes, lambda run, row: [_amplitude_fs(run, row, side) for side in (-1, 1)])
     right, left = np.log(fitted_fs).mean(axis=0).tolist()
     return math.exp(0.5 * (left - right)), math.exp(0.5 * (right - left))
 
@@ -238,8 +226,90 @@ def _amplitude_fs(run: Run, row: Trial, side: int) -> float:
     return float(np.interp(CALIBRATION_GAP_M, gap_m[known], amplitudes_fs[known]))
 
 
+# --- rooms, and the paper's method at its best -------------------------------------------------
+
+
+WINDOWS_S = (0.03, 0.06, 0.125, 0.25, 0.5)
+DISTANCES_M = (0.008, 0.0125)
+"""Tried values of the paper's alpha, and of the distance for its gamma."""
+
+DRIVE_HZ, LEVEL = 40_000.0, 0.5
+"""As behaviors/sonic.py drives it."""
+
+WALL = f"[{{ size_fs = {1e-4 / LEVEL}, away_m = 0.3 }}]"
+"""Ahead; 1e-4 of full scale as received by a finger."""
+
+TURNED = replace(OURS, profile="mock/centering_turned")
+
+ROOMS: Mapping[str, tuple[Mapping[str, object], int]] = {
+    "empty": ({}, 1),
+    "fingers scatter by 1 dB": ({SCATTER: 1.0}, 3),
+    "wall 1e-4": ({"plant.room.echoes": WALL}, 1),
+    "all three": ({SCATTER: 1.0, "plant.room.echoes": WALL, "plant.room.second_path": 0.1}, 3),
+}
+"""What differs from an empty room and fingers of equal sensitivity, and how many sets of 85. Scatter: standard
+deviation of each finger's sensitivity from search to search. `all three`: with a second path of 10 % as well."""
+
+
+def inside(room: Mapping[str, object], method: Method) -> Method:
+    """A method in a room."""
+    for key, value in {APART: 0.0, **room}.items():
+        method = method.having(key, value)
+    return method
+
+
+def wave_fs(distance_m: float) -> float:
+    """Mean amplitude of what the pipe sends back from a distance, full scales at the drive's level."""
+    settings = AuraBenchSettings(gain_scatter_db=0.0, phase_scatter_rad=0.0)
+    fields = []
+    for thing in (OBJECTS["pipe"], OBJECTS.get(NOTHING)):
+        plant = AuraPlant(settings)
+        plant.begin((0, 0), thing, settings.object_top_m, "normal")
+        one, gap_m = np.zeros(1), np.array([[distance_m, 1.0]])
+        motion = AuraMotion(gap_m, one, one, np.full(1, 0.063), np.zeros((1, 2)), one, one)
+        fields.append(plant.field(motion, one, np.full(1, DRIVE_HZ), np.full(1, LEVEL), (RIGHT,))[0, RIGHT])
+    return float(abs(fields[0] - fields[1]))
+
+
+def paper_at(window_s: float, distance_m: float) -> Method:
+    """The paper's method with an alpha, and the gamma of a distance: power of its wave in phase, if it kept its size
+    over a window."""
+    return PAPER.finding("window_s", window_s).finding("threshold", 0.5 * wave_fs(distance_m) ** 2)
+
+
+def in_rooms(pool: Any, one_in: int) -> dict[str, Any]:
+    """What the paper's method chooses, and every method in every room at its speeds."""
+    choices = product(SPEEDS_M_S, WINDOWS_S, DISTANCES_M)
+    tried = scores(
+        {key: repeated(1, paper_at(*key[1:]), key[0], SEED_TUNE, 4 * one_in + 4) for key in choices}, pool
+    )
+    best = {speed: _best({key: tried[key] for key in tried if key[0] == speed}) for speed in SPEEDS_M_S}
+    jobs: dict[Key, list[Searches]] = {}
+    for (name, (room, count)), speed in product(ROOMS.items(), SPEEDS_M_S):
+        for way, method in {
+            "ours, turned": TURNED,
+            "ours": OURS,
+            "paper": paper_at(*best[speed][1:]),
+        }.items():
+            jobs[name, way, speed] = repeated(count, inside(room, method), speed, SEED_ROOMS, one_in)
+    rows = {" | ".join(map(str, key)): one for key, one in scores(jobs, pool).items()}
+    names = ("speed_m_s", "window_s", "distance_m")
+    listed = [
+        dict(zip(names, key, strict=True)) | one | {"chosen": key in best.values()}
+        for key, one in tried.items()
+    ]
+    return {"rows": rows, "papers_choices": listed}
+
+
+def _best(tried: Mapping[Key, Mapping[str, Any]]) -> Key:
+    """Least worst error among those that lost fewest."""
+    fewest = min(one["searches"] - one["centred"] for one in tried.values())
+    least = {key: one for key, one in tried.items() if one["searches"] - one["centred"] <= fewest + 1}
+    return min(least, key=lambda key: least[key]["largest_m"] or math.inf)
+
+
 def main(quick: bool = False) -> None:
-    """Run the study, print the worst of the 85; writes results/centering.json."""
+    """Run the study, print the worst of the 85; writes results/centering.json and results/centering_rooms.json."""
     started_s, (repeats, objects, one_in) = time.perf_counter(), QUICK if quick else FULL
     right, left = gains_of(MISMATCH_DB)
     calibrated = OURS.having("detectors.right_ours.gain", right).having("detectors.left_ours.gain", left)
@@ -273,4 +343,5 @@ def main(quick: bool = False) -> None:
             found = scores(jobs, pool)
             study[table] = [dict(zip(names, key, strict=True)) | one for key, one in found.items()]
             progress(table)
+        save("centering_rooms", in_rooms(pool, one_in), quick=quick)
     save("centering", study | {"wall_s": time.perf_counter() - started_s}, quick=quick)

@@ -8,19 +8,16 @@ the friction's interval, objects of another judge. Finished parts are kept, so t
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.results import kept, progress, save
+from benchmarks.results import kept, played, progress, save
 from config.profile import load_profile
-from config.script import run_trials
+from controller.recording.reader import Run
 from controller.reports.counts import wilson
 from simulator.physics.held_kernel import GRAVITY_M_S2, TURN_M
 
@@ -101,24 +98,13 @@ def grasped(
     if over := float(rest.pop(OVER_LEAST, "0")):
         for row, thing in zip(rows, things, strict=True):
             row["behavior.grip_force_n"] = min(max(over * thing.least_n, LEAST_N), 60.0)
-    found: list[Mapping[str, Any]] = []
-    while len(found) < len(rows):  # a fault ends a run: those that are left have another one
-        with TemporaryDirectory() as folder:
-            begun_s, first = time.process_time(), len(found)
-            _, run = run_trials(
-                "mock/grasp",
-                rows[first:],
-                settings=rest,
-                seed=seed + first,
-                out=Path(folder),
-                say=lambda line: None,
-            )
-            spent_s = (time.process_time() - begun_s) / len(run.trials)
-            for thing, made in zip(things[first:], run.trials, strict=False):
-                times_s = [float(event["t_s"]) for event in run.events_of(made["trial"])]
-                about = {"bench_s": times_s[-1] - times_s[0], "spent_s": spent_s}
-                found.append({**thing._asdict(), **made, **about})
-    return found
+    made = played("mock/grasp", rows, rest, seed, _told)
+    return [{**thing._asdict(), **row} for thing, row in zip(things, made, strict=True)]
+
+
+def _told(run: Run, row: Mapping[str, Any], spent_s: float) -> Mapping[str, Any]:
+    times_s = [float(event["t_s"]) for event in run.events_of(row["trial"])]
+    return {**row, "bench_s": times_s[-1] - times_s[0], "spent_s": spent_s}
 
 
 OVER_LEAST = "grip over the least"

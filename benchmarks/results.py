@@ -12,11 +12,15 @@ from datetime import UTC, datetime
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+
+from config.script import run_trials
+from controller.recording.reader import Run
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "benchmarks" / "results"
@@ -55,6 +59,30 @@ def in_parallel(function: Callable[[T], R], work: Iterable[T], pool: ProcessPool
     """Results in order, computed on all cores."""
     listed = list(work)
     return list(pool.map(function, listed, chunksize=max(1, min(50, len(listed) // 8))))
+
+
+def played(
+    profile: str,
+    trials: Sequence[Mapping[str, Any]],
+    settings: Mapping[str, str],
+    seed: int,
+    take: Callable[[Run, Mapping[str, Any], float], T],
+) -> list[T]:
+    """Run trials by the program, and take something of each; a fault ends a run: those that are left have another one.
+
+    Args:
+        trials: Factors of each.
+        take: From a run, a row of it, and what a trial took of processor time, s.
+    """
+    found = list[T]()
+    while len(found) < len(trials):
+        with TemporaryDirectory() as folder:
+            begun_s, first = time.process_time(), len(found)
+            about: dict[str, Any] = {"seed": seed + first, "out": Path(folder), "say": lambda line: None}
+            _, run = run_trials(profile, trials[first:], settings=settings, **about)
+            spent_s = (time.process_time() - begun_s) / len(run.trials)
+            found += [take(run, row, spent_s) for row in run.trials]
+    return found
 
 
 def kept(name: str, compute: Callable[[], T]) -> T:
