@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.results import kept, save
-from benchmarks.slip import ARMED_S, SETTLE_S
-from controller.detectors.calibration import Statistic, poisson_interval, span_maxima, threshold_for
+from controller.detectors.calibration import Statistic, span_maxima, threshold_for
 from controller.detectors.slip import SlipDetector, SlipPaperDetector, SlipPaperSettings, SlipSettings
 from controller.reports.slip_scores import VERDICTS
 from drivers.core.messages import Floats
@@ -39,6 +38,9 @@ ARM_N = 0.5
 HOURS, QUICK_HOURS = 6.0, 1.0 / 3.0
 """Hours of recordings for each threshold: six expected alarms, known to within a factor of two and a half (Poisson,
 95 %)."""
+
+SETTLE_S = 5.0
+"""Omitted at a recording's beginning, while a detector learns."""
 
 SEED = 77
 PIECE_S = 600.0
@@ -117,24 +119,6 @@ def recording(sensor: Sensor, number: int, bumps_hz: float) -> Floats:
     return np.concatenate(parts)
 
 
-RESETS_FROM_S = 2.5
-"""Where in a recording the detector is first reset; from there every `SETTLE_S`. The arm turns round every ten
-seconds: never where the pieces meet, in every other one of them."""
-
-
-def first_maxima(detector: Statistic, values: Floats, rate_hz: float) -> Floats:
-    """A detector that is reset repeatedly within a recording: the largest value of its statistic in each
-    second from `ARMED_S` to `SETTLE_S`, shape (resets, seconds)."""
-    armed, size = round(ARMED_S * rate_hz), round(SETTLE_S * rate_hz)
-    begins = range(round(RESETS_FROM_S * rate_hz), len(values) - size + 1, size)
-    return np.array(
-        [
-            span_maxima(detector.statistic(values[begin : begin + size], rate_hz)[armed:], rate_hz)
-            for begin in begins
-        ]
-    )
-
-
 def detectors(sensor: Sensor, bumps_hz: float) -> dict[str, Statistic]:
     """Detectors whose thresholds a profile takes from here."""
     block_s = 0.16 if sensor == "dsa" else 0.064
@@ -145,44 +129,28 @@ def detectors(sensor: Sensor, bumps_hz: float) -> dict[str, Statistic]:
     return {name: both[name] for name in both if (sensor, bumps_hz, name) in CARRIED.values()}
 
 
-def maxima_of(sensor: Sensor, bumps_hz: float, number: int) -> dict[str, tuple[Floats, Floats]]:
-    """Each detector's maxima on a recording: second by second once it has settled, and those in its first seconds after
-    a reset."""
+def maxima_of(sensor: Sensor, bumps_hz: float, number: int) -> dict[str, Floats]:
+    """Each detector's maxima on a recording, second by second once it has settled."""
     values, rate_hz = recording(sensor, number, bumps_hz), RATES_HZ[sensor]
     settled = round(SETTLE_S * rate_hz)
     return {
-        name: (
-            span_maxima(judge.statistic(values, rate_hz)[settled:], rate_hz),
-            first_maxima(judge, values, rate_hz),
-        )
+        name: span_maxima(judge.statistic(values, rate_hz)[settled:], rate_hz)
         for name, judge in detectors(sensor, bumps_hz).items()
     }
 
 
-def after_resets(first: Floats, threshold: float) -> dict[str, Any]:
-    """By what `first_maxima` found: false alarms in each second at the threshold of a settled detector, and of a reset
-    until it has settled, with their 95 % interval (Poisson); and the threshold for the same rate in these seconds."""
-    counts, resets = [int(count) for count in np.sum(first > threshold, axis=0)], len(first)
-    low, high = poisson_interval(sum(counts))
-    each = {"per_reset": sum(counts) / resets, "per_reset_low": low / resets, "per_reset_high": high / resets}
-    fresh = threshold_for(first.ravel(), VERDICTS["false_alarm_interval_s"]).threshold
-    return {"resets": resets, "alarms": counts, **each, "fresh_threshold": fresh}
-
-
-def figures(sensor: Sensor, bumps_hz: float, pieces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def figures(sensor: Sensor, bumps_hz: float, pieces: Sequence[Mapping[str, Floats]]) -> list[dict[str, Any]]:
     """Both detectors on the recordings of a sensor, for the JSON file."""
     rows = []
     for name in pieces[0]:
-        settled, first = (
-            np.concatenate(parts) for parts in zip(*(each[name] for each in pieces), strict=True)
+        found = threshold_for(
+            np.concatenate([each[name] for each in pieces]), VERDICTS["false_alarm_interval_s"]
         )
-        found = threshold_for(settled, VERDICTS["false_alarm_interval_s"])
         row: dict[str, Any] = {"sensor": sensor, "bumps_hz": bumps_hz, "detector": name}
         row["carried_by"] = [key for key, what in CARRIED.items() if what == (sensor, bumps_hz, name)]
         row |= {"threshold": found.threshold, "threshold_low": found.low}
         row |= {"threshold_high": found.high if np.isfinite(found.high) else None}
-        row |= {"extrapolated": found.extrapolated, "recording_s": found.recording_s}
-        rows.append(row | after_resets(first, found.threshold))
+        rows.append(row | {"extrapolated": found.extrapolated, "recording_s": found.recording_s})
     return rows
 
 
