@@ -15,14 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks import pretouch, slip
-from benchmarks.contact_steps import BAND_HZ, MOTOR_S, TRACKERS, steps
-from benchmarks.contact_steps import RATE_HZ as BEAM_HZ
+from benchmarks.beam import BAND_HZ, MOTOR_S, TRACKERS, steps
+from benchmarks.beam import RATE_HZ as BEAM_HZ
 from benchmarks.pretouch_rooms import commanded
 from benchmarks.recordings import (
     ARM_HZ,
     BIOTAC_HZ,
-    MOVES_S,
-    RESTS_S,
     TRIBOMETER_HZ,
     drags,
     load,
@@ -159,20 +157,6 @@ def on_arm(judge: Rival) -> Groups:
     return groups
 
 
-def on_tribometer(judge: Rival) -> Groups:
-    """One slip of a finger, in the vibration channel: its rest in the air in two halves, the slip with each."""
-    stored = load("tribometer")
-    if stored is None:
-        return {}
-    found = judge(stored["run"][:, 2], TRIBOMETER_HZ)
-    begin, end = (round(t_s * TRIBOMETER_HZ) for t_s in RESTS_S)
-    middle, moves = (begin + end) // 2, MOVES_S * TRIBOMETER_HZ
-    return {
-        "first": [Heard(found[begin:middle], TRIBOMETER_HZ, [around(found, TRIBOMETER_HZ, moves)])],
-        "second": [Heard(found[middle:end], TRIBOMETER_HZ, [])],
-    }
-
-
 def on_beam(tracker: Callable[[Floats], Floats]) -> Groups:
     """Steps of a beam's support by run; quiet is each rest after its first 0.6 s."""
     groups: dict[str, list[Heard]] = {}
@@ -283,45 +267,11 @@ def on_sonic(count: int) -> dict[str, list[dict[str, Any]]]:
     return curves
 
 
-SPLITS, ASKED_S = 400, (5.0, 10.0, 20.0)
-
-
-def on_splits(judge: Rival) -> Iterator[dict[str, Any]]:
-    """False alarms that thresholds of `calibrate` give on the other half of the drags' quiet, halves of whole files
-    drawn at random: the ratio to what was asked (5, 50, 95 % of splits), the share within a factor of two, and in how
-    many the ends of the threshold's interval enclose what was asked, by the other half's own count."""
-    files = []
-    for drag in (drag for half in ("choosing", "judging") for drag in drags(half)):
-        whole = splice(drag)
-        files.append(span_maxima(judge(whole.values[: whole.onset], BIOTAC_HZ), BIOTAC_HZ))
-    for interval_s in ASKED_S if files else ():
-        rng, ratios, held = np.random.default_rng(0), [], 0
-        for _ in range(SPLITS):
-            order = rng.permutation(len(files))
-            one, other = (
-                np.concatenate([files[i] for i in half]) for half in np.split(order, [len(order) // 2])
-            )
-            found, expected = threshold_for(one, interval_s), len(other) * SPAN_S / interval_s
-            above = [int(np.sum(other > end)) for end in (found.low, found.threshold, found.high)]
-            ratios.append(above[1] / expected)
-            held += above[0] >= expected >= above[2]
-        within = int(np.sum((np.array(ratios) >= 0.5) & (np.array(ratios) <= 2.0)))
-        yield {
-            "interval_s": interval_s,
-            "files": len(files),
-            "splits": SPLITS,
-            "ratio": np.quantile(ratios, (0.05, 0.5, 0.95)).tolist(),
-            "within_twice": within / SPLITS,
-            "interval_holds": held / SPLITS,
-        }
-
-
 RECORDED: Mapping[str, tuple[Callable[[], Mapping[str, Any]], Callable[[Any], Groups]]] = {
     "BioTac, drags of the judging half, a material left out": (slip.judges, on_biotac),
-    "tribometer, vibration, one slip": (slip.judges, on_tribometer),
     "blows to a force sensor, a run left out": (knock_judges, on_blows),
     "an arm's impacts, a run left out": (knock_judges, on_arm),
-    "beam, steps up or down, a run left out": (lambda: TRACKERS["either"], on_beam),
+    "beam, steps up or down, a run left out": (lambda: TRACKERS, on_beam),
 }
 
 
@@ -347,5 +297,4 @@ def main(quick: bool = False) -> None:
             add(f"simulated {sensor}, {nuisance}", kept(f"curves_{sensor}_{nuisance}_{count}", part))
     some = 20 if quick else 400
     add("simulated sonic finger, passages", kept(f"curves_sonic_{some}", partial(on_sonic, some // 2)))
-    asked = [{"detector": name, **row} for name, judge in slip.judges().items() for row in on_splits(judge)]
-    save("curves", {"within_s": DELAY_S, "band_hz": BAND_HZ, "rows": rows, "asked": asked}, quick=quick)
+    save("curves", {"within_s": DELAY_S, "band_hz": BAND_HZ, "rows": rows}, quick=quick)

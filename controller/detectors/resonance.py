@@ -49,7 +49,7 @@ DOUBT = 3
 NOISE_S, LOUDER = 0.15, 1.5
 """Memory of the noise that is followed, s: where it is so many times as loud as the baseline's, more than a quiet
 stretch is by chance, deviations are over it. The last two periods are left out, a contact's own. Chosen on 60
-approaches with louder noise (benchmarks/contact_steps)."""
+approaches with louder noise (benchmarks/contact)."""
 
 MAINS_HZ, HUM, LINE_HZ = (50.0, 60.0), 0.1, 1.0
 """Lines of the mains; a baseline with one beyond this share of the oscillation is refused, for a hum beats with the
@@ -227,11 +227,10 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
 
     # the baseline
 
-    def _learn(self, times_s: Floats, x: Floats, rate_hz: float, mistuned: float = 1.0) -> Detected:
+    def _learn(self, times_s: Floats, x: Floats, rate_hz: float) -> Detected:
         """Learn free frequency, and mean and covariance of the residuals."""
         t_s, settings = float(times_s[-1]), self.settings
-        peak_hz = _frequency(x - x.mean(), rate_hz, 0.5 * settings.free_hz_from, 1.5 * settings.free_hz_to)
-        free_hz = mistuned * peak_hz
+        free_hz = _frequency(x - x.mean(), rate_hz, 0.5 * settings.free_hz_from, 1.5 * settings.free_hz_to)
         found, reason = np.empty((0, 3)), ""
         if not settings.free_hz_from <= free_hz <= settings.free_hz_to:
             reason = (
@@ -240,7 +239,7 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
             )
         elif HOPS * free_hz > rate_hz:
             reason = f"{rate_hz:g} samples a second are too few for {free_hz:.3g} Hz"
-        elif hum := _hum(x - x.mean(), rate_hz, peak_hz):
+        elif hum := _hum(x - x.mean(), rate_hz, free_hz):
             reason = hum
         else:
             periods = len(x) / rate_hz * free_hz
@@ -306,15 +305,12 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
 
     # contact
 
-    def deviations(
-        self, times_s: Floats, x: Floats, mistuned: float = 1.0
-    ) -> tuple[Floats, Mapping[str, Floats]]:
+    def deviations(self, times_s: Floats, x: Floats) -> tuple[Floats, Mapping[str, Floats]]:
         """The statistics of a recording whose first `baseline_s` are without contact.
 
         Args:
             times_s: At a fixed rate, shape (n,).
             x: The waveform, finite, shape (n,).
-            mistuned: Factor on the mixing frequency, for studies.
 
         Returns:
             Times, and the deviations for each value of `senses`; empty where the baseline is refused.
@@ -322,7 +318,7 @@ class ResonanceDetector(OnStream[ResonanceSettings]):
         twin = ResonanceDetector(self.name, self.settings)
         rate_hz = (len(x) - 1) / float(times_s[-1] - times_s[0])
         wanted = round(self.settings.baseline_s * rate_hz)
-        twin._learn(times_s[:wanted], x[:wanted], rate_hz, mistuned)
+        twin._learn(times_s[:wanted], x[:wanted], rate_hz)
         if twin._refused or twin._envelope is None:
             return np.empty(0), dict.fromkeys(DIRECTIONS, np.empty(0))
         follows = np.column_stack(twin._envelope.push(times_s[wanted:], x[wanted:] - twin._mean))
