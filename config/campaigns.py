@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from controller.campaign import CampaignPlan, Outcome
     from controller.console import Console, ConsoleOperator
     from controller.recording.joining import ResumedRun
-    from controller.recording.mcap_file import Mirror
     from controller.recording.run_folder import RunFolder
     from controller.rig import Rig
+    from controller.watching.foxglove import FoxgloveStream
 
 RECONNECT_S = 5.0
 """How long a real bench is left alone before its devices are opened anew. Assumption: a USB port is there again."""
@@ -55,7 +55,7 @@ def on_bench(
     console: Console,
     out: Path,
     resumed: ResumedRun | None,
-    mirror: Mirror | None = None,
+    mirror: FoxgloveStream | None = None,
 ) -> Outcome:
     """Run a campaign in this process, as the one program that has these devices: `stop` finds it.
 

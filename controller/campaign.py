@@ -39,9 +39,9 @@ from drivers.core.messages import DeviceInfo, StreamInfo
 
 if TYPE_CHECKING:
     from controller.recording.joining import ResumedRun
-    from controller.recording.mcap_file import Mirror
     from controller.recording.recorder import Recorder
     from controller.watching.between import Between
+    from controller.watching.foxglove import FoxgloveStream
 
 EXIT_DONE, EXIT_FAILED, EXIT_USAGE, EXIT_DEVICE, EXIT_GUARD, EXIT_INTERRUPTED = 0, 1, 2, 3, 4, 130
 """Exit codes of a run."""
@@ -155,7 +155,7 @@ class Campaign:
         console: Console,
         runs: Path,
         resumed: ResumedRun | None = None,
-        mirror: Mirror | None = None,
+        mirror: FoxgloveStream | None = None,
     ) -> None:
         self._mirror = mirror
         self._plan = plan

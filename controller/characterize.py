@@ -12,6 +12,7 @@ from markupsafe import Markup
 from behaviors.events import Onset
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
 from controller.detectors.onset import OnsetDetector, OnsetSettings
+from controller.recording.run_folder import plain
 from controller.replay import ALIKE, at_rail, between
 from controller.reports.counts import median_within, wilson
 from controller.reports.figures import FALSE, GOOD, OURS, RIVAL, Figures
@@ -74,19 +75,9 @@ Row = dict[str, Any]
 
 def row(quantity: str, value: float, unit: str, how: str, **more: Any) -> Row:
     """A row of a certificate; what is no finite number is None."""
-    found = {
-        "quantity": quantity,
-        "value": value,
-        "unit": unit,
-        "low": None,
-        "high": None,
-        "n": None,
-        "how": how,
-    }
-    return {
-        key: None if isinstance(each, float) and not math.isfinite(each) else each
-        for key, each in (found | more).items()
-    }
+    known = {"quantity": quantity, "value": value, "unit": unit, "low": None, "high": None, "n": None}
+    found: Row = plain(known | {"how": how} | more)
+    return found
 
 
 class _Sensor:

@@ -48,8 +48,8 @@ def write_lerobot(run: Run, out: Path) -> list[Path]:
     widths = {name: one.values.shape[1] for streams in trials.values() for name, one in streams.items()}
     if not widths:
         raise RunFolderError(f"{run.folder.path}: no samples were recorded")
-    rates_hz = [_rate_hz(one) for streams in trials.values() for one in streams.values()]
-    fps = max(1, math.ceil(max(rates_hz) * (1.0 - ROUNDING)))
+    rates_hz = [one.rate_hz for streams in trials.values() for one in streams.values()]
+    fps = max(1, math.ceil(np.nan_to_num(rates_hz).max() * (1.0 - ROUNDING)))
     places = [{"chunk_index": number // FILES, "file_index": number % FILES} for number in range(len(trials))]
     own = [out / "data" / _file(**place) for place in places]
     if others := sorted(set(out.glob("data/*/*.parquet")) - set(own)):
@@ -125,14 +125,9 @@ def _streams(run: Run, trial: int) -> Mapping[str, Series]:
     return {name: one for name in recording.streams if len(one := recording.stream(name))}
 
 
-def _rate_hz(one: Series) -> float:
-    """Of the samples where they are regular; of a single one, one a second."""
-    return 1.0 / float(np.median(np.diff(one.times_s))) if len(one) > 1 else 1.0
-
-
 def _frames(streams: Mapping[str, Series], widths: Mapping[str, int], fps: int) -> dict[str, NDArray[Any]]:
     """The columns of an episode; frames fall on the fastest stream's samples."""
-    fastest = max(streams.values(), key=_rate_hz)
+    fastest = max(streams.values(), key=lambda one: np.nan_to_num(one.rate_hz))
     begin_s = min(float(one.times_s[0]) for one in streams.values())
     end_s = max(float(one.times_s[-1]) for one in streams.values())
     before = np.ceil(round((float(fastest.times_s[0]) - begin_s) * fps, 3))

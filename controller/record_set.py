@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,8 +41,17 @@ BENCHES = {
     "hardware": "measured on a real bench",
 }
 
-Label = dict[str, Any]
-"""`trial`, `what`, `stream`, `begin_s`, `end_s` (NaN where it is an instant), `sigma_s`, `source`."""
+
+class Label(NamedTuple):
+    """What happened in a trial; it ends with NaN where it is an instant."""
+
+    trial: int
+    what: str
+    stream: str
+    begin_s: float
+    end_s: float
+    sigma_s: float
+    source: str
 
 
 def write_set(run: Run, into: Path, *, licence: str, name: str, by: str) -> list[Path]:
@@ -70,7 +79,7 @@ def write_set(run: Run, into: Path, *, licence: str, name: str, by: str) -> list
     try:
         labels = into / "labels.parquet"
         rows = [label for trial in run.recorded_trials for label in labels_of(run, trial)]
-        pd.DataFrame(rows, columns=list(LABEL)).to_parquet(labels, index=False)
+        pd.DataFrame(rows, columns=Label._fields).to_parquet(labels, index=False)
         paths.append(labels)
         about = into / "dataset.json"
         text = json.dumps(described(run, paths, licence=licence, name=name, by=by), indent=1)
@@ -123,13 +132,6 @@ def _rate_hz(series: Series) -> float | None:
     return round(1.0 / step_s, 3) if np.quantile(np.abs(steps - step_s), 0.9) < 0.1 * step_s else None
 
 
-LABEL = ("trial", "what", "stream", "begin_s", "end_s", "sigma_s", "source")
-
-
-def _label(*cells: Any) -> Label:
-    return dict(zip(LABEL, cells, strict=True))
-
-
 def labels_of(run: Run, trial: int) -> Iterator[Label]:
     """What happened in a trial, by the truth of a simulation, encoders, and each sensor's own first sign of the touch,
     by which clocks can be compared."""
@@ -137,19 +139,19 @@ def labels_of(run: Run, trial: int) -> Iterator[Label]:
     found: Mapping[str, Any] = next((row for row in run.trials if row["trial"] == trial), {})
     touch_s = next((float(found[key]) for key in TOUCH if found.get(key) is not None), math.nan)
     if math.isfinite(touch_s):
-        yield _label(trial, "touch", "", touch_s, math.nan, 0.0, TRUTH)
+        yield Label(trial, "touch", "", touch_s, math.nan, 0.0, TRUTH)
     if found.get("slip_s") is not None:
         source = COMMAND if found.get("reference") == "command" else TRUTH
         begin_s, end_s = (
             math.nan if found.get(key) is None else float(found[key]) for key in ("slip_s", "slip_end_s")
         )
-        yield _label(trial, "slip", "", begin_s, end_s, 0.0, source)
+        yield Label(trial, "slip", "", begin_s, end_s, 0.0, source)
     for stream in recording.streams:
         series = recording.stream(stream)
         if series.unit == "m":
             for begin_s, end_s in moves(series):
                 step_s = float(np.median(np.diff(series.times_s)))
-                yield _label(trial, "moves", stream, begin_s, end_s, step_s, ENCODER)
+                yield Label(trial, "moves", stream, begin_s, end_s, step_s, ENCODER)
         elif not stream.startswith("detector."):
             yield from _taps(recording, trial, stream, touch_s)
 
@@ -185,4 +187,4 @@ def _taps(recording: TrialRecording, trial: int, stream: str, touch_s: float) ->
     near = [event for event in shown if not math.isfinite(touch_s) or abs(event.began_s - touch_s) < 0.5]
     if near:
         first = min(near, key=lambda event: event.began_s)
-        yield _label(trial, "tap", stream, first.began_s, math.nan, first.sigma_s, SENSOR)
+        yield Label(trial, "tap", stream, first.began_s, math.nan, first.sigma_s, SENSOR)

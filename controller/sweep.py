@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from controller.recording.run_folder import plain
 from controller.recording.tables import ReplayError, read_columns
 from controller.signals.transducer import Kind, Sweep, analyse
 from drivers.core.messages import Floats
@@ -26,11 +27,14 @@ class Measured(NamedTuple):
         frequencies_hz: Shape (n,).
         response: Shape (n,).
         kind: Of the response.
+        figures: What it shows.
+        note: What was read.
     """
 
     frequencies_hz: Floats
     response: Floats
     kind: Kind
+    figures: Sweep
     note: str
 
 
@@ -43,7 +47,7 @@ def read_sweep(path: Path, column: str | None, span_hz: tuple[float, float] | No
         span_hz: Frequencies that count; None is all of them.
 
     Raises:
-        ReplayError: no such table, or nothing within the span.
+        ReplayError: no such table, nothing within the span, or too little for any figures.
     """
     chosen = read_columns(path, column, count=2)
     if chosen.values.shape[1] != 2:
@@ -60,31 +64,21 @@ def read_sweep(path: Path, column: str | None, span_hz: tuple[float, float] | No
     assumed = "" if named else f"; taken for {'kHz' if scale > 1.0 else 'Hz'}, as no name has a unit"
     first, last = 1e-3 * frequencies_hz[0], 1e-3 * frequencies_hz[-1]
     note = f"{path.name}: {len(response)} points, {first:g} to {last:g} kHz, {kind}{assumed}"
-    return Measured(frequencies_hz, response, kind, note)
-
-
-def analysed(path: Path, measured: Measured) -> Sweep:
-    """The sweep's figures.
-
-    Raises:
-        ReplayError: it has none.
-    """
     try:
-        return analyse(measured.frequencies_hz, measured.response, measured.kind)
+        return Measured(frequencies_hz, response, kind, analyse(frequencies_hz, response, kind), note)
     except ValueError as error:
         raise ReplayError(f"{path}: {error}") from None
 
 
 def sweep_line(sweep: Sweep) -> Mapping[str, Any]:
     """The figures as one JSON object; None where the sweep does not hold them."""
-    plain = {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in sweep._asdict().items()
-    }
-    return plain | {"resonances": [one._asdict() for one in sweep.resonances]}
+    found: dict[str, Any] = plain(
+        sweep._asdict() | {"resonances": [each._asdict() for each in sweep.resonances]}
+    )
+    return found
 
 
-def draw_sweep(path: Path, measured: Measured, sweep: Sweep) -> None:
+def draw_sweep(path: Path, measured: Measured) -> None:
     """Draw points, the believed model, the peak and the band within 6 dB.
 
     Raises:
@@ -94,6 +88,7 @@ def draw_sweep(path: Path, measured: Measured, sweep: Sweep) -> None:
     from controller.reports.figures import FAINT, INK, OURS, Figures
     from controller.signals.transducer import believed
 
+    sweep = measured.figures
     with Figures(path.parent).figure(2.8) as drawing:
         axes = drawing.axes[0]
         dense_hz = np.linspace(measured.frequencies_hz[0], measured.frequencies_hz[-1], 1000)

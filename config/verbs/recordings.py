@@ -118,14 +118,13 @@ def sweep(
       run.py sweep pair.csv --plot pair.png
       run.py sweep piezo.txt --conductance --span 222000:227000
     """
-    from controller.sweep import analysed, draw_sweep, read_sweep, sweep_line
+    from controller.sweep import draw_sweep, read_sweep, sweep_line
 
     measured = read_sweep(table, column, span, "conductance" if conductance else "amplitude")
-    found = analysed(table, measured)
     verbs.complain(measured.note)
-    click.echo(json.dumps(sweep_line(found)))
+    click.echo(json.dumps(sweep_line(measured.figures)))
     if plot is not None:
-        draw_sweep(plot, measured, found)
+        draw_sweep(plot, measured)
 
 
 VERBS = (replay, calibrate, sweep)

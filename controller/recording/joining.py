@@ -21,7 +21,7 @@ class EndedTrial(NamedTuple):
     outcome: str
     row: str
     cells: Mapping[str, Cell]
-    events: Sequence[bytes]
+    events: Sequence[str]
     recorded: RecordedTrial
     topics: Mapping[int, Topic]
 
@@ -45,8 +45,8 @@ class EndedRun:
         try:
             header, *lines = folder.trials_path.read_text("utf-8").splitlines(keepends=True)
             rows, cut = read_rows(folder.trials_path)
-            events: dict[int, list[bytes]] = {}
-            for event in folder.events_path.read_bytes().splitlines(keepends=True):
+            events: dict[int, list[str]] = {}
+            for event in folder.events_path.read_text("utf-8").splitlines(keepends=True):
                 events.setdefault(json.loads(event)["trial"], []).append(event)
             index = RecordingIndex(folder.recordings)
             known = {path: topics(path) for path in {trial.path for trial in index.trials.values()}}

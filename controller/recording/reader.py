@@ -305,10 +305,6 @@ class RecordingIndex:
             elif isinstance(record, Metadata):
                 noted = record.metadata
                 if record.name == TRIAL:
-                    if "base_ns" not in noted:
-                        raise ValueError(
-                            "written before the first release; read it with the commit of its manifest"
-                        )
                     factors = dict(json.loads(noted["factors"]))
                     present = RecordedTrial(path, factors, int(noted["base_ns"]))
                     self.trials[int(noted["trial"])] = present  # run again: in place of its first attempt

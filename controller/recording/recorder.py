@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,17 +13,17 @@ from behaviors.events import BaselineRefused, ContactLost, Event, GuardStopped
 from controller.detectors.protocol import Quantity
 from controller.limits import GuardSettings
 from controller.recording.disk import DiskThread
-from controller.recording.mcap_file import Mirror
 from controller.recording.run_folder import RecordingError, RunFolder
 from controller.recording.series import BIN_S, DETECTOR, TrialRecording, bins_of, extremes_of_each
 from controller.recording.stream_writer import StreamWriter
-from controller.recording.trial_rows import EventLog, TrialRows
+from controller.recording.trial_rows import Lines, TrialRows, event_line
 from controller.scales import as_text
 from drivers.core.clock import rest
 from drivers.core.messages import Command, Failed, Floats, Lost, Refused, SampleBlock, Stalled, StreamInfo
 
 if TYPE_CHECKING:
     from controller.recording.joining import EndedTrial
+    from controller.watching.foxglove import FoxgloveStream
 
 
 _ERRORS = (GuardStopped, Failed, Stalled)
@@ -61,7 +61,7 @@ class Recorder:
         factors: Sequence[str],
         measures: Sequence[str],
         patient: bool = False,
-        mirror: Mirror | None = None,
+        mirror: FoxgloveStream | None = None,
         busy_s: Callable[[], float] = float,
     ) -> None:
         self.folder = folder
@@ -70,13 +70,8 @@ class Recorder:
         self._readings: dict[str, list[Floats]] = {}
         self._quantities: Mapping[str, Quantity] = {}
         self._taken: list[str] = []
-        self._rows = TrialRows(folder.trials_path, factors, measures)
+        self._rows, self._events = TrialRows(folder.trials_path, factors, measures), Lines(folder.events_path)
         self._streams = StreamWriter(folder.new_recording(), wall_start, streams, mirror)
-        try:
-            self._events = EventLog(folder.events_path)
-        except RecordingError:
-            self._streams.abandon()
-            raise
         self._busy_s = busy_s
         self._disk = DiskThread((self._streams, self._events, self._rows), patient=patient)
 
@@ -166,7 +161,7 @@ class Recorder:
         self._now_s = max(self._now_s, event.t_s)
         if self._disk.room():
             what = event, state, next_state or state, tuple(commands)
-            self._disk.post(self._events, self._events.add, self.trial.trial, *what)
+            self._disk.post(self._events, self._note_event, self.trial.trial, *what)
             self._disk.post(self._streams, self._log_event, *what)
 
     def end_trial(self, outcome: str, measures: Mapping[str, object], length_s: float = 0.0) -> None:
@@ -200,7 +195,7 @@ class Recorder:
             post(streams, streams.copy, recorded.path, chunk, trial.topics, recorded.base_ns)
         post(streams, streams.end_trial, recorded.length_s, self._rows.cells(trial.row))
         for line in trial.events:
-            post(self._events, self._events.add_line, line)
+            post(self._events, self._events.add, line)
         self._taken.append(trial.row)
         self._offset_s += recorded.length_s or 0.0
 
@@ -239,6 +234,9 @@ class Recorder:
         self._disk.post(self._streams, self._streams.log, t_s, "trial", text, "INFO")
 
     # --- on the thread ---------------------------------------------------------------------------
+
+    def _note_event(self, *what: Any) -> None:
+        self._events.add(event_line(*what))
 
     def _log_event(self, event: Event, state: str, next_state: str, commands: Sequence[Command]) -> None:
         """An event as a line of the log panel."""

@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
+from numbers import Integral, Real
 from pathlib import Path
 from typing import IO, Any
 
@@ -36,25 +37,12 @@ class RunFolderError(ValueError):
     """The folder is no run, or cannot be read as one."""
 
 
-_ADVICE = {
-    errno.ENOSPC: "make room on that disk, or choose another with --out",
-    errno.EDQUOT: "make room in your quota, or choose another disk with --out",
-    errno.EFBIG: "lift the limit on the size of files, or choose another disk with --out",
-    errno.EROFS: "that file system may only be read; choose another with --out",
-    errno.EACCES: "choose a folder that may be written, with --out",
-    errno.EPERM: "choose a folder that may be written, with --out",
-    errno.ENAMETOOLONG: "choose a folder with a shorter path, with --out",
-    errno.EEXIST: "move away what stands there, or choose another folder with --out",
-    errno.ENOTDIR: "move away the file that stands in the way, or choose another folder with --out",
-    errno.EISDIR: "move away the folder that stands in the way, or choose another with --out",
-    errno.EMFILE: "allow more open files (ulimit -n)",
-    errno.EIO: "is that disk sound? choose another with --out",
-    None: "is that disk still there? choose another with --out",
+_FIRST: Mapping[int | None, str] = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room on that disk, or "),
+    **dict.fromkeys((errno.EEXIST, errno.ENOTDIR, errno.EISDIR), "move away what stands there, or "),
+    errno.EMFILE: "allow more open files (ulimit -n), or ",
 }
-"""What to do about an error of the file system, by its number."""
-
-_IN_PLACE = "copy the run folder to one that may be written, and give that one"
-"""What to do where nothing but the run's own folder will do."""
+"""What to do first about an error of the file system, by its number."""
 
 
 class RecordingError(OSError):
@@ -69,12 +57,8 @@ class RecordingError(OSError):
         self._given = path, doing, cause, option
         if isinstance(cause, OSError):
             number, reason = cause.errno, cause.strerror or str(cause)
-            advice = _ADVICE.get(number, _ADVICE[None])
-            if option:
-                advice = advice.replace("--out", option)
-            elif "--out" in advice:
-                advice, elsewhere, _ = advice.partition(", or choose")
-                advice = advice if elsewhere else _IN_PLACE
+            in_place = "copy the run folder to one that may be written, and give that one"
+            advice = _FIRST.get(number, "") + (f"choose another folder with {option}" if option else in_place)
         else:
             number, reason = None, f"{type(cause).__name__} ({cause})"
             advice = "run again with --debug"
@@ -146,14 +130,10 @@ class RunFolder:
         stamp = started_utc.strftime("%Y-%m-%dT%H-%M-%SZ")
         name = f"{stamp}_{_folder_part(profile)}_{secrets.token_hex(2)}"
         try:
-            root.mkdir(parents=True, exist_ok=True)
-            (root / name).mkdir()
-        except FileExistsError:
+            (root / name).mkdir(parents=True)
+        except OSError as error:
             if (root / name).is_dir():  # the same second and the same four digits
                 return cls.create(root, profile, started_utc)
-            in_the_way = NotADirectoryError(errno.ENOTDIR, "a file is in the way")
-            raise RecordingError(root, "making", in_the_way) from None
-        except OSError as error:
             raise RecordingError(root / name, "making", error) from error
         return cls(root / name)
 
@@ -197,7 +177,7 @@ class RunFolder:
         Raises:
             RecordingError: it cannot be written.
         """
-        text = json.dumps(_plain({"format": FORMAT, **manifest}), indent=2, allow_nan=False)
+        text = json.dumps(plain({"format": FORMAT, **manifest}), indent=2, allow_nan=False)
         try:
             replace_file(self.manifest_path, f"{text}\n".encode())
         except OSError as error:
@@ -263,17 +243,20 @@ def replace_file(path: Path, data: bytes) -> None:
             temporary.unlink(missing_ok=True)
 
 
-def _plain(value: object) -> Any:
+def plain(value: Any) -> Any:
     """A value as JSON knows it: what is not finite becomes null, what is of no JSON type its text."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, set | frozenset):
-        return sorted(_plain(item) for item in value)
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, str | bool | int) else str(value)
+        return sorted(plain(item) for item in value)
+    if value is None or isinstance(value, str | int):
+        return value
+    if isinstance(value, Real):  # of NumPy's as well
+        number = int(value) if isinstance(value, Integral) else float(value)
+        return number if math.isfinite(number) else None
+    return str(value)
 
 
 def _folder_part(profile: str) -> str:

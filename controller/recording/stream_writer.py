@@ -1,15 +1,18 @@
 """Turns what the loop saw into `recording.mcap`, on the recorder's thread."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.limits import GuardSettings, shown_limits
-from controller.recording.mcap_file import ChunkPlace, McapWriter, Mirror, Topic, messages
+from controller.recording.mcap_file import ChunkPlace, McapWriter, Topic, messages
 from controller.recording.run_folder import RecordingError
 from controller.recording.schemas import (
     EVENTS,
@@ -28,6 +31,9 @@ from controller.recording.schemas import (
 )
 from controller.recording.series import DETECTOR, PLOT_S, bins_of, extremes_of_each
 from drivers.core.messages import Floats, Ints, SampleBlock, StreamInfo
+
+if TYPE_CHECKING:
+    from controller.watching.foxglove import FoxgloveStream
 
 
 class StreamWriter:
@@ -48,7 +54,7 @@ class StreamWriter:
         path: Path,
         wall_start: datetime,
         streams: Mapping[str, StreamInfo],
-        mirror: Mirror | None = None,
+        mirror: FoxgloveStream | None = None,
     ) -> None:
         self.path = path
         self._start_ns = self._base_ns = round(wall_start.timestamp() * 1e6) * 1000  # exact to datetime's us

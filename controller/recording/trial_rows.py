@@ -8,12 +8,11 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 
-import numpy as np
-
 from behaviors.events import Event
-from controller.recording.run_folder import RecordingError
+from controller.recording.run_folder import RecordingError, plain
 from drivers.core.messages import Command
 
 Cell = str | int | float | bool | None
@@ -26,8 +25,50 @@ _NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?(e[+-]\d\d+)?")
 """Numbers as `format_cell` writes them: a label such as `007` or `1e5` is text."""
 
 
-class TrialRows:
-    """Appends rows with fixed columns: `trial`, `outcome`, the factors, the measures; implements `disk.DiskFile`.
+class Lines:
+    """A file to which whole lines are appended; implements `disk.DiskFile`.
+
+    Args:
+        path: The file; made where absent.
+        durable: Whether each commit sees its lines on the disk.
+
+    Raises:
+        RecordingError: it cannot be made.
+    """
+
+    def __init__(self, path: Path, *, durable: bool = False) -> None:
+        self.path = path
+        self._durable = durable
+        self._lines = ""
+        try:
+            path.open("ab").close()
+        except OSError as error:
+            raise RecordingError(path, "making", error) from error
+
+    def add(self, line: str) -> None:
+        """Take a whole line for the next commit."""
+        self._lines += line
+
+    def commit(self, sync: bool = True) -> None:
+        """Hand the lines to the kernel, and where they are to be durable to the disk; may raise `OSError`."""
+        lines, self._lines = self._lines, ""
+        if not lines:
+            return
+        data = lines.encode()
+        with self.path.open("ab", buffering=0) as file:
+            while data:  # an unbuffered write may take a part only
+                data = data[file.write(data) :]
+            if self._durable:
+                os.fsync(file.fileno())
+
+    def finish(self) -> None:
+        """Nothing is open between two commits."""
+
+    abandon = finish
+
+
+class TrialRows(Lines):
+    """Rows with fixed columns: `trial`, `outcome`, the factors, the measures.
 
     A row depends on its own trial alone; rows stand in the order in which trials ran.
 
@@ -40,21 +81,20 @@ class TrialRows:
     """
 
     def __init__(self, path: Path, factors: Sequence[str], measures: Sequence[str]) -> None:
-        self.path = path
-        self._lines = ""
+        super().__init__(path, durable=True)
         self.columns = ("trial", "outcome", *factors, *measures)
         header = _line(self.columns)
-        data = path.read_bytes() if path.exists() and path.stat().st_size else b""
-        if data:
-            if data.partition(b"\n")[0].decode() + "\n" != header:
-                raise ValueError(
-                    f"{path}: its columns are not those of this profile; write to another folder"
-                )
-            if not data.endswith(b"\n"):  # cut off
-                os.truncate(path, data.rfind(b"\n") + 1)
-        else:
+        data = path.read_bytes() if path.stat().st_size else b""
+        if not data:
             self.add(header)
-            self.commit()
+            try:
+                self.commit()
+            except OSError as error:
+                raise RecordingError(path, "making", error) from error
+        elif data.partition(b"\n")[0].decode() + "\n" != header:
+            raise ValueError(f"{path}: its columns are not those of this profile; write to another folder")
+        elif not data.endswith(b"\n"):  # cut off
+            os.truncate(path, data.rfind(b"\n") + 1)
 
     def line(self, row: Mapping[str, object]) -> str:
         """A row as it is appended.
@@ -70,29 +110,6 @@ class TrialRows:
     def cells(self, line: str) -> dict[str, str]:
         """A whole line's cells, by column."""
         return dict(zip(self.columns, next(csv.reader([line])), strict=True))
-
-    def add(self, line: str) -> None:
-        """Take a whole line for the next commit: what the row summarises is then written before it."""
-        self._lines += line
-
-    def commit(self, sync: bool = True) -> None:
-        """Write the lines and see them on the disk; may raise `RecordingError`."""
-        if not self._lines:
-            return
-        lines, self._lines = self._lines, ""
-        data = lines.encode()
-        try:
-            with self.path.open("ab", buffering=0) as file:
-                while data:  # an unbuffered write may take a part only
-                    data = data[file.write(data) :]
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise RecordingError(self.path, "appending to", error) from error
-
-    def finish(self) -> None:
-        """Nothing is open between two commits."""
-
-    abandon = finish
 
 
 def format_cell(value: object) -> str:
@@ -142,75 +159,31 @@ def _line(cells: Sequence[str]) -> str:
     return buffer.getvalue()
 
 
-class EventLog:
-    """Appends events; implements `disk.DiskFile`.
-
-    Args:
-        path: The file; made where absent.
-
-    Raises:
-        RecordingError: it cannot be made.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._lines = b""
-        try:
-            self._file = path.open("ab", buffering=0)
-        except OSError as error:
-            raise RecordingError(path, "making", error) from error
-
-    def add(
-        self, trial: int, event: Event, state: str, next_state: str, commands: Sequence[Command] = ()
-    ) -> None:
-        """Take an event for the next commit."""
-        name, details = describe_event(event)
-        line = {
-            "t_s": round(event.t_s, 9),
-            "trial": trial,
-            "event": name,
-            "state": state,
-            "next": next_state or state,
-            "commands": [describe_command(command) for command in commands],
-            **details,
-        }
-        self._lines += json.dumps(line, allow_nan=False).encode() + b"\n"
-
-    def add_line(self, line: bytes) -> None:
-        """Take an event's whole line as another log has it."""
-        self._lines += line
-
-    def commit(self, sync: bool) -> None:
-        """Hand the lines to the kernel."""
-        while self._lines:  # an unbuffered write may take a part only
-            self._lines = self._lines[self._file.write(self._lines) :]
-
-    def finish(self) -> None:
-        """Close."""
-        self._file.close()
-
-    abandon = finish
-
-
-def describe_event(event: Event) -> tuple[str, dict[str, object]]:
-    """An event's name and, as JSON knows them, its other fields than the time."""
-    names = [field.name for field in dataclasses.fields(event) if field.name != "t_s"]
-    return type(event).__name__, {name: _plain(getattr(event, name)) for name in names}
+def event_line(
+    trial: int, event: Event, state: str, next_state: str, commands: Sequence[Command] = ()
+) -> str:
+    """An event as a line of events.jsonl, with all its fields as JSON knows them."""
+    others = [field.name for field in dataclasses.fields(event) if field.name != "t_s"]
+    line = {
+        "t_s": round(event.t_s, 9),
+        "trial": trial,
+        "event": type(event).__name__,
+        "state": state,
+        "next": next_state or state,
+        "commands": [describe_command(command) for command in commands],
+        **{name: _told(getattr(event, name)) for name in others},
+    }
+    return json.dumps(line, allow_nan=False) + "\n"
 
 
 def describe_command(command: Command) -> str:
     """A command as one reads it: `MoveAt(stage, 0.003785, 0.012)`."""
-    values = (_plain(getattr(command, field.name)) for field in dataclasses.fields(command) if field.repr)
+    values = (_told(getattr(command, field.name)) for field in dataclasses.fields(command) if field.repr)
     texts = (f"{value:.6g}" if isinstance(value, float) else str(value) for value in values)
     return f"{type(command).__name__}({', '.join(texts)})"
 
 
-def _plain(value: object) -> object:
+def _told(value: object) -> object:
     if isinstance(value, Command):
         return describe_command(value)
-    if isinstance(value, float | np.floating):
-        number = float(value)
-        return number if math.isfinite(number) else None
-    if isinstance(value, np.integer):
-        return int(value)
-    return value if isinstance(value, str | int | bool) or value is None else str(value)
+    return plain(value) if isinstance(value, str | Real | None) else str(value)

@@ -10,7 +10,7 @@ PORT = 8765
 
 
 class FoxgloveStream:
-    """Publishes on loopback; implements `controller.recording.mcap_file.Mirror`.
+    """Publishes on loopback.
 
     The recorder's thread feeds it and never waits. A slow client loses the oldest messages (the SDK's own backlog).
 

@@ -472,7 +472,7 @@ def _small_recording() -> bytes:
     schema, info = schema_of("Block"), BOARD_STREAMS[0]
     writer = McapWriter(path)
     channel = writer.topic("/raw/board.load_cell", schema.name, schema.descriptors, {"stream": info.name})
-    writer.add_metadata("trial", {"trial": "1", "factors": "{}"})
+    writer.add_metadata("trial", {"trial": "1", "factors": "{}", "base_ns": "0"})
     for place in range(2):
         block = info.block(10 * place, 0.01 * place, np.arange(10, dtype=np.int32)[:, None])
         writer.add(channel, place, encode_block(schema, block), place)

@@ -104,7 +104,7 @@ def test_a_slip_without_a_reference_is_known_by_the_truth_and_all_trials_streams
     ]
     trials = {1: one, 2: other}
     run = SimpleNamespace(recorded_trials=[1, 2], trial=trials.__getitem__, trials=rows, manifest={})
-    sources = [label["source"] for trial in trials for label in labels_of(run, trial)]
+    sources = [label.source for trial in trials for label in labels_of(run, trial)]
     assert sources == ["truth of the simulation", "command"]
     about = described(run, [], licence="CC0", name="x", by="me")
     assert about["factors"] == {"speed_m_s": "m/s", "turn_rad": "rad"}

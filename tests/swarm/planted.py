@@ -39,7 +39,7 @@ class Planted(NamedTuple):
 
 LOOP, GUARD, ARRIVALS = "controller.loop:Loop", "controller.guard:Guard", "controller.arrivals:Arrivals"
 CAMPAIGN, BOUNDS = "controller.campaign:Campaign", "controller.limits:Bounds"
-RECORDER, ROWS = "controller.recording.recorder:Recorder", "controller.recording.trial_rows:TrialRows"
+RECORDER, LINES = "controller.recording.recorder:Recorder", "controller.recording.trial_rows:Lines"
 
 HANGS = '"hang"[^}]*(after = "APPROACH"[^}]*amount = (0.3|2.0)|amount = (0.3|2.0)[^}]*after = "APPROACH")'
 
@@ -123,7 +123,7 @@ DEFECTS = (
     Planted(f"{CAMPAIGN}._count", "counts[outcome] = counts.get(outcome, 0) + 1", "pass"),
     Planted(f"{CAMPAIGN}._trial", 'verdict = "aborted"', 'verdict = ""'),
     Planted(f"{RECORDER}.end_trial", "self._disk.post(self._rows, self._rows.add, line)", "len(line)"),
-    Planted(f"{ROWS}.commit", 'lines, self._lines = self._lines, ""', "lines = self._lines"),
+    Planted(f"{LINES}.commit", 'lines, self._lines = self._lines, ""', "lines = self._lines"),
     Planted("controller.recording.joining:broken_off", "if outcome not in UNMEASURED", "if outcome"),
     Planted("controller.recording.joining:clear", "if len(whole) < len(rows):", "if False:"),
     Planted(

@@ -21,7 +21,7 @@ from controller.recording.recorder import Recorder
 from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError
 from controller.recording.series import BIN_S, PLOT_S
 from controller.recording.stream_writer import StreamWriter
-from controller.recording.trial_rows import EventLog, read_rows
+from controller.recording.trial_rows import read_rows
 from drivers.core.messages import MoveAt, Refused, SampleBlock, Stop, StreamInfo
 from tests.refusals import refused
 
@@ -361,8 +361,8 @@ def test_events_that_a_disk_cannot_keep_up_with_are_a_failure_and_not_held(folde
         busy.set()
         assert free.wait(100.0)
 
-    monkeypatch.setattr(EventLog, "commit", slow)
     recorder, _ = begun(folder)
+    monkeypatch.setattr(recorder._events, "commit", slow)
     assert busy.wait(100.0)
     for _ in range(100):
         recorder.event(CONTACT, state="APPROACH")
