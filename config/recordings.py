@@ -14,12 +14,18 @@ from config.validation import validated
 from controller.detectors.protocol import Detector, envelope_of
 from controller.outcomes import UNMEASURED
 from controller.own_modules import found, is_own, own_folders
-from controller.recording.reader import open_run
-from controller.recording.run_folder import RunFolder
-from controller.recording.series import TrialRecording
+from controller.recording.reader import Run
 from controller.recording.tables import ReplayError
 from controller.registry import KINDS
-from controller.replay import between, check_encoder, enveloped, own_detectors, read_inputs, read_trial
+from controller.replay import (
+    between,
+    check_encoder,
+    enveloped,
+    own_detectors,
+    read_inputs,
+    read_trial,
+    source,
+)
 from controller.signals.iq import IqSettings
 from drivers.core.messages import SampleBlock
 
@@ -43,7 +49,7 @@ CHAIN = "iq."
 
 def load(
     asked: str,
-    recording: Path,
+    recording: Path | Run,
     overrides: Mapping[str, str],
     *,
     columns: Sequence[str] = (),
@@ -55,7 +61,7 @@ def load(
 
     Args:
         asked: Kind of detector; of a run folder also a detector's name in the run's profile.
-        recording: A run folder, a part of its name, or a file that `controller.recording.tables` reads.
+        recording: A run, its folder or a part of its name, or a file that `controller.recording.tables` reads.
         overrides: Settings as TOML values; those of the chain from sound to envelope begin with `iq.`. Of a run whose
             profile has such a detector, its settings in that trial are the defaults.
         columns: For each input, as `controller.replay.read_inputs` takes them.
@@ -70,21 +76,21 @@ def load(
     """
     chain = {key.removeprefix(CHAIN): text for key, text in overrides.items() if key.startswith(CHAIN)}
     overrides = {key: text for key, text in overrides.items() if not key.startswith(CHAIN)}
-    if not recording.exists() and not recording.suffix:
-        recording = RunFolder.find(recording).path
-    if trial is not None and recording.is_file():
+    recording = source(recording)
+    if trial is not None and isinstance(recording, Path):
         raise ReplayError(
             f"--trial {trial}: {recording} is a file, only a run folder has trials; leave it out"
         )
-    if rate_hz is not None and recording.is_dir():
+    if rate_hz is not None and isinstance(recording, Run):
         raise ReplayError(
-            f"--rate {rate_hz:g}: {recording} is a run folder and has its own times; leave it out"
+            f"--rate {rate_hz:g}: {recording.folder.path} is a run folder and has its own times; leave it out"
         )
-    kind, own = _in_run(recording, asked, overrides, trial) if recording.is_dir() else (asked, {})
+    kind, own = _in_run(recording, asked, overrides, trial) if isinstance(recording, Run) else (asked, {})
     made = make_detector(kind, {**own, **overrides}, baseline, _folders(recording))
     notes: list[str] = []
     blocks = read_inputs(recording, made.inputs, columns=columns, rate_hz=rate_hz, trial=trial, notes=notes)
-    check_encoder(recording, made, blocks)
+    path = recording.folder.path if isinstance(recording, Run) else recording
+    check_encoder(path, made, blocks)
     envelope = envelope_of(made)
     if envelope is not None:
         blocks = enveloped(blocks, envelope, _chain_settings(made, chain))
@@ -93,7 +99,7 @@ def load(
     if baseline is not None:
         blocks = between(blocks, baseline[0])
     if not any(block.stream == made.inputs[0] for block in blocks):
-        raise ReplayError(f"{recording}: no sample of {made.inputs[0]} from --baseline on; begin earlier")
+        raise ReplayError(f"{path}: no sample of {made.inputs[0]} from --baseline on; begin earlier")
     return Input(made, blocks, notes)
 
 
@@ -124,13 +130,13 @@ def load_quiet(
     loaded: list[Input] = []
     first: tuple[str, Detector] | None = None
     for recording in recordings:
-        path = recording if recording.exists() or recording.suffix else RunFolder.find(recording).path
-        run = open_run(path) if path.is_dir() else None
+        read = source(recording)
+        run, path = (read, read.folder.path) if isinstance(read, Run) else (None, recording)
         trials = run.recorded_trials if run is not None and trial is None else [trial]
         outcomes = {row["trial"]: row["outcome"] for row in run.trials} if run is not None else {}
         broken = [f"{one} ({outcomes[one]})" for one in trials if outcomes.get(one) in UNMEASURED]
         for one in trials or [None]:
-            whole = load(asked, path, overrides, trial=one, **given)
+            whole = load(asked, read, overrides, trial=one, **given)
             if broken:
                 said = f"{path.name}: trials that broke off are included: {', '.join(broken)}; --trial N takes one"
                 whole = whole._replace(notes=[*whole.notes, said])
@@ -177,54 +183,52 @@ def not_calibratable(kind: str) -> ReplayError:
 
 
 def _in_run(
-    path: Path, asked: str, overrides: Mapping[str, str], trial: int | None
+    run: Run, asked: str, overrides: Mapping[str, str], trial: int | None
 ) -> tuple[str, Mapping[str, str]]:
     """Kind and settings (TOML values) of the detector that is meant: the run's own where it has one of that kind."""
-    manifest, recording = read_trial(path, trial)
-    tables = own_detectors(manifest, recording)
+    recording = read_trial(run, trial)
+    tables = own_detectors(run.manifest, recording)
     if asked not in KINDS["detector"] and not is_own(asked):
         if asked not in tables:
             known = {*KINDS["detector"], *tables}
             raise ProfileError(f"--detector {asked}: no such detector; {near_or_all(asked, known)}")
-        return _split(path, tables[asked])
+        return _split(run, tables[asked])
     alike = {name: table for name, table in tables.items() if table["kind"] == asked}
     streams = {
         key: given_value(f"--set {key}", text) for key, text in overrides.items() if key.endswith("input")
     }
     meant = {name: table for name, table in alike.items() if streams.items() <= table.items()}
     recorded = {
-        name: table for name, table in meant.items() if _was_recorded(path, table, recording)
+        name: table
+        for name, table in meant.items()
+        if set(make_detector(*_split(run, table)).inputs) <= set(recording.streams)
     } or meant
     if len(recorded) > 1:
         names = " or ".join(sorted(recorded))
         raise ReplayError(
-            f"{path}: {len(recorded)} detectors of kind {asked} in trial {recording.trial}; choose --detector {names}"
+            f"{run.folder.path}: {len(recorded)} detectors of kind {asked} in trial {recording.trial}; choose"
+            f" --detector {names}"
         )
-    return _split(path, next(iter(recorded.values()))) if recorded else (asked, {})
+    return _split(run, next(iter(recorded.values()))) if recorded else (asked, {})
 
 
-def _split(path: Path, table: Mapping[str, Any]) -> tuple[str, Mapping[str, str]]:
+def _split(run: Run, table: Mapping[str, Any]) -> tuple[str, Mapping[str, str]]:
     """Kind of a run's detector, and its settings as TOML values: what JSON makes of a setting, TOML reads."""
     kind, own = table["kind"], {key: json.dumps(value) for key, value in table.items() if key != "kind"}
     try:
-        make_detector(kind, own, folders=_folders(path))
+        make_detector(kind, own, folders=_folders(run))
     except ProfileError as error:
         problem = error.problems[0].removeprefix("--set ")
         raise ReplayError(
-            f"{path}: its {kind} is of another version ({problem}); replay it with the commit that its manifest names"
+            f"{run.folder.path}: its {kind} is of another version ({problem}); replay it with the commit that its"
+            " manifest names"
         ) from None
     return kind, own
 
 
-def _folders(recording: Path) -> Sequence[Path]:
+def _folders(recording: Path | Run) -> Sequence[Path]:
     """Where a detector of the user's own is looked for: where the run found it, and here."""
-    found = own_folders(RunFolder(recording).read_manifest()) if recording.is_dir() else ()
-    return [*found, Path.cwd()]
-
-
-def _was_recorded(path: Path, table: Mapping[str, Any], recording: TrialRecording) -> bool:
-    """Whether all inputs of a detector were recorded in the trial."""
-    return set(make_detector(*_split(path, table)).inputs) <= set(recording.streams)
+    return [*(own_folders(recording.manifest) if isinstance(recording, Run) else ()), Path.cwd()]
 
 
 def _chain_settings(detector: Detector, given: Mapping[str, str]) -> IqSettings:

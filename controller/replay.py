@@ -22,9 +22,10 @@ from controller.detectors.calibration import (
 )
 from controller.detectors.contract import part, trace
 from controller.detectors.protocol import Detector, envelope_of, quantity_of, readings_of
-from controller.recording.reader import open_run
+from controller.recording.reader import Run, open_run
+from controller.recording.run_folder import plain
 from controller.recording.series import TrialRecording
-from controller.recording.tables import STEPS, Chosen, ReplayError, channel_numbers, read_columns
+from controller.recording.tables import STEPS, Chosen, ReplayError, read_columns
 from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
 from drivers.core.messages import Floats, SampleBlock, Saturated
 
@@ -133,8 +134,8 @@ def calibration_line(
     if notes is not None:
         notes += [*_own_alarms(pieces, kind, found.threshold), *limits_of(found)]
     named = {"low": "threshold_low", "high": "threshold_high"}
-    plain = {name: value if math.isfinite(value) else None for name, value in found._asdict().items()}
-    return {"detector": kind, **others, **{named.get(name, name): value for name, value in plain.items()}}
+    values = {named.get(name, name): plain(value) for name, value in found._asdict().items()}
+    return {"detector": kind, **others, **values}
 
 
 def _own_alarms(
@@ -160,20 +161,29 @@ def as_line(event: Detected, kind: str) -> dict[str, Any]:
         kind: Of detector, as it was asked for.
     """
 
-    def plain(value: float) -> float | None:
-        return float(value) if math.isfinite(value) else None
-
     line = {"t_s": round(float(event.t_s), 9), "detector": kind, "event": type(event).__name__}
-    line |= {"value": plain(event.value), "threshold": plain(event.threshold)}
-    for extra in ("began_s", "sigma_s"):
-        if hasattr(event, extra):
-            line[extra] = plain(round(getattr(event, extra), 9))
+    line |= {"value": event.value, "threshold": event.threshold}
+    line |= {
+        extra: round(getattr(event, extra), 9) for extra in ("began_s", "sigma_s") if hasattr(event, extra)
+    }
     reason = getattr(event, "reason", "")
-    return {**line, "reason": reason} if reason else line
+    found: dict[str, Any] = plain({**line, "reason": reason} if reason else line)
+    return found
+
+
+def source(recording: Path | Run) -> Path | Run:
+    """A run, opened by its folder or a part of its name; of a file its path.
+
+    Raises:
+        RunFolderError: no such run, or it cannot be read.
+    """
+    if isinstance(recording, Run) or recording.is_file() or (recording.suffix and not recording.is_dir()):
+        return recording
+    return open_run(recording)
 
 
 def read_inputs(
-    path: Path,
+    recording: Path | Run,
     inputs: Sequence[str],
     *,
     columns: Sequence[str] = (),
@@ -184,7 +194,7 @@ def read_inputs(
     """Blocks of all inputs of a detector, each given when its last sample has come, as the loop gives them.
 
     Args:
-        path: As `read_blocks`.
+        recording: As `read_blocks`.
         inputs: The detector's streams; of a file, one after the other.
         columns: For each input what `read_blocks` calls its column; of a run folder, of a WAV file and where there is
             one input it may be left out.
@@ -196,35 +206,22 @@ def read_inputs(
         ReplayError: as `read_blocks`; or too few or too many columns, or streams that were not recorded together.
     """
     names = " and ".join(inputs)
-    if path.is_file() and len(inputs) > 1 and len(columns) != len(inputs):
+    if isinstance(recording, Path) and len(inputs) > 1 and len(columns) != len(inputs):
         raise ReplayError(
-            f"{path}: the inputs are {names}, in this order; give --column for each,"
+            f"{recording}: the inputs are {names}, in this order; give --column for each,"
             " for example --column i,q --column x_m"
         )
     if len(columns) > len(inputs):
         raise ReplayError(
-            f"{path}: {len(columns)} times --column, but {names} is the only input; join them: i,q"
+            f"{recording}: {len(columns)} times --column, but {names} is the only input; join them: i,q"
         )
     asked = [*columns, *[None] * (len(inputs) - len(columns))]
     read = [
-        read_blocks(path, stream, column=column, rate_hz=rate_hz, trial=trial, notes=notes)
+        read_blocks(recording, stream, column=column, rate_hz=rate_hz, trial=trial, notes=notes)
         for stream, column in zip(inputs, asked, strict=True)
     ]
-    _check_overlap(path, read)
     given: list[SampleBlock] = [block for blocks in read for block in blocks if len(block)]
     return sorted(given, key=lambda block: block.last_s)
-
-
-def _check_overlap(path: Path, read: Sequence[Sequence[SampleBlock]]) -> None:
-    """Refuse streams of which one ends before another begins."""
-    first_out = min(read, key=lambda blocks: blocks[-1].last_s)[-1]
-    last_in = max(read, key=lambda blocks: float(blocks[0].times[0]))[0]
-    begin_s = float(last_in.times[0])
-    if begin_s > first_out.last_s and last_in.stream != first_out.stream:
-        raise ReplayError(
-            f"{path}: {last_in.stream} begins at {begin_s:.6g} s, when {first_out.stream} has ended at"
-            f" {first_out.last_s:.6g} s; choose streams that were recorded together"
-        )
 
 
 def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) -> Sequence[SampleBlock]:
@@ -299,27 +296,26 @@ def own_detectors(manifest: Mapping[str, Any], recording: TrialRecording) -> Map
     return tables
 
 
-def read_trial(path: Path, trial: int | None) -> tuple[Mapping[str, Any], TrialRecording]:
-    """A run's manifest, and what was recorded of one of its trials; None is the first.
+def read_trial(run: Run, trial: int | None) -> TrialRecording:
+    """What was recorded of one of a run's trials; None is the first.
 
     Raises:
         ReplayError: nothing was recorded of it.
     """
-    run = open_run(path)
-    trials = run.recorded_trials
-    chosen = trials[0] if trial is None and trials else trial
+    path, trials = run.folder.path, run.recorded_trials
     if not trials:
         reason = " ".join(["holds no recording of a trial (recording.mcap).", *run.notes])
         raise ReplayError(f"{path}: {reason.rstrip('.')}")
-    if chosen is None or chosen not in trials:
+    chosen = trials[0] if trial is None else trial
+    if chosen not in trials:
         raise ReplayError(
             f"{path}: no recording of trial {trial}; recorded are {min(trials)} to {max(trials)}"
         )
-    return run.manifest, run.trial(chosen)
+    return run.trial(chosen)
 
 
 def read_blocks(
-    path: Path,
+    recording: Path | Run,
     stream: str,
     *,
     column: str | None = None,
@@ -330,13 +326,13 @@ def read_blocks(
     """Blocks of one stream from a recording.
 
     Args:
-        path: A run folder, or a file that `controller.recording.tables` reads.
-        stream: Name of the detector's input; in a run folder, the recorded stream.
+        recording: A run, or a file that `controller.recording.tables` reads.
+        stream: Name of the detector's input; in a run, the recorded stream.
         column: Of a file as `read_columns` takes it; of a run's stream: the channel's number, from 0. Several with
             commas between them. None is the only one there is besides the times; of a run's stream, all.
         rate_hz: Sample rate of a file without times, or in place of them. Otherwise regular times give it, with a
             jump in `seq` where rows are missing; times that wander are resampled; those of events give none.
-        trial: Of a run folder; None is its first.
+        trial: Of a run; None is its first.
         notes: A line is added on the input: samples, rate, duration, gaps, unit, where the times are from,
             how many samples are no finite numbers.
 
@@ -344,13 +340,13 @@ def read_blocks(
         ReplayError: the file is not there, is none of these, does not hold what is asked for, or no finite
             number of it.
     """
-    if path.is_dir():
-        blocks = _from_run(path, stream, trial, column)
-        name, remark = stream, ""
-    elif not path.is_file():
-        raise ReplayError(f"{path}: no such file or run folder; list runs with: ls runs")
+    if isinstance(recording, Run):
+        path, name, remark = recording.folder.path, stream, ""
+        blocks = _from_run(recording, stream, trial, column)
+    elif not recording.is_file():
+        raise ReplayError(f"{recording}: no such file or run folder; list runs with: ls runs")
     else:
-        chosen = read_columns(path, column)
+        path, chosen = recording, read_columns(recording, column)
         name = chosen.name
         blocks, remark = _from_columns(path, stream, chosen, rate_hz)
     remark += _check_values(path, name, blocks)
@@ -467,8 +463,8 @@ def _summary(blocks: Sequence[SampleBlock]) -> str:
     return f"{count} samples, {rate}, {span_s:.6g} s, {gaps}, {unit}"
 
 
-def _from_run(path: Path, stream: str, trial: int | None, column: str | None) -> Sequence[SampleBlock]:
-    _, recording = read_trial(path, trial)
+def _from_run(run: Run, stream: str, trial: int | None, column: str | None) -> Sequence[SampleBlock]:
+    path, recording = run.folder.path, read_trial(run, trial)
     blocks = recording.blocks(stream)
     if not blocks:
         raise ReplayError(
@@ -477,8 +473,10 @@ def _from_run(path: Path, stream: str, trial: int | None, column: str | None) ->
         )
     if column is None:
         return blocks
-    channels = channel_numbers(f"{path}: {stream} has ", column, blocks[0].values.shape[1])
-    return [replace(block, values=block.values[:, channels]) for block in blocks]
+    count, asked = blocks[0].values.shape[1], column.split(",")
+    if unknown := [each for each in asked if each not in map(str, range(count))]:
+        raise ReplayError(f"{path}: {stream} has no channel {unknown[0]}; there are 0 to {count - 1}")
+    return [replace(block, values=block.values[:, [*map(int, asked)]]) for block in blocks]
 
 
 def between(blocks: Sequence[SampleBlock], t0_s: float, t1_s: float = math.inf) -> Sequence[SampleBlock]:
@@ -502,9 +500,10 @@ what the line is off and the clock wanders (assumption)."""
 WHOLE = 1e-3
 """Steps this near a whole number of units are one: what numbers in binary leave of decimals (assumption)."""
 
-ALTERNATES, OFTEN = 12, 0.05
-"""Steps of both lengths that must be there at the least, and share of the longer ones: losses by chance are not as even
-as a rate that was rounded, and a program that loses a row of each block loses fewer (assumptions)."""
+ALTERNATES, OFTEN, EVEN = 12, 0.05, 0.8
+"""Steps of both lengths that must be there at the least; share of the longer ones; and where they are fewer, the share
+of those that come at two adjacent distances. Assumptions: losses by chance are not as even as a rate that was rounded,
+and those of a program that loses a row of each block all come at one distance."""
 
 WANDERING = 0.95
 """So large a share of the steps must be in that range for the rows to be samples at all (assumption)."""
@@ -590,7 +589,10 @@ def _rounded(times_s: Floats) -> tuple[float, NDArray[np.int64], Floats, float] 
     if least not in (0, 1) or ticks.min() < least or min(short, long) < ALTERNATES:
         return None
     if least == 1 and long < OFTEN * short:
-        return None
+        apart = np.diff(np.flatnonzero(ticks == least + 1))
+        even = np.abs(apart - np.median(apart)) <= 1
+        if even.mean() < EVEN or not np.ptp(apart[even]):
+            return None
     # each stretch between two gaps beside one line, all of one slope
     stretch = np.concatenate(([0], np.cumsum(ticks > least + 1)))
     rows, sizes = np.arange(len(times_s)), np.bincount(stretch)

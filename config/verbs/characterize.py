@@ -72,15 +72,14 @@ def characterize(
       run.py characterize drag.csv --column ft_v --rate 1000 --quiet 0:3 --slip 3.2:5 --out ft
     """
     from controller.characterize import SensorRecording, Truth, certificate
-    from controller.recording.run_folder import RunFolder
     from controller.recording.tables import ReplayError
-    from controller.replay import read_blocks
+    from controller.replay import read_blocks, source
 
     made = _made(detectors, overrides)
     notes: list[str] = []
     given: list[SensorRecording] = []
     for path in recordings:
-        where = path if path.exists() or path.suffix else RunFolder.find(path).path
+        where = source(path)
         how: Mapping[str, Any] = {"rate_hz": rate_hz, "trial": trial, "notes": notes}
         blocks = read_blocks(where, stream, column=column, **how)
         second = read_blocks(where, stream, column=reference, **how) if reference else ()

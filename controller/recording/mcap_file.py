@@ -3,23 +3,29 @@
 A chunk holds messages of one trial; nothing is unpacked before it is asked for.
 """
 
+from __future__ import annotations
+
 import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
+from itertools import takewhile
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Footer, Metadata, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Attachment, Channel, Chunk, Footer, Header, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import Writer
 
 from controller.recording.run_folder import lock
+
+if TYPE_CHECKING:
+    from controller.watching.foxglove import FoxgloveStream
 
 LIBRARY = "touchbench"
 """What the header of a file names as its writer."""
@@ -40,6 +46,7 @@ _FOOTER_BYTES = _RECORD.size + 20 + len(MAGIC)
 """Length of the last record, with what ends the file."""
 
 _KINDS: Mapping[int, Any] = {
+    Opcode.HEADER: Header,
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
     Opcode.METADATA: Metadata,
@@ -59,22 +66,13 @@ class ChunkPlace(NamedTuple):
     length: int
 
 
-class Mirror(Protocol):
-    """Gets what is written as well; it never raises and never waits."""
-
-    def channel(
-        self, number: int, topic: str, schema: tuple[str, bytes], metadata: Mapping[str, str]
-    ) -> None:
-        """A topic, with its schema's name and descriptors."""
-
-    def message(self, number: int, log_time_ns: int, data: bytes) -> None:
-        """A message of one of the topics."""
-
-
 class McapWriter:
-    """A new file, in place of none, locked as long as it is written; every method that writes may raise `OSError`."""
+    """A new file, in place of none, locked as long as it is written; every method that writes may raise `OSError`.
 
-    def __init__(self, path: Path, mirror: Mirror | None = None) -> None:
+    What is written goes to the live stream too, which never raises and never waits.
+    """
+
+    def __init__(self, path: Path, mirror: FoxgloveStream | None = None) -> None:
         self._mirror = mirror
         self._file = path.open("xb")
         with suppress(OSError):  # not every file system knows locks
@@ -145,7 +143,7 @@ class McapWriter:
             self._file.close()
 
 
-def records(path: Path) -> Iterator[Schema | Channel | Metadata | Attachment | Footer | ChunkPlace]:
+def records(path: Path) -> Iterator[McapRecord | ChunkPlace]:
     """The records outside of chunks up to the last whole one, and where each chunk stands; a file without a footer was
     cut off.
 
@@ -166,31 +164,34 @@ def records(path: Path) -> Iterator[Schema | Channel | Metadata | Attachment | F
                 return
             if opcode == Opcode.CHUNK:
                 yield ChunkPlace(body, length)
+            elif opcode == Opcode.MESSAGE:
+                yield Message.read(ReadDataStream(BytesIO(file.read(length))), length)
             elif opcode in _KINDS:
                 yield _KINDS[opcode].read(ReadDataStream(BytesIO(file.read(length))))
 
 
 def topics(path: Path) -> dict[int, Topic]:
-    """The channels of a file and their schemas, by the channel's number: of a whole file out of its summary, of which
-    the beginning alone is read; of one that was cut off out of its chunks."""
+    """The channels of a file and their schemas, by the channel's number: out of the summary, of which the beginning
+    alone is read; where there is none, as in a file that was cut off, out of the chunks."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - _FOOTER_BYTES))
         end = file.read()
-        found: Iterator[Any]
         if end.endswith(MAGIC) and end[0] == Opcode.FOOTER:
-            file.seek(Footer.read(ReadDataStream(BytesIO(end[_RECORD.size :]))).summary_start)
-            found = StreamReader(file, skip_magic=True).records
+            file.seek(Footer.read(ReadDataStream(BytesIO(end[_RECORD.size :]))).summary_start or len(MAGIC))
+            if found := _channels(StreamReader(file, skip_magic=True).records):
+                return found
+    return _channels(_defined(path))
+
+
+def _channels(found: Iterator[Any]) -> dict[int, Topic]:
+    """Those that stand first, with their schemas."""
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Topic] = {}
+    for record in takewhile(lambda each: isinstance(each, Schema | Channel), found):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
         else:
-            found = _defined(path)
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Topic] = {}
-        for record in found:
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record, schemas[record.schema_id]
-            else:
-                break
+            channels[record.id] = record, schemas.get(record.schema_id)  # type: ignore[assignment] # one of JSON has none
     return channels
 
 
@@ -206,17 +207,21 @@ def _defined(path: Path) -> Iterator[Schema | Channel]:
                     yield _KINDS[opcode].read(ReadDataStream(BytesIO(plain[body:end])))
 
 
-def messages(path: Path, place: ChunkPlace) -> Iterator[McapMessage]:
-    """The messages of a chunk, in the order in which they were written.
+def messages(path: Path, record: McapRecord | ChunkPlace) -> Iterator[McapMessage]:
+    """The messages of a chunk, in the order in which they were written, or one outside of chunks; no other record has
+    any.
 
     Raises:
         ValueError: the chunk is damaged; where it cannot even be parsed, the parsing library's own error.
     """
-    plain = _unpacked(path, place)
-    for opcode, body, end in _inside(plain):
-        if opcode == Opcode.MESSAGE:
-            channel, sequence, log_time_ns, _ = _MESSAGE.unpack_from(plain, body)
-            yield channel, sequence, log_time_ns, plain[body + _MESSAGE.size : end]
+    if isinstance(record, Message):
+        yield record.channel_id, record.sequence, record.log_time, record.data
+    elif isinstance(record, ChunkPlace):
+        plain = _unpacked(path, record)
+        for opcode, body, end in _inside(plain):
+            if opcode == Opcode.MESSAGE:
+                channel, sequence, log_time_ns, _ = _MESSAGE.unpack_from(plain, body)
+                yield channel, sequence, log_time_ns, plain[body + _MESSAGE.size : end]
 
 
 def _inside(plain: bytes) -> Iterator[tuple[int, int, int]]:
@@ -233,11 +238,16 @@ def _unpacked(path: Path, place: ChunkPlace) -> bytes:
     with path.open("rb") as file:
         file.seek(place.body)
         chunk = Chunk.read(ReadDataStream(BytesIO(file.read(place.length))))
-    size = zstandard.get_frame_parameters(chunk.data).content_size
-    if not size == chunk.uncompressed_size <= LARGEST_CHUNK_BYTES:
-        raise ValueError(f"it unpacks to {size} bytes instead of {chunk.uncompressed_size}")
-    plain = zstandard.ZstdDecompressor().decompress(chunk.data)
-    if zlib.crc32(plain) != chunk.uncompressed_crc:
+    size, claimed = len(chunk.data), chunk.uncompressed_size
+    if chunk.compression:
+        size = claimed
+    if chunk.compression == "zstd":
+        size = zstandard.get_frame_parameters(chunk.data).content_size
+    if size not in (claimed, zstandard.CONTENTSIZE_UNKNOWN) or claimed > LARGEST_CHUNK_BYTES:
+        raise ValueError(f"it unpacks to {size} bytes instead of {claimed}")
+    stream, length = get_chunk_data_stream(chunk)
+    plain: bytes = stream.read(length)
+    if chunk.uncompressed_crc and zlib.crc32(plain) != chunk.uncompressed_crc:
         raise ValueError("its checksum is another")
     return plain
 

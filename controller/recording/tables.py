@@ -4,23 +4,19 @@ import csv
 import io
 import json
 import math
-import os
 import re
-import struct
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import ZipFile, ZipInfo
 
 import numpy as np
-from mcap.data_stream import ReadDataStream
-from mcap.decoder import DecoderFactory
-from mcap.records import Chunk, Schema
+from mcap.records import Channel, Footer, Header, Schema
 from numpy.typing import NDArray
 
-from controller.recording.mcap_file import LARGEST_CHUNK_BYTES, LIBRARY, ChunkPlace, records
+from controller.recording.mcap_file import LIBRARY, messages, records, topics
 from controller.scales import si_unit
 from drivers.core.messages import Floats
 
@@ -89,8 +85,6 @@ CALENDAR = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
 STEPS = (0.2, 1.8)
 """A step between two rows in this range of periods is one of a sampler that wanders; a longer one is a gap."""
 
-NO_NAMES: Mapping[str, str] = {}
-
 LEFT_OUT = "Reached EOF prematurely|Incomplete chunk|Length of header or names does not match"
 """What a library merely warns of where it leaves a part of the file out."""
 
@@ -120,6 +114,28 @@ class Chosen:
     clock: str = ""
 
 
+class Table(NamedTuple):
+    """What a file holds.
+
+    Attributes:
+        columns: By name, in the file's order; each of shape (n,).
+        full: Names with the unit that stands elsewhere, by column.
+        said: Lines that may state the sample rate.
+        times_s: Of each row, where no column has them.
+        rate_hz: Where it is no line that gives it.
+        clock: The source of both.
+        full_scale: What the values are shares of.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+    full: Mapping[str, str] = {}
+    said: Sequence[str] = ()
+    times_s: Floats | None = None
+    rate_hz: float | None = None
+    clock: str = ""
+    full_scale: float = 1.0
+
+
 def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
     """Some columns of a file, side by side.
 
@@ -143,7 +159,7 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             warnings.filterwarnings("error", message=LEFT_OUT)
-            return read(path, column, count)
+            return _chosen(read(path, column), column, count)
     except ReplayError as error:  # what is raised below has no path
         raise ReplayError(f"{path}: {error}") from None
     except OSError as error:
@@ -154,47 +170,56 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
         raise ReplayError(f"{path}: no {kind} file of numbers that can be read: {reason}") from None
 
 
-def _chosen(
-    table: Mapping[str, NDArray[Any]], column: str | None, count: int, full: Mapping[str, str] = NO_NAMES
-) -> Chosen:
-    """The columns that are asked for and their times, out of a table; `full` are names with a unit from elsewhere."""
-    clock = "t_s" if "t_s" in table else next((name for name in table if TIME.fullmatch(name)), None)
-    names = [name for name in table if name != clock]
-    if column and ".." in column and column not in table:
-        return _unrolled(table, clock, names, column, full)
-    wanted = column.split(",") if column else names
+def _chosen(table: Table, column: str | None, count: int) -> Chosen:
+    """The columns that are asked for, and their times."""
+    columns = table.columns
+    clock = "t_s" if "t_s" in columns else next((name for name in columns if TIME.fullmatch(name)), None)
+    if table.times_s is not None:
+        clock = None
+    names = [name for name in columns if name != clock]
     listed = ", ".join([*names[:NAMED], *(["…"] if len(names) > NAMED else [])]) or "none besides the times"
     if not column and len(names) != count:
-        raise ReplayError(
-            f"which column? choose with --column; there are {listed}{_rising(table, names, clock)}"
-        )
+        timeless = "" if clock or table.clock else "; times are in one called t_s, t_ms, time …, and none is"
+        raise ReplayError(f"which column? choose with --column; there are {listed}{timeless}")
+    wanted = names if not column else [column] if column in columns else column.split(",")
+    rolled = len(wanted) == 1 and ".." in wanted[0] and column not in columns
+    if rolled:
+        first, _, last = wanted[0].partition("..")
+        wanted = names[names.index(first) : names.index(last) + 1] if {first, last} <= {*names} else []
+        if not wanted:
+            raise ReplayError(f"no columns {column}; FIRST..LAST are two of {listed}, in this order")
     for name in wanted:
-        if name not in table:
+        if name not in columns:
             raise ReplayError(f"no column {name}; there are {listed}")
-        if not len(table[name]):
+        if not len(columns[name]):
             raise ReplayError(f"column {name} has no rows")
-        if not np.issubdtype(table[name].dtype, np.number) or np.iscomplexobj(table[name]):
-            raise ReplayError(f"column {name} {_odd(table[name])}, which is no number")
-    lengths = {name: len(table[name]) for name in [*wanted, *([clock] if clock else [])]}
+        if not np.issubdtype(columns[name].dtype, np.number) or np.iscomplexobj(columns[name]):
+            raise ReplayError(f"column {name} {_odd(columns[name])}, which is no number")
+    lengths = {name: len(columns[name]) for name in [*wanted, *([clock] if clock else [])]}
     other = next((name for name, length in lengths.items() if length != lengths[wanted[0]]), None)
     if other is not None:
         raise ReplayError(f"{wanted[0]} has {lengths[wanted[0]]} rows, {other} has {lengths[other]}")
-    times_s, source = _times(clock, table, full)
-    values = np.column_stack([table[name].astype(np.float64) for name in wanted])
-    return _named(wanted, values, times_s, source, full)
-
-
-def _named(
-    names: Sequence[str],
-    values: Floats,
-    times_s: Floats | None,
-    clock: str,
-    full: Mapping[str, str] = NO_NAMES,
-) -> Chosen:
-    """Columns with the unit that the first one's name states, lengths scaled to metres."""
-    units = [_unit(full.get(name, name)) for name in names]
+    times_s, rate_hz, source = table.times_s, table.rate_hz, table.clock
+    if clock is not None:
+        times_s, source = _times(clock, columns[clock], table.full)
+    elif not source:
+        rate_hz, source = _stated(table.said)
+    units = [_unit(table.full.get(name, name)) for name in wanted]
+    values = np.column_stack([columns[name].astype(np.float64) for name in wanted]) / table.full_scale
     values *= [scale for _, scale in units]
-    return Chosen(names[0], values, units[0][0], times_s, clock=clock)
+    if rolled:
+        values, times_s = values.reshape(-1, 1), times_s if times_s is None else _spread(times_s, len(wanted))
+    return Chosen(wanted[0], values, units[0][0], times_s, rate_hz, source)
+
+
+def _spread(times_s: Floats, many: int) -> Floats:
+    """Times of so many samples a row, of which the first has the row's."""
+    if len(times_s) < 2:
+        return times_s
+    steps_s = np.diff(times_s, append=2.0 * times_s[-1] - times_s[-2])
+    usual_s = float(np.median(steps_s))
+    steps_s[steps_s > STEPS[1] * usual_s] = usual_s  # a row before a gap is as long as the others
+    return (times_s[:, None] + steps_s[:, None] * np.arange(many) / many).ravel()
 
 
 def _unit(name: str) -> tuple[str, float]:
@@ -211,14 +236,14 @@ def _unit(name: str) -> tuple[str, float]:
     return unit, scale if unit == "m" else 1.0
 
 
-def _stated(chosen: Chosen, lines: Sequence[str]) -> Chosen:
-    """The same with the sample rate that some lines state, where it has no times and no two of them differ."""
+def _stated(lines: Sequence[str]) -> tuple[float | None, str]:
+    """The sample rate that some lines state, where no two of them differ, and which line it is."""
     stated = {_stated_hz(line): line.strip()[:60] for line in reversed(lines)}
     said = {rate_hz: line for rate_hz, line in stated.items() if STATED_HZ[0] <= rate_hz <= STATED_HZ[1]}
-    if chosen.times_s is not None or len(said) != 1:
-        return chosen
+    if len(said) != 1:
+        return None, ""
     ((rate_hz, line),) = said.items()
-    return replace(chosen, rate_hz=rate_hz, clock=f"its line '{line}'")
+    return rate_hz, f"its line '{line}'"
 
 
 def _stated_hz(line: str) -> float:
@@ -238,42 +263,6 @@ def _stated_hz(line: str) -> float:
     return number * (1e3 if (found.get("hz") or found.get("also_hz") or "").startswith("k") else 1.0)
 
 
-def _unrolled(
-    table: Mapping[str, NDArray[Any]],
-    clock: str | None,
-    names: Sequence[str],
-    column: str,
-    full: Mapping[str, str],
-) -> Chosen:
-    """Columns that hold consecutive samples, as one; a row's time is that of its first sample."""
-    ends = column.split("..")
-    if len(ends) != 2 or any(end not in names for end in ends):
-        raise ReplayError(f"no columns {column}; FIRST..LAST are two of {', '.join(names[:NAMED])}")
-    wanted = names[names.index(ends[0]) : names.index(ends[1]) + 1]
-    if not wanted:
-        raise ReplayError(f"{ends[1]} stands before {ends[0]}; turn them round")
-    rows = _chosen(table, ",".join(wanted), len(wanted), full)
-    times_s, many = rows.times_s, len(wanted)
-    if times_s is not None and len(times_s) > 1:
-        steps_s = np.diff(times_s, append=2.0 * times_s[-1] - times_s[-2])
-        usual_s = float(np.median(steps_s))
-        steps_s[steps_s > STEPS[1] * usual_s] = usual_s  # a row before a gap is as long as the others
-        times_s = (times_s[:, None] + steps_s[:, None] * np.arange(many) / many).ravel()
-    return Chosen(ends[0], rows.values.reshape(-1, 1), rows.unit, times_s, clock=rows.clock)
-
-
-def _rising(table: Mapping[str, NDArray[Any]], names: Sequence[str], clock: str | None) -> str:
-    """What is said of the first column that may have the times, where none is named after them: a count of samples
-    would give a rate of 1,000 Hz as milliseconds."""
-    for name, cells in ((name, table[name]) for name in names if clock is None):
-        if np.issubdtype(cells.dtype, np.number) and len(cells) > 2 and (np.diff(cells) > 0).all():
-            counts = (np.diff(cells) == 1).all()
-            how = "counts the samples: give --rate HZ; or, if these are" if counts else "rises: if it has the"
-            named = ",".join("t_ms" if each == name else each for each in names[:NAMED])
-            return f"; {name} {how} times, write as the first line {named}"
-    return ""
-
-
 def _odd(cells: NDArray[Any]) -> str:
     """What a column holds that is no number, and in which row; its first cell where each could be one."""
     row = next((row for row, cell in enumerate(cells) if not _numeric(str(cell))), 0)
@@ -281,13 +270,9 @@ def _odd(cells: NDArray[Any]) -> str:
     return f"holds {cell.item() if isinstance(cell, np.generic) else cell!r} in row {row + 1}"
 
 
-def _times(
-    clock: str | None, table: Mapping[str, NDArray[Any]], full: Mapping[str, str]
-) -> tuple[Floats | None, str]:
+def _times(clock: str, times: NDArray[Any], full: Mapping[str, str]) -> tuple[Floats, str]:
     """Times in seconds, and where they come from."""
-    if clock is None:
-        return None, ""
-    times, unit = table[clock], TIME.fullmatch(full.get(clock, clock))
+    unit = TIME.fullmatch(full.get(clock, clock))
     if not np.issubdtype(times.dtype, np.number):
         return _calendar_dates(clock, times), f"{clock}, a date, from its first row on"
     if unit is None and clock in full:
@@ -322,7 +307,23 @@ def _calendar_dates(clock: str, times: NDArray[Any]) -> Floats:
 # --- text ----------------------------------------------------------------------------------------
 
 
-def _read_text(path: Path, column: str | None, count: int) -> Chosen:
+class Laid(NamedTuple):
+    """A table of a text file.
+
+    Attributes:
+        names: Of its columns.
+        units: Below them.
+        rows: Of numbers, as text.
+        separator: Between two fields; "" for spaces.
+    """
+
+    names: list[str]
+    units: list[str]
+    rows: Sequence[str]
+    separator: str
+
+
+def _read_text(path: Path, column: str | None) -> Table:
     """One line of names, or a comment with them, or none; then rows of numbers, with whatever stands between them."""
     import pandas as pd
 
@@ -337,29 +338,24 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
     rows: Sequence[str] = [line for line in lines if not line.lstrip().startswith(COMMENT)]
     if not rows:
         raise ReplayError("has no rows")
-    rows, units = _below_preamble(rows)
-    begin = lines.index(rows[0]) if rows[0] in lines else 0
-    comment = lines[begin - 1].lstrip() if begin else ""
-    marked = comment.lstrip("#%/ \t") if comment.startswith(COMMENT) else ""
-    names, body, separator = _header(rows, marked)
+    marks = [place for place, row in enumerate(rows) if row.strip().startswith(LVM)]
+    names, units, rows, separator = _labview(rows, marks) if marks else _laid(rows, lines)
     twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
     if twice is not None:
         raise ReplayError(f"two columns are called '{twice}' in the first line; rename one")
-    if not names:
-        raise ReplayError("has no columns")
-    if body and (fields := len(_fields(body[0], separator))) != len(names):
+    if rows and (fields := len(_fields(rows[0], separator))) != len(names):
         raise ReplayError(
             f"no table of numbers under one line of names: {len(names)} names ({', '.join(names[:NAMED])}), but"
             f" {fields} fields in the row below; name each column, or mark that line with #"
         )
     if separator:  # what a program wrote between two rows
-        body = [row for row in body if row.count(separator) == body[0].count(separator) or not _wordy(row)]
+        rows = [row for row in rows if row.count(separator) == rows[0].count(separator) or not _wordy(row)]
     comma = separator != "," and any(
-        "," in field and _numeric(field) for row in body if "," in row for field in _fields(row, separator)
+        "," in field and _numeric(field) for row in rows if "," in row for field in _fields(row, separator)
     )
     try:
         table = pd.read_csv(
-            io.StringIO("\n".join(body)),
+            io.StringIO("\n".join(rows)),
             sep=separator or r"\s+",
             names=names,
             header=None,
@@ -376,76 +372,83 @@ def _read_text(path: Path, column: str | None, count: int) -> Chosen:
         for name, unit in zip(names, units, strict=False)
         if unit and not _unit(name)[0] and not ((time := TIME.fullmatch(name)) and time[1])
     }
-    chosen = _chosen({name: table[name].to_numpy() for name in names}, column, count, full)
-    ends = (" ,;\t", body[0].strip(" ,;\t") if body else "")
+    ends = (" ,;\t", rows[0].strip(" ,;\t") if rows else "")
     above = next((n for n, line in enumerate(lines) if line.strip(ends[0]) == ends[1]), 0)
-    return _stated(chosen, lines[:above])
+    return Table({name: table[name].to_numpy() for name in names}, full, lines[:above])
 
 
-def _below_preamble(rows: Sequence[str]) -> tuple[Sequence[str], Sequence[str]]:
-    """The table, with its line of names if it has one, without the unmarked lines that a program wrote above it; and
-    the units that stand in a line below the names.
+def _laid(rows: Sequence[str], lines: Sequence[str]) -> Laid:
+    """The table among a file's rows; its names may stand in a comment, which is among its `lines` alone."""
+    header, units, begin = _begins(rows)
+    body = rows[begin:]
+    separator = _separator(body[0] if body else header)
+    if header:
+        names = _fields(header, separator)
+    else:
+        ended = bool(separator) and all(row.rstrip(" ").endswith(separator) for row in body)
+        width, above = len(_fields(body[0], separator)) - ended, lines[: lines.index(body[0])][-1:]
+        comments = [line.lstrip() for line in above if line.lstrip().startswith(COMMENT)]
+        named = [_fields(comment.lstrip("#%/ \t"), separator) for comment in comments]
+        names = named[0] if [*map(len, named)] == [width] else [str(place) for place in range(width)]
+    while names and not names[-1]:
+        names.pop()
+    if body and separator and len(_fields(body[0], separator)) == len(names) + 1:
+        body = [row.rstrip().removesuffix(separator) for row in body]  # a separator after each last field
+    return Laid(names, [unit.strip("()[] -") for unit in _split(units)], body, separator)
+
+
+def _begins(rows: Sequence[str]) -> tuple[str, str, int]:
+    """The line of names and that of units ("" where there is none), and the row at which numbers begin.
 
     Raises:
-        ReplayError: no rows of numbers begin; the first line that was not understood is named.
+        ReplayError: none begin; the first line that was not understood is named.
     """
-    if any(row.strip().startswith(LVM) for row in rows):
-        return _labview(rows), ()
-    if len(rows) <= PROOF:
-        return rows, ()
-    first, *others = [len(_fields(row, _separator(rows[1]))) for row in rows[: 1 + PROOF]]
-    if first == len(_split(rows[1])) <= min(others) and not _wordy(rows[1]):
-        return rows, ()
-    for place in range(min(PREAMBLE, len(rows) - PROOF + 1)):
-        proof = [_split(row) for row in rows[place : place + PROOF]]
-        counts = {len(fields) for fields in proof}
-        if len({(len(fields), sum(map(_numeric, fields))) for fields in proof}) > 1 or _wordy(rows[place]):
+    kinds = [tuple(map(_numeric, _fields(row, _separator(row)))) for row in rows[: PREAMBLE + PROOF]]
+    counts = [len(_fields(row, _separator(rows[:2][-1]))) for row in rows[: 1 + PROOF]]
+    if len(rows) == 1 or (counts[0] == len(_split(rows[1])) <= min(counts) and not _wordy(rows[1])):
+        named = not all(kinds[0]) and kinds[0] not in kinds[1:2]  # a label in each row makes no line of names
+        return (rows[0], "", 1) if named else ("", "", 0)
+    for begin in range(len(kinds)):
+        proof = {(len(kind), sum(kind)) for kind in kinds[begin : begin + PROOF]}
+        if len(proof) > 1 or _wordy(rows[begin]):
             continue
         # names stand next above, or above a line of units and one of scales
-        above = rows[max(0, place - 3) : place]
-        same = [row for row in above if _separator(row) == _separator(rows[place])]
-        words = [row for row in same if {len(_split(row))} == counts and _wordy(row)]
-        header = words[0] if words else None
-        if header is None and same[-1:] == above[-1:] and _amiss(above[-1:], len(proof[0])):
-            header = above[-1]
-        units = [unit.strip("()[] -") for unit in _split(words[1])] if words[1:] else []
-        return ([header] if header else []) + list(rows[place:]), units
+        separator, widths = _separator(rows[begin]), {len(kinds[begin]), len(_split(rows[begin]))}
+        above = [row for row in rows[max(0, begin - 3) : begin] if _separator(row) == separator]
+        words = [row for row in above if len(_split(row)) in widths and _wordy(row)]
+        if not words and separator and above and above[-1] is rows[begin - 1] and _wordy(above[-1]):
+            fields = _split(above[-1])  # single words, for one column more or less than there are
+            single = len(fields) > 1 and all(len(name.split()) == 1 for name in fields)
+            words = above[-1:] if single and abs(len(fields) - min(widths)) == 1 else []
+        if not begin or begin + PROOF <= len(rows) or words[-1:] == rows[begin - 1 : begin]:
+            header, units = [*words, "", ""][:2]
+            return header, units, begin
     odd = next((row for row in rows[1:] if _wordy(row)), rows[0])
-    if any(map(_numeric, _split(odd))):
-        return rows, ()  # dates or words beside numbers: a table
     raise ReplayError(
         f"no table of numbers: the first line that was not understood is '{odd.strip()[:60]}'; mark what stands"
         " above the table with #"
     )
 
 
-def _labview(rows: Sequence[str]) -> Sequence[str]:
-    """The names and rows of a file of LabVIEW's, of all its segments where each has a header of its own.
+def _labview(rows: Sequence[str], marks: Sequence[int]) -> Laid:
+    """The table of a file of LabVIEW's, of all its segments where each has a header of its own; `marks` end headers.
 
     Raises:
         ReplayError: it has no rows, or segments that make no one table.
     """
-    marks = [place for place, row in enumerate(rows) if row.strip().startswith(LVM)]
     marks = marks[1:] or marks  # the first ends the file's own header
     names = {rows[mark + 1] for mark in marks if mark + 1 < len(rows)}
     if not names:
         raise ReplayError("has no rows")
     cells = [row.rstrip("\t").split("\t") for row in rows[marks[0] + 2 :]]
-    cells = [
-        row for row in cells if _numeric(row[0])
-    ]  # the next segment's header begins each line with a word
+    cells = [row for row in cells if _numeric(row[0])]  # a word begins each line of the next segment's header
     timeless = not any(row[0] for row in cells)  # X_Columns No
     if len(names) > 1 or (timeless and len(marks) > 1):
         what = "columns of other names each" if len(names) > 1 else "no times"
         raise ReplayError(f"{len(marks)} segments with {what}; save each as a file of its own")
     fields = slice(1 if timeless and cells else 0, len(cells[0]) if cells else None)  # "Comment" has no cells
-    return ["\t".join(row[fields]) for row in (names.pop().split("\t"), *cells)]
-
-
-def _amiss(above: Sequence[str], columns: int) -> bool:
-    """Whether the line above a table has single words for one column more or less than there are."""
-    names = _split(above[0]) if above and _separator(above[0]) and _wordy(above[0]) else []
-    return len(names) > 1 and abs(len(names) - columns) == 1 and all(len(name.split()) == 1 for name in names)
+    body = ["\t".join(row[fields]) for row in cells]
+    return Laid(names.pop().split("\t")[fields], [], body, "\t")
 
 
 def _separator(row: str) -> str:
@@ -462,24 +465,6 @@ def _split(row: str) -> list[str]:
 def _wordy(row: str) -> bool:
     """Whether a line holds no number."""
     return not any(field and _numeric(field) for field in _split(row))
-
-
-def _header(rows: Sequence[str], comment: str) -> tuple[list[str], Sequence[str], str]:
-    """Names of the columns, the rows of numbers, and what stands between two fields ("" for spaces)."""
-    separator = _separator(rows[1] if len(rows) > 1 else rows[0])
-    first, second = _fields(rows[0], separator), _fields(rows[1], separator) if len(rows) > 1 else []
-    # a label in each row makes no line of names
-    labelled = any(map(_numeric, first)) and list(map(_numeric, first)) == list(map(_numeric, second))
-    if not all(map(_numeric, first)) and not labelled:
-        names, rows = first, rows[1:]
-    else:
-        named = _fields(comment, separator)
-        names = named if len(named) == len(first) else [str(place) for place in range(len(first))]
-    while names and not names[-1]:
-        names.pop()
-    if rows and separator and len(_fields(rows[0], separator)) == len(names) + 1:
-        rows = [row.rstrip().removesuffix(separator) for row in rows]  # a separator after each last field
-    return names, rows, separator
 
 
 def _fields(line: str, separator: str) -> list[str]:
@@ -499,7 +484,7 @@ def _numeric(field: str) -> bool:
 # --- arrays --------------------------------------------------------------------------------------
 
 
-def _read_npz(path: Path, column: str | None, count: int) -> Chosen:
+def _read_npz(path: Path, column: str | None) -> Table:
     with ZipFile(path) as packed:
         if sum(part.file_size for part in packed.infolist()) > LARGEST_BYTES:
             raise ReplayError(f"unpacks to more than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
@@ -507,7 +492,7 @@ def _read_npz(path: Path, column: str | None, count: int) -> Chosen:
             _check_npy(packed, part)
     with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
         arrays = {name: np.asarray(file[name]) for name in file.files}
-    return _of_arrays(arrays, column, count)
+    return _of_arrays(arrays)
 
 
 def _check_npy(packed: ZipFile, part: ZipInfo) -> None:
@@ -522,14 +507,14 @@ def _check_npy(packed: ZipFile, part: ZipInfo) -> None:
         raise ValueError(f"{part.filename} has {part.file_size} bytes, no {shape} of {dtype}")
 
 
-def _read_mat(path: Path, column: str | None, count: int) -> Chosen:
+def _read_mat(path: Path, column: str | None) -> Table:
     from scipy.io import loadmat
 
     try:
         loaded = loadmat(path, simplify_cells=True)
     except NotImplementedError:
         raise ReplayError("a MAT file of version 7.3; save it with -v7") from None
-    return _of_arrays(dict(_arrays(loaded)), column, count)
+    return _of_arrays(dict(_arrays(loaded)))
 
 
 def _arrays(loaded: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
@@ -541,7 +526,7 @@ def _arrays(loaded: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, 
             yield f"{within}{name}", np.squeeze(found)
 
 
-def _of_arrays(arrays: Mapping[str, NDArray[Any]], column: str | None, count: int) -> Chosen:
+def _of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Table:
     """Arrays of one dimension are columns; one of two has them side by side along its shorter one."""
     table: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
@@ -553,149 +538,92 @@ def _of_arrays(arrays: Mapping[str, NDArray[Any]], column: str | None, count: in
     said = [f"{name} = {array}" for name, array in arrays.items() if not array.ndim]
     if not table:
         raise ReplayError(f"no array of one or two dimensions; it has {', '.join(arrays) or 'nothing'}")
-    return _stated(_chosen(table, column, count), said)
+    return Table(table, said=said)
 
 
-def _read_wav(path: Path, column: str | None, count: int) -> Chosen:
+def _read_wav(path: Path, column: str | None) -> Table:
     """Channels in full-scale units (-1 to 1), and the sample rate."""
     from scipy.io import wavfile
 
-    _check_riff(path)
-    rate_hz, samples = wavfile.read(path)
-    full = 1.0
+    # out of memory: of a file room would be made for all that a header claims
+    rate_hz, samples = wavfile.read(io.BytesIO(path.read_bytes()))
+    full_scale = 1.0
     if samples.dtype == np.uint8:  # 8-bit WAV is unsigned, silence is 128
-        samples, full = samples.astype(np.float64) - 128.0, 128.0
+        samples, full_scale = samples.astype(np.float64) - 128.0, 128.0
     elif np.issubdtype(samples.dtype, np.integer):
-        full = float(np.iinfo(samples.dtype).max + 1)
-    return _sound(samples if samples.ndim == 2 else samples[:, None], full, rate_hz, column, count)
+        full_scale = float(np.iinfo(samples.dtype).max + 1)
+    return _sound(samples if samples.ndim == 2 else samples[:, None], rate_hz, full_scale)
 
 
-def _read_flac(path: Path, column: str | None, count: int) -> Chosen:
+def _read_flac(path: Path, column: str | None) -> Table:
     """As a WAV file."""
     try:
         import soundfile
     except (ImportError, OSError) as error:
         raise ReplayError(f"FLAC takes soundfile: install the extra 'sound' ({error})") from None
-    samples, rate_hz = soundfile.read(path, always_2d=True)
-    return _sound(samples, 1.0, rate_hz, column, count)
+    return _sound(*soundfile.read(path, always_2d=True))
 
 
-def _sound(samples: NDArray[Any], full: float, rate_hz: float, column: str | None, count: int) -> Chosen:
-    """Channels of sound, as shares of full scale."""
-    if column is None and samples.shape[1] != count:
-        raise ReplayError(f"{samples.shape[1]} channels; choose one with --column 0")
-    numbers = channel_numbers("", column or "0", samples.shape[1])
-    values = samples[:, numbers].astype(np.float64) / full
-    return Chosen(f"channel {column or 0}", values, rate_hz=float(rate_hz), clock="the file itself")
-
-
-def _check_riff(path: Path) -> None:
-    """Refuse a file with a piece that is longer by its header than there are bytes: room would be made for it."""
-    size, offset = path.stat().st_size, 12
-    with path.open("rb") as file:
-        large = file.read(4) == b"RF64"
-        while offset + 8 <= size:
-            file.seek(offset)
-            name, length = struct.unpack("<4sI", file.read(8))
-            if name == b"ds64" and large:
-                sound_bytes = int.from_bytes(file.read(16)[8:], "little")
-                if sound_bytes > size:
-                    raise ValueError(f"it is cut off: its header claims {sound_bytes} bytes of sound")
-            elif length == 0xFFFFFFFF and large:
-                return
-            elif length > size - offset - 8:
-                raise ValueError(f"it is cut off: a piece at byte {offset} claims {length} bytes")
-            offset += 8 + length + length % 2
-
-
-def channel_numbers(where: str, column: str, count: int) -> list[int]:
-    """Numbers of channels as they are written on the command line.
-
-    Raises:
-        ReplayError: there is no such channel.
-    """
-    numbers = column.split(",")
-    unknown = next((each for each in numbers if not (each.isdecimal() and int(each) < count)), None)
-    if unknown is not None:
-        raise ReplayError(f"{where}no channel {unknown}; there are 0 to {count - 1}")
-    return [int(each) for each in numbers]
+def _sound(samples: NDArray[Any], rate_hz: float, full_scale: float = 1.0) -> Table:
+    channels = {str(number): samples[:, number] for number in range(samples.shape[1])}
+    return Table(channels, rate_hz=float(rate_hz), clock="the file itself", full_scale=full_scale)
 
 
 # --- MCAP of other programs ----------------------------------------------------------------------
 
 
-class _Json(DecoderFactory):
-    """Messages in JSON, beside the MCAP library's own decoders of protobuf and ROS 2."""
-
-    def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], Any] | None:
-        return json.loads if message_encoding == "json" else None
-
-
-def _read_mcap(path: Path, column: str | None, count: int) -> Chosen:
+def _read_mcap(path: Path, column: str | None) -> Table:
     """Fields of one topic, TOPIC:FIELD[,FIELD]; a field within a field has a dot, an item of a list its number."""
-    from mcap.reader import make_reader
+    asked = (column or "").split(",")
+    topic, _, first = asked[0].partition(":")
+    fields = [first, *asked[1:]]
+    header, known = next(records(path), None), topics(path)
+    if isinstance(header, Header) and header.library == LIBRARY:
+        raise ReplayError(
+            "the recording of a run, whose samples for plotting are thinned out; give its folder"
+        )
+    decode = {number: _decoder(*each) for number, each in known.items() if each[0].topic == topic}
+    if not first or not decode:
+        listed = ", ".join(sorted({channel.topic for channel, _ in known.values()})) or "none"
+        raise ReplayError(
+            f"which field of which topic? choose with --column TOPIC:FIELD; topics are {listed}"
+        )
+    rows: list[tuple[int, int | None, list[float | None]]] = []
+    begin_ns, whole = 2**64, False
+    for record in records(path):
+        whole = isinstance(record, Footer)
+        for number, _, log_ns, data in messages(path, record):
+            begin_ns = min(begin_ns, log_ns)
+            if number in decode:
+                decoded = decode[number](data)
+                row = [_field(decoded, field) for field in fields]
+                if None in row:
+                    raise ReplayError(f"{topic} has no number {fields[row.index(None)]}")
+                rows.append((log_ns, _stamp_ns(decoded), row))
+    if not whole:
+        raise ReplayError("it is cut off; close it with the program that wrote it")
+    if not rows:
+        raise ReplayError(f"{topic} has no message")
+    rows.sort(key=lambda row: row[0])
+    stamped = all(stamp for _, stamp, _ in rows)
+    since_ns = [(stamp if stamped and stamp else log_ns) for log_ns, stamp, _ in rows]
+    after_ns = rows[0][0] - begin_ns - since_ns[0]
+    times_s = np.array([each + after_ns for each in since_ns], np.int64).astype(np.float64) * 1e-9
+    columns = dict(zip(asked, np.array([row for *_, row in rows], np.float64).T, strict=True))
+    return Table(columns, times_s=times_s, clock="header.stamp" if stamped else "log_time")
+
+
+def _decoder(channel: Channel, schema: Schema | None) -> Callable[[bytes], Any]:
+    """What reads a channel's messages: JSON, protobuf or ROS 2."""
     from mcap_protobuf.decoder import DecoderFactory as Protobuf
     from mcap_ros2.decoder import DecoderFactory as Ros2
 
-    topic, _, named = (column or "").partition(":")
-    fields = named.split(",")
-    rows: list[list[float | None]] = []
-    clocks: list[tuple[int, int | None]] = []
-    _check_chunks(path)
-    with _Bounded(io.FileIO(path)) as file:
-        reader = make_reader(file, decoder_factories=[_Json(), Protobuf(), Ros2()])
-        if reader.get_header().library == LIBRARY:
-            raise ReplayError(
-                "the recording of a run, whose samples for plotting are thinned out; give its folder"
-            )
-        summary = reader.get_summary()
-        topics = sorted({channel.topic for channel in summary.channels.values()}) if summary else []
-        if not named or (topics and topic not in topics):
-            raise ReplayError(
-                f"which field of which topic? choose with --column TOPIC:FIELD; topics are"
-                f" {', '.join(topics) or 'not listed in it'}"
-            )
-        begin_ns = summary.statistics.message_start_time if summary and summary.statistics else None
-        for _, _, message, decoded in reader.iter_decoded_messages(topics=[topic]):
-            row = [_field(decoded, field) for field in fields]
-            missing = [field for field, value in zip(fields, row, strict=True) if value is None]
-            if missing:
-                raise ReplayError(f"{topic} has no number {missing[0]}")
-            rows.append(row)
-            clocks.append((message.log_time, _stamp_ns(decoded)))
-    if not rows:
-        raise ReplayError(f"{topic} has no message")
-    stamped = all(stamp for _, stamp in clocks)
-    anchor_ns = clocks[0][0] - (clocks[0][0] if begin_ns is None else begin_ns)
-    first_log_ns, first_stamp_ns = clocks[0]
-    since_ns = [stamp - first_stamp_ns if stamped else log - first_log_ns for log, stamp in clocks]  # type: ignore[operator]
-    times_s: Floats = (np.array(since_ns, np.int64) + anchor_ns).astype(np.float64) * 1e-9
-    clock = "header.stamp" if stamped else "log_time"
-    return _named(fields, np.array(rows, np.float64), times_s, clock)
-
-
-class _Bounded(io.BufferedReader):
-    """A file of which no read is longer than the whole, whatever length a record claims."""
-
-    def read(self, size: int | None = -1) -> bytes:
-        """See `io.BufferedReader.read`."""
-        return super().read(min(size, os.fstat(self.fileno()).st_size) if size else size)
-
-
-def _check_chunks(path: Path) -> None:
-    """Refuse a file with a chunk that unpacks to more than any recorder writes: the MCAP library would unpack it."""
-    import zstandard
-
-    with path.open("rb") as file:
-        for body, length in (record for record in records(path) if isinstance(record, ChunkPlace)):
-            file.seek(body)
-            chunk = Chunk.read(ReadDataStream(io.BytesIO(file.read(length))))
-            unpacked = chunk.uncompressed_size
-            if chunk.compression == "zstd":
-                claimed = zstandard.get_frame_parameters(chunk.data).content_size
-                unpacked = max(unpacked, 0 if claimed == zstandard.CONTENTSIZE_UNKNOWN else claimed)
-            if unpacked > LARGEST_CHUNK_BYTES:
-                raise ValueError(f"the chunk at byte {body} unpacks to {unpacked} bytes")
+    if channel.message_encoding == "json":
+        return json.loads
+    for factory in (Protobuf(), Ros2()):
+        if decode := factory.decoder_for(channel.message_encoding, schema):
+            return decode
+    raise ReplayError(f"{channel.topic}: messages in '{channel.message_encoding}' are not read")
 
 
 def _field(message: Any, field: str) -> float | None:
@@ -720,7 +648,7 @@ def _stamp_ns(message: Any) -> int | None:
     return None
 
 
-READERS: Mapping[str, Callable[[Path, str | None, int], Chosen]] = {
+READERS: Mapping[str, Callable[[Path, str | None], Table]] = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".lvm", ".log"), _read_text),
     ".npz": _read_npz,
     ".mat": _read_mat,

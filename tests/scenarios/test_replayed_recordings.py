@@ -328,7 +328,7 @@ def test_a_drive_of_another_frequency_is_set_in_the_chain_and_the_detector(verb,
 
 def test_sound_that_makes_no_envelope_is_refused(verb, tmp_path):
     both = sound(tmp_path / "both.wav")
-    assert "2 channels; choose one with --column 0" in refused(verb, "replay", both, "--detector", "level")
+    assert "choose with --column; there are 0, 1" in refused(verb, "replay", both, "--detector", "level")
     message = refused(verb, "replay", both, "--detector", "level", "--column", "0,1")
     assert "2 channels of sound; choose one finger's" in message
     slow = sound(tmp_path / "slow.wav", rate_hz=48_000, drive_hz=8000.0, fingers=1)

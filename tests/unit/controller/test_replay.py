@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import soundfile
 import zstandard
+from mcap.writer import CompressionType, Writer
 from scipy.io import savemat, wavfile
 
 from behaviors.events import BaselineReady, SlipStarted
@@ -184,6 +185,14 @@ def test_a_rate_in_whole_milliseconds_is_that_of_the_span_whatever_the_usual_ste
     assert np.abs(numbers_of(with_gaps) - kept).max() <= (1 if rate_hz > 1000.0 else 0)
 
 
+@pytest.mark.parametrize("rate_hz", [953.0, 965.3, 978.1, 990.4, 996.45])
+def test_a_rate_a_little_below_a_thousand_hertz_in_whole_milliseconds_is_that_rate(rate_hz):
+    places = np.arange(10_000)
+    found = regular(1e-3 * np.floor(1e3 * places / rate_hz), np.sin(places)[:, None])
+    assert found.rate_hz == pytest.approx(rate_hz, rel=1e-5)
+    assert len(found.pieces) == 1
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_thousand_hertz_with_rows_missing_is_that_however_they_are_missing(seed):
     rng, places = np.random.default_rng(seed), np.arange(3000)
@@ -328,7 +337,6 @@ TIMES = "times must be finite and rise"
         ("text.csv", b"t_s,a\n0,1\n0.1,ERR\n", ["column a holds 'ERR' in row 2"]),
         ("end.csv", b"t_s,a\n0,1\nend,\n", ["column t_s holds 'end' in row 2"]),
         ("day.csv", b"time,a\n2026-01-01,1\nnoon,2\n", ["column time holds 'noon' in row 2"]),
-        ("title.csv", b"Monday\nt_s,a\n0,1\n", ["(Monday)", "2 fields in the row below"]),
         ("zeros.csv", bytes(10), ["byte 0"]),
         ("wide.csv", ",".join(map(str, range(99))).encode(), ["which column", "18, 19, …"]),
         ("no.npz", b"PK\x03\x04 and no more", ["no NPZ file"]),
@@ -362,6 +370,10 @@ def claims(array: bytes, data: bytes) -> bytes:
     return packed.getvalue()
 
 
+SOUND = b"RIFF\xf0\xff\xff\x7fWAVEfmt \x10\0\0\0\1\0\1\0\x40\x1f\0\0\x80\x3e\0\0\2\0\x10\0"
+"""The head of a file of 16 bits at 8 kHz that claims 2 GiB."""
+
+
 def chunk_of(size: int) -> bytes:
     """An MCAP file of some kilobytes with a chunk that unpacks to `size` bytes."""
     body = bytes(16) + size.to_bytes(8, "little") + bytes(4) + b"\4\0\0\0zstd"
@@ -374,7 +386,7 @@ def chunk_of(size: int) -> bytes:
     ("name", "content", "reason"),
     [
         ("a.npz", claims(HUGE, bytes(80)), "no .900000000,. of float64"),
-        ("a.wav", b"RIFF\xf0\xff\xff\x7fWAVEdata\0\xff\xff\x7f" + bytes(80), "12 claims 2147483392 bytes"),
+        ("a.wav", SOUND + b"data\0\xff\xff\x7f" + bytes(80), "Reached EOF prematurely"),
         ("a.mcap", chunk_of(65 << 20), "unpacks to 68157440 bytes"),
     ],
 )
@@ -405,6 +417,7 @@ TEXTS = {
     "microseconds since 1970": "timestamp,ft_v\n1760000000000000,1.5\n1760000000001000,2.5\n1760000000002000,3.5\n",
     "nanoseconds since 1970": "time,ft_v\n1760000000000000000,1.5\n1760000000001000000,2.5\n1760000000002000000,3.5\n",
     "dates": "time,ft_v\n2026-01-01T00:00:00.000Z,1.5\n2026-01-01T00:00:00.001Z,2.5\n2026-01-01T00:00:00.002Z,3.5\n",
+    "a preamble and empty cells": "a lab\nt_s;ft_v;b\n0;1.5;\n0.001;2.5;\n0.002;3.5;4\n",
     "text beside the numbers": "t_s,state,ft_v\n0,rest,1.5\n0.001,rest,2.5\n0.002,drag,3.5\n",
 }
 
@@ -450,11 +463,9 @@ def test_columns_of_an_array_of_two_dimensions_go_by_number(tmp_path, kind):
     assert block.rate_hz == pytest.approx(1000.0)
 
 
-def foreign_mcap(path, stamp=()):
-    from mcap.writer import Writer
-
+def foreign_mcap(path, stamp=(), **stored):
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer = Writer(file, **stored)
         writer.start()
         schema = writer.register_schema("wrench", "jsonschema", b"{}")
         topic = writer.register_channel("/wrench", "json", schema)
@@ -474,7 +485,7 @@ def test_a_field_of_a_foreign_recording_is_read_and_a_ros_2_message_has_its_own_
     assert block.values[:3].tolist() == [[0.0, 0.0], [0.5, 1.0], [1.0, 2.0]]
     assert block.rate_hz == pytest.approx(1000.0)
     assert block.t0_s == 0.0
-    from mcap_ros2.writer import Writer
+    from mcap_ros2.writer import Writer as Ros2Writer
 
     schema_text = (
         "std_msgs/Header header\nfloat64 x\n"
@@ -484,7 +495,7 @@ def test_a_field_of_a_foreign_recording_is_read_and_a_ros_2_message_has_its_own_
     )
     path = tmp_path / "ros.mcap"
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer = Ros2Writer(file)
         schema = writer.register_msgdef("lab/Force", schema_text)
         for place in range(50):
             stamp = {"sec": 100, "nanosec": place * 2_000_000}
@@ -496,6 +507,27 @@ def test_a_field_of_a_foreign_recording_is_read_and_a_ros_2_message_has_its_own_
     (block,) = read_blocks(path, STREAM, column="/force:x", notes=notes)
     assert block.rate_hz == pytest.approx(500.0)
     assert "times from header.stamp" in notes[0]
+
+
+@pytest.mark.parametrize(
+    "stored",
+    [
+        {"compression": CompressionType.LZ4},
+        {"compression": CompressionType.NONE, "enable_crcs": False},
+        {"use_chunking": False},
+        {"repeat_channels": False, "repeat_schemas": False, "chunk_size": 500},
+    ],
+)
+def test_a_foreign_recording_is_read_however_it_is_stored_and_one_that_is_cut_off_is_refused(
+    tmp_path, stored
+):
+    path = foreign_mcap(tmp_path / "a.mcap", **stored)
+    found = read_columns(path, "/wrench:raw.0")
+    assert found.values[:, 0].tolist() == list(range(100))
+    assert found.times_s == pytest.approx(np.arange(100) / 1000.0, abs=1e-9)
+    path.write_bytes(path.read_bytes()[:-1000])
+    with refused(ReplayError, "a.mcap", "cut off"):
+        read_columns(path, "/wrench:raw.0")
 
 
 @pytest.mark.parametrize("stamp", [("sec", "nanosec"), ("secs", "nsecs")])
@@ -628,6 +660,7 @@ def test_what_states_no_rate_or_two_leaves_it_to_the_user(tmp_path, above):
     ("name", "text", "column"),
     [
         ("preamble.csv", "Cell logger 2\nSerial: 5, channel 3\n2 Nov 2024\nt_s,force\ns,N\n" + table(), "force"),
+        ("title.csv", "Monday\nt_s,force\n" + table(), "force"),
         ("no_names.txt", "a logger of mine\nrate 100\n" + table(" "), "1"),
         ("labview.lvm", "LabVIEW\t\n***End_of_Header***\t\nDelta_X\t0.01\n***End_of_Header***\t\nX_Value\tF\tComment\n"
          + table("\t"), "F"),
@@ -736,22 +769,16 @@ def test_a_row_of_many_samples_before_a_gap_is_as_long_as_the_others(tmp_path):
     assert (len(first), second.seq) == (201 * 22, 501 * 22)
 
 
-def test_a_column_that_counts_is_not_offered_as_times_alone_and_a_line_not_understood_is_named(tmp_path):
-    table_ = "count,a_x,a_z\n0,0.1,1.0\n1,0.2,0.9\n2,0.1,1.1\n3,0.3,1.2\n"
-    (tmp_path / "a.csv").write_text("# data_rate = 2000.0 Hz\n" + table_)
-    with refused(ReplayError, "count counts the samples", "--rate HZ", "if these are times, write"):
+def test_where_no_column_has_the_times_it_is_said_how_one_is_called_and_a_line_not_understood_is_named(
+    tmp_path,
+):
+    (tmp_path / "a.csv").write_text("# data_rate = 2000.0 Hz\ncount,a_x\n0,0.1\n1,0.2\n2,0.1\n3,0.3\n")
+    with refused(ReplayError, "there are count, a_x", "called t_s, t_ms, time"):
         read_columns(tmp_path / "a.csv", None)
+    assert read_columns(tmp_path / "a.csv", "a_x").rate_hz == 2000.0, "a count of samples is no time"
     (tmp_path / "a.txt").write_text("one\ntwo words\nthree of them\nand so on\n")
     with refused(ReplayError, "two words"):
         read_columns(tmp_path / "a.txt", None)
-
-
-def test_a_column_that_could_have_the_times_is_named_with_the_line_to_write(tmp_path):
-    (tmp_path / "a.csv").write_text("START OF RUN\n" + "".join(f"d,{(-1) ** i},{10 * i}\n" for i in range(6)))
-    with pytest.raises(ReplayError, match="2 rises: if it has the times, write as the first line 0,1,t_ms"):
-        read_columns(tmp_path / "a.csv", None)
-    (tmp_path / "b.csv").write_text((tmp_path / "a.csv").read_text().replace("START OF RUN", "0,1,t_ms"))
-    assert read_columns(tmp_path / "b.csv", "1").times_s == pytest.approx(0.01 * np.arange(6))
 
 
 def test_structures_of_mat_files_and_flac_are_read(tmp_path):
