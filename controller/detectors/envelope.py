@@ -3,10 +3,11 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import deepcopy
-from typing import ClassVar, Generic, NamedTuple, Self
+from typing import Annotated, ClassVar, Generic, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Strict
 
 from behaviors.events import Detected
 from controller.detectors.protocol import NOTHING, rate_of
@@ -14,6 +15,16 @@ from controller.detectors.stream import S
 from drivers.core.messages import Floats, Ints, SampleBlock
 
 Complexes = NDArray[np.complex128]
+
+
+def _some_length(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(direction):
+        raise ValueError("a direction has a length; give it one other than 0")
+    return direction
+
+
+Direction = Annotated[tuple[float, float, float], Strict(False), AfterValidator(_some_length)]
+"""Setting: along which a pose is measured, in its own frame; any length but 0."""
 
 UNKNOWN = -1
 """In `missing`: the stream restarted, so the length of the gap is unknown."""

@@ -8,7 +8,14 @@ import numpy as np
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected
-from controller.detectors.envelope import EnvelopeSamples, OnEnvelope, as_complex, recorded, with_position
+from controller.detectors.envelope import (
+    Direction,
+    EnvelopeSamples,
+    OnEnvelope,
+    as_complex,
+    recorded,
+    with_position,
+)
 from controller.detectors.protocol import Quantity, decisions
 from controller.signals.iq import IqSettings
 from controller.signals.level import StepSearch, Window, find_steps, step_search, window, z_scores
@@ -108,7 +115,7 @@ class LevelSettings(Settings):
     """The mover's encoder: a position (m), or a pose. With it a wave is expected to turn by the way gone, and what
     rings after a stop is no touch; None: by time, and a braking mover hides small touches."""
 
-    direction: Annotated[tuple[float, float, float], Strict(False)] = (1.0, 0.0, 0.0)
+    direction: Direction = (1.0, 0.0, 0.0)
     """Along which a pose is measured; a position has its direction already."""
 
     ring_s: float = Field(default=0.3, ge=0.0, le=10.0)

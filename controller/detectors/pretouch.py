@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from pydantic import Field, Strict, field_validator
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
-from controller.detectors.envelope import EnvelopeSamples, OnEnvelope, recorded, with_position
+from controller.detectors.envelope import Direction, EnvelopeSamples, OnEnvelope, recorded, with_position
 from controller.detectors.protocol import Quantity, decisions
 from controller.signals.undulation import WaveFit, fit_wave, wave_fit
 from drivers.core.messages import Floats
 from drivers.core.settings import DriveHz, Settings, StreamName
-
-Direction = Annotated[tuple[float, float, float], Strict(False)]
 
 CELLS_PER_TURN = 16
 """Cells in each half wavelength: a mean over one takes 0.6 % of the wave away."""
@@ -93,13 +91,6 @@ class PreTouchSettings(Settings):
 
     max_gap_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """The same for lost or unusable samples."""
-
-    @field_validator("direction")
-    @classmethod
-    def _some_direction(cls, direction: Direction) -> Direction:
-        if not any(direction):
-            raise ValueError("a direction has a length; give it one other than 0")
-        return direction
 
     @field_validator("obliquity")
     @classmethod

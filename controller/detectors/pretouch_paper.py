@@ -3,13 +3,12 @@
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field, Strict
+from pydantic import Field
 
 from behaviors.events import Detected, PreTouch, PreTouchLost
-from controller.detectors.envelope import EnvelopeSamples, OnEnvelope
+from controller.detectors.envelope import Direction, EnvelopeSamples, OnEnvelope
 from controller.detectors.protocol import Hysteresis, Quantity, decisions
 from controller.signals.spectrum import BlockCutter
 from drivers.core.messages import Floats
@@ -25,7 +24,7 @@ class PreTouchPaperSettings(Settings):
     position_input: StreamName | None = None
     """The mover's encoder, reported with each event and not used otherwise; None: no encoder, position NaN."""
 
-    direction: Annotated[tuple[float, float, float], Strict(False)] = (1.0, 0.0, 0.0)
+    direction: Direction = (1.0, 0.0, 0.0)
     """Along which a pose is measured; a position has its direction already."""
 
     window_s: float = Field(default=0.5, gt=0.0, le=60.0)

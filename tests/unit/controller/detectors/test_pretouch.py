@@ -8,6 +8,7 @@ import pytest
 
 from behaviors.events import PreTouch, PreTouchLost
 from controller.detectors.calibration import calibrate_pieces, span_maxima, threshold_for
+from controller.detectors.level import LevelSettings
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
 from controller.detectors.pretouch_paper import PreTouchPaperDetector, PreTouchPaperSettings
 from controller.signals.undulation import fit_wave
@@ -209,8 +210,9 @@ def test_the_position_beside_a_recorded_sample_is_the_live_one():
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ValueError, match="length"):
-        PreTouchSettings(direction=(0.0, 0.0, 0.0))
+    for settings in (PreTouchSettings, PreTouchPaperSettings, LevelSettings):
+        with pytest.raises(ValueError, match="a direction has a length"):
+            settings(direction=(0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="shares"):
         PreTouchSettings(obliquity=(0.0,))
 
