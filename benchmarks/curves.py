@@ -29,14 +29,7 @@ from benchmarks.recordings import (
 )
 from benchmarks.results import kept, save
 from controller.characterize import AFTER_S, AN_HOUR, DELAY_S, EARLY_S, delays_at
-from controller.detectors.calibration import (
-    SHORT_S,
-    SHORT_SPAN_S,
-    SPAN_S,
-    poisson_interval,
-    span_maxima,
-    threshold_for,
-)
+from controller.detectors.calibration import poisson_interval, span_in, span_maxima, threshold_for
 from controller.detectors.level import LevelDetector, LevelPaperDetector, LevelPaperSettings, LevelSettings
 from controller.detectors.onset import OnsetDetector, OnsetSettings
 from controller.detectors.pretouch import PreTouchDetector, PreTouchSettings
@@ -75,7 +68,7 @@ def curve(groups: Groups) -> Iterator[dict[str, Any]]:
         name: sum(int(np.sum(~np.isnan(each.quiet))) / each.rate_hz for each in heard)
         for name, heard in groups.items()
     }
-    span_s = SPAN_S * min(1.0, max(SHORT_SPAN_S / SPAN_S, sum(decided.values()) / SHORT_S))
+    span_s = span_in(sum(decided.values()))
     maxima = {
         name: np.concatenate([span_maxima(each.quiet, each.rate_hz, span_s) for each in heard])
         for name, heard in groups.items()

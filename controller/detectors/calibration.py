@@ -319,6 +319,11 @@ class Spans(NamedTuple):
     span_s: float
 
 
+def span_in(decided_s: float) -> float:
+    """Length of a span in recordings in which the detector decides for so long, s."""
+    return SPAN_S * min(1.0, max(SHORT_SPAN_S / SPAN_S, decided_s / SHORT_S))
+
+
 def spans_of(courses: Sequence[StatisticCourse]) -> Spans:
     """The time in which the detector decides, of all courses end to end, in spans of a second, of less where there are
     less than `SHORT_S`; a rest of more than half a span is one."""
@@ -327,7 +332,7 @@ def spans_of(courses: Sequence[StatisticCourse]) -> Spans:
     decided_s = sum(len(each) / course.rate_hz for each, course in zip(decided, courses, strict=True))
     # of pieces at several rates the mean one: as many spans as there are seconds
     rate_hz = int(ends[-1]) / decided_s if decided_s else courses[0].rate_hz
-    span_s = SPAN_S * min(1.0, max(SHORT_SPAN_S / SPAN_S, decided_s / SHORT_S))
+    span_s = span_in(decided_s)
     size = max(step, round(span_s * rate_hz))
     rest = np.full(max(0, round(int(ends[-1]) / size) * size - int(ends[-1])), np.nan)
     joined = np.concatenate([*decided, rest])
