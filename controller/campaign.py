@@ -317,8 +317,8 @@ class Campaign:
         offset_s = 0.0
         code, status, line = EXIT_DONE, "done", ""
         for trial in trials:
-            held = self._console.between
-            if held is not None and (stopped := self._held(held, trial, infos)):
+            feed = self._console.feed
+            if feed is not None and (stopped := self._held(feed.between, trial, infos)):
                 code, status, line = stopped
                 break
             self._console.trial_started(trial.trial, trial.factors)

@@ -5,23 +5,26 @@ import re
 import select
 import signal
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread, get_ident
-from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Any, Self, TextIO
+from types import FrameType, MappingProxyType, TracebackType
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TextIO
 
 from controller.outcomes import UNMEASURED
 from controller.scales import scale_of
 from drivers.core import compiled
+from drivers.core.clock import monotonic_s
 from drivers.core.protocols import Asking, Question
 
 if TYPE_CHECKING:
     from controller.live_view import LiveView
-    from controller.watching.between import Between
+    from controller.loop import HandOperator
+    from controller.watching.feed import Watched
 
 PAUSED = "PAUSED"
 """What the loop calls the state in which it waits for the operator."""
@@ -320,39 +323,111 @@ class _Printer:
                 self._show(line)
 
 
+ROWS = 200
+"""So many of the last trials are kept: what a late client of the feed gets."""
+
+
+class Present(NamedTuple):
+    """The trial under way (None between two), its state, and since when, s of bench time; replaced as a whole."""
+
+    trial: int | None = None
+    factors: Mapping[str, Any] = MappingProxyType({})
+    state: str = ""
+    since_s: float = 0.0
+
+
 class Console:
-    """What a person sees of a campaign, and how they interrupt it; this one shows nothing, and nobody interrupts.
+    """What is known of a campaign under way, for all that show it, and who may interrupt it; this one draws nothing.
+
+    The loop's thread notes, another may read: each attribute is replaced, or grows.
+
+    Args:
+        operator: Who may interrupt; None: nobody.
+        successes: Outcomes that are success; None where the experiment declares none.
 
     Attributes:
-        between: What holds the campaign between two trials; None where nothing does.
+        feed: Publishes it to those who watch, who may hold it between two trials; None where nobody may.
+        count: How many trials there are.
+        rows: Of each trial that has ended: number, factors, outcome, what was measured.
+        counts: How many trials ended in each outcome.
+        ended: The last line, once all is over.
+        entered_s: When the present state began, by the wall clock.
     """
 
-    between: "Between | None" = None
+    feed: "Watched | None" = None
+
+    def __init__(
+        self, operator: "HandOperator | None" = None, successes: Collection[str] | None = None
+    ) -> None:
+        self._hand = operator
+        self.successes = successes
+        self.title, self.count, self.folder = "", 0, Path()
+        self.present = Present()
+        self.view: LiveView | None = None
+        self.counts: Counter[str] = Counter()
+        self.rows: deque[tuple[int, Mapping[str, Any], str, Mapping[str, Any]]] = deque(maxlen=ROWS)
+        self.ended: str | None = None
+        self.begun_s = self.entered_s = monotonic_s()
+        self._paused_s = 0.0
 
     def poll(self) -> str | None:
         """See `controller.loop.HandOperator`."""
-        return None
+        return None if self._hand is None else self._hand.poll()
 
     def suspend(self) -> None:
         """See `controller.loop.HandOperator`."""
-
-    def state(self, name: str, t_s: float) -> None:
-        """See `controller.loop.LoopOperator`."""
+        if self._hand is not None:
+            self._hand.suspend()
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
-        """Before the first trial."""
+        """Before the first trial; from now on the run can be watched."""
+        self.title, self.count, self.folder = title, trials, folder
+        self.begun_s = self.entered_s = monotonic_s()
+        self._paused_s = 0.0
+        if self.feed is not None:
+            self.feed.begin(folder)
 
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
         """Before each trial."""
+        self._enter(Present(trial, dict(factors)))
 
     def watch(self, view: "LiveView") -> None:
         """After each trial's recording has begun."""
+        self.view = view
+
+    def state(self, name: str, t_s: float) -> None:
+        """See `controller.loop.LoopOperator`."""
+        self._enter(self.present._replace(state=name, since_s=t_s))
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """After each trial."""
+        self.rows.append((trial, self.present.factors, outcome, row))
+        self.counts[outcome] += 1  # last: who reads this many finds as many rows
 
     def campaign_ended(self, line: str) -> None:
-        """After the last."""
+        """After the last; all who watch are told."""
+        self.present, self.ended = self.present._replace(trial=None), line or "done"
+        if self.feed is not None:
+            self.feed.end()
+
+    def _enter(self, present: Present) -> None:
+        now_s = monotonic_s()
+        if self.present.state == PAUSED:
+            self._paused_s += now_s - self.entered_s
+        self.present, self.entered_s = present, now_s
+
+    @property
+    def left_s(self) -> float | None:
+        """What the other trials will take, by what those took that are done, pauses left out; None before one is."""
+        done, now_s = self.counts.total(), monotonic_s()
+        present_s = now_s - self.entered_s if self.present.state == PAUSED else 0.0
+        ran_s = now_s - self.begun_s - self._paused_s - present_s
+        return ran_s / done * (self.count - done) if done else None
+
+    @property
+    def said(self) -> Sequence[str]:
+        """The trial's factors, as text."""
+        return [scale_of(name).said(value) for name, value in self.present.factors.items()]
 
 
 LINES = 24
@@ -367,21 +442,21 @@ class PlainConsole(Console):
         first: Line to begin with; empty for none.
     """
 
-    def __init__(self, operator: ConsoleOperator, show: Callable[[str], None], first: str = "") -> None:
+    def __init__(
+        self,
+        operator: ConsoleOperator,
+        show: Callable[[str], None],
+        first: str = "",
+        successes: Collection[str] | None = None,
+    ) -> None:
+        super().__init__(operator, successes)
         self._operator = operator
         self._question: Question | None = None
         self._printer = _Printer(show)
         self._print = self._printer.print
         self._first = first
-        self._trials = 0
         self._begun = 0
-        self._factors = ""
-        self._view: LiveView | None = None
         self._foreseen = ""
-
-    def watch(self, view: "LiveView") -> None:
-        """What is foreseen of this trial's approaches is printed."""
-        self._view, self._foreseen = view, ""
 
     def poll(self) -> str | None:
         """Polls the operator, and prints the question of a device."""
@@ -390,47 +465,46 @@ class PlainConsole(Console):
             self._question = question
             if question is not None:
                 self._print(question.text)
-        return self._operator.poll()
-
-    def suspend(self) -> None:
-        """Suspends the program."""
-        self._operator.suspend()
+        return super().poll()
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Prints what is run, and where it goes."""
-        self._trials = trials
+        super().campaign_started(title, trials, folder)
         if self._first:
             self._print(self._first)
         self._print(f"{title}: {trials} trial{'s' * (trials != 1)} into {folder}")
 
     def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
         """Nothing is printed before there is a result."""
-        self._begun += 1
-        self._factors = ", ".join(scale_of(name).said(value) for name, value in factors.items())
+        super().trial_started(trial, factors)
+        self._begun, self._foreseen = self._begun + 1, ""
 
     def state(self, name: str, t_s: float) -> None:
         """A line for a pause, and for what an approach will do and has done, where it is this trial's turn."""
+        super().state(name, t_s)
         if name == PAUSED:
             self._print("paused: nothing moves, all is watched; Enter goes on, Ctrl+C aborts")
-        foreseen = self._view.foreseen() if self._view is not None and self._shown else ""
+        foreseen = self.view.foreseen() if self.view is not None and self._shown else ""
         if foreseen != self._foreseen:
             self._foreseen = foreseen
             self._print(foreseen)
 
     def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
         """Prints the result, where it is this trial's turn."""
+        super().trial_ended(trial, outcome, row)
         if not self._shown and outcome not in UNMEASURED:
             return
         results = ", ".join(scale_of(name).said(value) for name, value in key_results(row).items())
-        line = f"[{self._begun}/{self._trials}] trial {trial} {self._factors}: {outcome.replace('_', ' ')}, {results}"
-        self._print(line.rstrip(", "))
+        said = f"{', '.join(self.said)}: {outcome.replace('_', ' ')}, {results}"
+        self._print(f"[{self._begun}/{self.count}] trial {trial} {said}".rstrip(", "))
 
     @property
     def _shown(self) -> bool:
-        return self._begun in (1, self._trials) or self._begun % -(-self._trials // LINES or 1) == 0
+        return self._begun in (1, self.count) or self._begun % -(-self.count // LINES or 1) == 0
 
     def campaign_ended(self, line: str) -> None:
         """The exit prints the rest."""
+        super().campaign_ended(line)
         self._printer.end()
 
 

@@ -1,20 +1,17 @@
 """A campaign as a live view on a terminal."""
 
-from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Queue
 from textwrap import wrap
 from threading import Thread
-from typing import Any
 
 from rich.console import Console as Terminal
 from rich.live import Live
 from rich.text import Text
 
 from controller.console import LAST_S, PAUSED, Console, ConsoleOperator, key_results
-from controller.live_view import Elapsed, LiveView
 from controller.outcomes import UNMEASURED, counted, is_success
 from controller.scales import Scale, scale_of
 from drivers.core.clock import monotonic_s
@@ -91,65 +88,35 @@ class LiveConsole(Console):
     def __init__(
         self, operator: ConsoleOperator, terminal: Terminal, successes: Collection[str] | None = None
     ) -> None:
-        self._successes = successes
+        super().__init__(operator, successes)
         self._operator = operator
         self._terminal = terminal
-        self._title = ""
-        self._folder = Path()
-        self._trials = 0
-        self._trial: int | None = None
-        self._factors: Mapping[str, Any] = {}
-        self._state = ("", 0.0)
-        self._counts: Counter[str] = Counter()
-        self._results: deque[tuple[int, Mapping[str, Any], str, Mapping[str, Any]]] = deque(maxlen=ROWS)
-        self._entered_s = self._drawn_s = monotonic_s()
-        self._elapsed = Elapsed()
+        self._drawn_s = monotonic_s()
         self._drawer: Drawer | None = None
-        self._view: LiveView | None = None
-
-    def watch(self, view: LiveView) -> None:
-        """Shows the trial's deciding signal and margins from now on."""
-        self._view = view
 
     def campaign_started(self, title: str, trials: int, folder: Path) -> None:
         """Begins to draw."""
-        self._title, self._trials, self._folder = title, trials, folder
-        self._elapsed = Elapsed()
+        super().campaign_started(title, trials, folder)
         self._drawer = Drawer(self._terminal, self._operator.pressed_yet)
         self._refresh()
-
-    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
-        """Shows the trial."""
-        self._trial, self._factors, self._state = trial, factors, ("", 0.0)
-
-    def state(self, name: str, t_s: float) -> None:
-        """Notes the state; it is shown at a poll, after its commands are out."""
-        self._elapsed.enter(name)
-        self._state = (name, t_s)
-        self._entered_s = monotonic_s()
 
     def poll(self) -> str | None:
         """Shows how it stands where it is time to, and polls the operator."""
         if monotonic_s() - self._drawn_s > REFRESH_S:
             self._refresh()
-        return self._operator.poll()
+        return super().poll()
 
     def suspend(self) -> None:
         """Leaves the terminal to the shell meanwhile."""
         if self._drawer is not None:
             self._drawer.end(self._picture())
-        self._operator.suspend()
+        super().suspend()
         if self._drawer is not None:
             self._drawer = Drawer(self._terminal, self._operator.pressed_yet)
 
-    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
-        """Adds a row."""
-        self._counts[outcome] += 1
-        self._results.append((trial, self._factors, outcome, key_results(row)))
-
     def campaign_ended(self, line: str) -> None:
         """Draws for the last time."""
-        self._trial = None
+        super().campaign_ended(line)
         if self._drawer is not None:
             self._drawer.end(self._picture())
             self._drawer = None
@@ -166,28 +133,29 @@ class LiveConsole(Console):
         return Text("\n", no_wrap=True, overflow="ellipsis").join(lines)
 
     def _header(self) -> Text:
-        return Text.assemble((self._title, "bold"), "  ", (str(self._folder), "dim"))
+        return Text.assemble((self.title, "bold"), "  ", (str(self.folder), "dim"))
 
     def _progress(self) -> Text:
-        done, elapsed_s = self._counts.total(), monotonic_s() - self._elapsed.begun_s
-        filled = BAR * done // max(self._trials, 1)
-        left_s = self._elapsed.left_s(done, self._trials) if self._trial is not None else None
+        done, elapsed_s = self.counts.total(), monotonic_s() - self.begun_s
+        filled = BAR * done // max(self.count, 1)
+        left_s = self.left_s if self.present.trial is not None else None
         left = "" if left_s is None else f"  about {_clock(left_s)} left"
         return Text.assemble(
             ("━" * filled, "cyan"),
             ("─" * (BAR - filled), "bright_black"),
-            f"  {done} of {self._trials} trials  {_clock(elapsed_s)}",
+            f"  {done} of {self.count} trials  {_clock(elapsed_s)}",
             (left, "dim"),
         )
 
     def _table(self) -> list[Text]:
-        if not self._results:
+        if not self.rows:
             return []
-        _, factors, _, results = self._results[-1]
-        names, found = [_scales(columns) for columns in (factors, results)]
+        last = [*self.rows][-ROWS:]
+        _, factors, _, results = last[-1]
+        names, found = [_scales(columns) for columns in (factors, key_results(results))]
         heads, more = ([scale.heading for scale in scales.values()] for scales in (names, found))
         rows = [["trial", *heads, "outcome", *more]]
-        for trial, values, outcome, row in self._results:
+        for trial, values, outcome, row in last:
             cells, more = (
                 [scale.cell(of.get(name), NUMBER) for name, scale in scales.items()]
                 for scales, of in ((names, values), (found, row))
@@ -198,26 +166,26 @@ class LiveConsole(Console):
         # Results that a narrow terminal has no room for are left out whole.
         while sum(widths) + GAP * (len(widths) - 1) > self._terminal.width and len(widths) > len(names) + 2:
             widths.pop()
-        styles = ["dim", *(self._style(outcome) for _, _, outcome, _ in self._results)]
+        styles = ["dim", *(self._style(outcome) for _, _, outcome, _ in last)]
         left = len(names) + 1
         return [Text(_row(row, widths, left), style) for row, style in zip(rows, styles, strict=True)]
 
     def _style(self, outcome: str) -> str:
         if outcome in UNMEASURED:
             return _BAD
-        return _GOOD if is_success(outcome, self._successes) else _MISSED
+        return _GOOD if is_success(outcome, self.successes) else _MISSED
 
     def _present(self) -> list[Text]:
-        if self._trial is None:
+        number, values, name, t_s = self.present
+        if number is None:
             return []
-        counts = Text(counted(self._counts, self._successes))
-        name, t_s = self._state
-        scales = _scales(self._factors)
-        factors = "  ".join(scales[key].said(value) for key, value in self._factors.items())
-        stay = f" since {t_s:.2f} s, for {monotonic_s() - self._entered_s:.0f} s" if name else ""
-        trial = (f"trial {self._trial}", "bold")
+        counts = Text(counted(self.counts, self.successes))
+        scales = _scales(values)
+        factors = "  ".join(scales[key].said(value) for key, value in values.items())
+        stay = f" since {t_s:.2f} s, for {monotonic_s() - self.entered_s:.0f} s" if name else ""
+        trial = (f"trial {number}", "bold")
         now = Text.assemble(trial, "  ", (name, "cyan"), (stay, "dim"), f"  {factors}")
-        seen = [Text(line, "dim") for line in self._view.lines(self._terminal.width)] if self._view else []
+        seen = [Text(line, "dim") for line in self.view.lines(self._terminal.width)] if self.view else []
         if name == PAUSED:
             hint = "paused: nothing moves, all is watched. Enter goes on, Ctrl+C aborts"
         elif (question := self._operator.question) is not None:

@@ -9,12 +9,10 @@ import numpy as np
 
 from behaviors.events import Approached, BorderNear, Contact, Event, Forecast, PreTouch, SlipStarted
 from behaviors.machine import Behavior
-from controller.console import PAUSED
 from controller.detectors.protocol import Detector, quantity_of
 from controller.limits import GuardSettings, shown_limits
 from controller.recording.series import DETECTOR, TrialRecording
 from controller.scales import as_text, displayed, shown_in, spaced
-from drivers.core.clock import monotonic_s
 from drivers.core.messages import Floats
 
 BARS = "▁▂▃▄▅▆▇█"
@@ -27,27 +25,6 @@ FELT = (Contact, PreTouch, SlipStarted, BorderNear)
 
 PANELS = 6
 """Most signals on the page (assumption: what a screen holds)."""
-
-
-class Elapsed:
-    """How long a campaign has run and how long it will go on, by the wall clock; pauses count in neither."""
-
-    def __init__(self) -> None:
-        self.begun_s = self._entered_s = monotonic_s()
-        self._state = ""
-        self._paused_s = 0.0
-
-    def enter(self, state: str) -> None:
-        """The trial is in that state from now on."""
-        if self._state == PAUSED:
-            self._paused_s += monotonic_s() - self._entered_s
-        self._state, self._entered_s = state, monotonic_s()
-
-    def left_s(self, done: int, trials: int) -> float | None:
-        """What the other trials will take, by what those took that are done; None before one is."""
-        present_s = monotonic_s() - self._entered_s if self._state == PAUSED else 0.0
-        ran_s = monotonic_s() - self.begun_s - self._paused_s - present_s
-        return ran_s / done * (trials - done) if done else None
 
 
 class LiveView:

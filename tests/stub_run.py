@@ -18,16 +18,6 @@ from drivers.core.messages import SampleBlock
 from drivers.core.protocols import Question
 
 
-class Unattended(Console):
-    """A console without a person; the operator is polled."""
-
-    def __init__(self, operator):
-        self._operator = operator
-
-    def poll(self):
-        return self._operator.poll()
-
-
 class Asker:
     """A device that asks the person."""
 
@@ -55,14 +45,15 @@ class StubRun:
         self.asker = Asker()
         self.keyboard = Path(os.devnull).open()  # noqa: SIM115 - until the run ends
         self.operator = ConsoleOperator(self.keyboard, asking=[self.asker])
-        self.watched = Watched(Unattended(self.operator), self.operator, began)
+        self.console = Console(self.operator)
+        self.watched = Watched(self.console, self.operator, began)
         self.events, self.lost = [Contact(0.5, "contact", 28.31, 28.2)], {"board.load_cell": 3}
         self.recording = TrialRecording(3)
         limits = GuardSettings(force_n=2.0, travel_m=0.012)
         self.t_s = 1.0
-        self.watched.campaign_started("mock/stub", 42, folder)
-        self.watched.trial_started(3, {"location": "f", "speed_m_s": 0.003785})
-        self.watched.watch(
+        self.console.campaign_started("mock/stub", 42, folder)
+        self.console.trial_started(3, {"location": "f", "speed_m_s": 0.003785})
+        self.console.watch(
             LiveView(
                 self.recording,
                 {"contact": Detector()},
@@ -73,18 +64,18 @@ class StubRun:
                 lambda: self.t_s,
             )
         )
-        self.watched.trial_ended(2, "contact", {"delay_s": 0.212, "force_n": 0.04})
-        self.watched.state("APPROACH", 1.0)
+        self.console.trial_ended(2, "contact", {"delay_s": 0.212, "force_n": 0.04})
+        self.console.state("APPROACH", 1.0)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self):
         request = None
         while request != "abort":
-            request = self.watched.poll()
+            request = self.console.poll()
             if request is not None:
                 self.requests.append((request, time.monotonic()))
-                self.watched.state(
+                self.console.state(
                     {"pause": "PAUSED", "resume": "APPROACH"}.get(request, "STOPPING"), self.t_s
                 )
             self._record()
@@ -117,5 +108,5 @@ class StubRun:
     def end(self):
         self.operator.press("stop", "the test")
         self._thread.join(10.0)
-        self.watched.campaign_ended("interrupted: the bench is still")
+        self.console.campaign_ended("interrupted: the bench is still")
         self.keyboard.close()

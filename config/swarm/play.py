@@ -113,6 +113,7 @@ class Onlooker(Console):
     """
 
     def __init__(self, kill_at: int | None = None) -> None:
+        super().__init__()
         self.trials: list[TrueTrial] = []
         self.lines: list[str] = []
         self.killed: Path | None = None

@@ -290,16 +290,18 @@ def _console(
     from controller.console import PlainConsole
     from controller.watching.feed import Watched
 
-    began = None if page is None else page.began
     if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-        return Watched(PlainConsole(operator, verbs.say_at_once, time), operator, began, successes)
-    from rich.console import Console as Terminal
+        console: Console = PlainConsole(operator, verbs.say_at_once, time, successes)
+    else:
+        from rich.console import Console as Terminal
 
-    from controller.live import LiveConsole
+        from controller.live import LiveConsole
 
-    screen = Terminal()
-    screen.print(time, highlight=False)
-    return Watched(LiveConsole(operator, screen, successes), operator, began, successes)
+        screen = Terminal()
+        screen.print(time, highlight=False)
+        console = LiveConsole(operator, screen, successes)
+    Watched(console, operator, None if page is None else page.began)
+    return console
 
 
 def _page() -> PageProcess:

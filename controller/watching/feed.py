@@ -5,8 +5,7 @@ import json
 import math
 import os
 import socket
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from controller.console import PAUSED, Console, ConsoleOperator
-from controller.live_view import Elapsed, LiveView, label
+from controller.live_view import LiveView, label
 from controller.outcomes import is_success
 from controller.recording.series import DETECTOR, extremes
 from controller.scales import displayed, scale_of
@@ -45,8 +44,8 @@ LATE_S = 60.0
 POINTS_HZ = 25.0
 """Points of one signal that are published, a second of bench time: as many as a screen shows of a minute."""
 
-ROWS = 200
-"""Trials and events that a late client gets."""
+EVENTS = 200
+"""Events that a late client gets."""
 
 SILENCE, SHORTEST_GAP_S = 5.0, 0.02
 """A step in time so many times the usual one, and at least so long, s, is a gap (assumption)."""
@@ -75,94 +74,40 @@ class _Client:
     blocks: dict[str, int] = field(default_factory=dict)
 
 
-class Watched(Console):
-    """A console beside which others watch.
+class Watched:
+    """A campaign's console, published to those who watch.
 
-    Nothing here waits. The loop's thread notes what is new; the publishing thread makes messages of it and of what was
-    recorded. A client that does not read gets nothing more: no message is made before the last one is out.
+    Nothing here waits. The loop's thread notes what is new in the console; the publishing thread makes messages of it
+    and of what was recorded. A client that does not read gets nothing more: no message is made before the last one is
+    out.
 
     Args:
         began: Called with the run's folder once it can be watched.
-        successes: Outcomes that are success; None where the experiment declares none.
     """
-
-    between: Between
 
     def __init__(
         self,
         console: Console,
         operator: ConsoleOperator,
-        began: Any = None,
-        successes: Collection[str] | None = None,
+        began: Callable[[Path], object] | None = None,
     ) -> None:
-        self._successes = successes
-        self._console = console
-        self._operator = operator
-        self._began = began
-        self._view: LiveView | None = None
-        self._run: dict[str, Any] = {}
-        self._present: dict[str, Any] = {"trial": None, "state": "", "since_s": 0.0, "ended": None}
-        self._factors: dict[str, Any] = {}
-        self._counts: Counter[str] = Counter()
-        self._elapsed = Elapsed()
-        self._rows: list[list[Any]] = []
+        self._console, self._operator, self._began = console, operator, began
         self._feed: _Feed | None = None
-        self.between = Between(operator, self.poll, self.state)
+        self.between = Between(operator, console.poll, console.state)
+        console.feed = self
 
-    # on the loop's thread
-
-    def watch(self, view: LiveView) -> None:
-        """Publishes this trial from now on."""
-        self._view = view
-        self._console.watch(view)
-
-    def campaign_started(self, title: str, trials: int, folder: Path) -> None:
+    def begin(self, folder: Path) -> None:
         """From now on the run can be watched."""
-        self._run = {"title": title, "trials": trials, "folder": folder.name}
-        self._elapsed = Elapsed()
         with suppress(OSError):  # a file system without sockets; the run is none the worse for it
             self._feed = _Feed(folder / SOCKET, self)
         if self._began is not None:
             self._began(folder)
-        self._console.campaign_started(title, trials, folder)
 
-    def trial_started(self, trial: int, factors: Mapping[str, Any]) -> None:
-        """Notes the trial."""
-        self._factors = dict(factors)
-        said = ", ".join(scale_of(name).said(value) for name, value in factors.items())
-        self._present = self._present | {"trial": trial, "factors": said, "state": ""}
-        self._console.trial_started(trial, factors)
-
-    def state(self, name: str, t_s: float) -> None:
-        """Notes the state."""
-        self._elapsed.enter(name)
-        self._present = self._present | {"state": name, "since_s": t_s}
-        self._console.state(name, t_s)
-
-    def poll(self) -> str | None:
-        """What the operator wants, wherever they are."""
-        return self._console.poll()
-
-    def suspend(self) -> None:
-        """Suspends the program, and with it the publishing thread."""
-        self._console.suspend()
-
-    def trial_ended(self, trial: int, outcome: str, row: Mapping[str, Any]) -> None:
-        """Notes what came out."""
-        values = {scale_of(name): value for name, value in {**self._factors, **row}.items()}
-        scaled = {scale.heading: scale.cell(value) for scale, value in values.items()}
-        self._rows.append([trial, outcome, scaled, is_success(outcome, self._successes)])
-        self._counts[outcome] += 1
-        self._console.trial_ended(trial, outcome, row)
-
-    def campaign_ended(self, line: str) -> None:
+    def end(self) -> None:
         """Publishes the end to all clients, and nothing more."""
-        by = f"stopped by {self._operator.pressed_by}" if self._operator.stopped else ""
-        self._present = self._present | {"trial": None, "ended": line or "done", "by": by}
         feed, self._feed = self._feed, None
         if feed is not None:
             feed.end()
-        self._console.campaign_ended(line)
 
     # on the publishing thread
 
@@ -190,23 +135,31 @@ class Watched(Console):
 
     def news(self, client: _Client) -> bytes:
         """What is new since a client's last message, as a line."""
-        question = self._operator.question
-        news: dict[str, Any] = dict(self._present)
-        news["stopped"] = self._operator.stopped
-        news["paused"] = news["state"] == PAUSED
-        news["between"] = self.between.news()
-        news["pressed_by"] = self._operator.pressed_by
-        counts = dict(self._counts)
-        news["counts"] = [[name, n, is_success(name, self._successes)] for name, n in counts.items()]
-        news["left_s"] = self._elapsed.left_s(sum(counts.values()), self._run["trials"])
-        news["question"] = question and {"number": question.number, "text": question.text}
+        console, question = self._console, self._operator.question
+        trial, _, state, since_s = console.present
+        stopped, counts = self._operator.stopped, dict(console.counts)
+        news: dict[str, Any] = {
+            "trial": trial,
+            "factors": ", ".join(console.said),
+            "state": state,
+            "since_s": since_s,
+            "ended": console.ended,
+            "by": f"stopped by {self._operator.pressed_by}" if stopped else "",
+            "stopped": stopped,
+            "paused": state == PAUSED,
+            "between": self.between.news(),
+            "pressed_by": self._operator.pressed_by,
+            "counts": [[name, n, is_success(name, console.successes)] for name, n in counts.items()],
+            "left_s": console.left_s,
+            "question": question and {"number": question.number, "text": question.text},
+        }
         if not client.greeted:
-            news["run"], client.greeted = self._run, True
-            client.rows = max(0, len(self._rows) - ROWS)
-        rows = self._rows[client.rows :]
-        client.rows += len(rows)
-        news["rows"] = rows
-        view = self._view
+            client.greeted = True
+            news["run"] = {"title": console.title, "trials": console.count, "folder": console.folder.name}
+        total, rows = sum(counts.values()), [*console.rows]
+        news["rows"] = [self._row(*row) for row in rows[max(0, len(rows) - total + client.rows) :]]
+        client.rows = total
+        view = console.view
         if view is not None:
             if client.trial is not view:
                 client.trial, client.events, client.blocks = view, 0, {}
@@ -219,9 +172,17 @@ class Watched(Console):
             news["streams"] = view.ages()
             events = view.events(client.events)
             client.events += len(events)
-            news["events"] = events[-ROWS:]
+            news["events"] = events[-EVENTS:]
             news["signals"] = {stream: self._signal(view, stream, client) for stream in view.panels()}
         return json.dumps(news, default=str, separators=(",", ":")).encode() + b"\n"
+
+    def _row(
+        self, trial: int, factors: Mapping[str, Any], outcome: str, row: Mapping[str, Any]
+    ) -> Sequence[Any]:
+        """A trial that has ended: number, outcome, cells by heading, and whether that is success."""
+        values = {scale_of(name): value for name, value in {**factors, **row}.items()}
+        cells = {scale.heading: scale.cell(value) for scale, value in values.items()}
+        return trial, outcome, cells, is_success(outcome, self._console.successes)
 
     @staticmethod
     def _signal(view: LiveView, stream: str, client: _Client) -> dict[str, Any]:

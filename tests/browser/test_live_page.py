@@ -113,7 +113,8 @@ def test_state_verdict_and_stop_are_read_from_two_metres(watching, monkeypatch):
     """By the capitals that the browser's own font draws; whatever stands below is scrolled."""
     page = watching.look()
     page.set_viewport_size({"width": 1280, "height": 800})
-    monkeypatch.setattr(watching.run.watched, "_present", watching.run.watched._present | {"state": LONGEST})
+    console = watching.run.console
+    monkeypatch.setattr(console, "present", console.present._replace(state=LONGEST))
     page.wait_for_selector(f'body[data-state="{LONGEST}"]')
     page.mouse.wheel(0, 3000)
     for name in ("#state", "#verdict", "#stop"):

@@ -6,7 +6,7 @@ import pickle
 import pty
 import sys
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -96,13 +96,13 @@ class InTurn(Executor):
         return done
 
 
-@dataclass
 class Script(Console):
     """An operator who requests what the test wants, when the trial is where the test wants it."""
 
-    requests: dict[str, list[str]] = field(default_factory=dict)
-    seen: list[tuple[str, float]] = field(default_factory=list)
-    rows: list[tuple[int, str, dict[str, Any]]] = field(default_factory=list)
+    def __init__(self, requests: dict[str, list[str]] | None = None) -> None:
+        super().__init__()
+        self.requests = requests or {}
+        self.seen: list[tuple[str, float]] = []
 
     def poll(self) -> str | None:
         requests = self.requests.get(self.seen[-1][0]) if self.seen else None
@@ -110,9 +110,6 @@ class Script(Console):
 
     def state(self, name: str, t_s: float) -> None:
         self.seen.append((name, t_s))
-
-    def trial_ended(self, trial: int, outcome: str, row: Any) -> None:
-        self.rows.append((trial, outcome, dict(row)))
 
 
 @dataclass

@@ -161,7 +161,7 @@ def test_a_trial_goes_to_its_end_while_the_disk_hangs_and_then_all_of_it_is_writ
     assert done, f"the loop waits for the disk, in {script.seen[-1:]}"
     assert hung == ["hangs", "goes on"]
     assert done[0].outcome.exit_code == 0
-    assert script.rows[0][1] == "contact"
+    assert script.rows[0][2] == "contact"
     assert b'"event": "Contact"' in pipe.read
     assert b'"event": "Standstill"' in pipe.read
 

@@ -18,7 +18,6 @@ from controller.reports.run_account import facts_of
 from controller.watching.feed import SOCKET, Watched, at
 from controller.watching.page import after, trial_signals
 from tests.scenarios.conftest import QUICK, SHORTER
-from tests.stub_run import Unattended
 
 
 def rows(out, watchers):
@@ -33,7 +32,8 @@ def rows(out, watchers):
                 each.connect(name)
 
     with Path(os.devnull).open() as keyboard, closing(build_rig(profile)) as rig:
-        console = Watched(Console(), ConsoleOperator(keyboard), began)
+        console = Console()
+        Watched(console, ConsoleOperator(keyboard), began)
         outcome = Campaign(plan, rig, console, out).run()
     for each in deaf:
         each.close()
@@ -56,7 +56,7 @@ def test_rows_are_the_same_with_clients_that_do_not_read(tmp_path):
     assert rows(tmp_path / "alone", 0) == rows(tmp_path / "watched", 3)
 
 
-class Person(Unattended):
+class Person(Console):
     """Holds the run after its first trial, acts there as the page does, and goes on."""
 
     def __init__(self, operator, acts):
@@ -69,7 +69,8 @@ class Person(Unattended):
             self.act(self.acts.pop(0) if self.acts else {"do": "resume"})
         return super().poll()
 
-    def trial_started(self, *_):
+    def trial_started(self, *about):
+        super().trial_started(*about)
         for act in ({"do": "home", "target": "stage"}, {"do": "hold"}):
             self.act(act)
 
@@ -84,7 +85,7 @@ def held(out, acts, name="mock/transient", quick=QUICK):
         operator = ConsoleOperator(keyboard)
         person = Person(operator, acts)
         person.watched = Watched(person, operator)
-        outcome = Campaign(plan, rig, person.watched, out).run()
+        outcome = Campaign(plan, rig, person, out).run()
     return outcome, person.refused, json.loads((outcome.folder / "manifest.json").read_text("utf-8"))
 
 

@@ -14,6 +14,7 @@ class Hand(Console):
     """Does something to the bench when a trial enters a state; shows nothing."""
 
     def __init__(self, deeds: dict[str, Any]) -> None:
+        super().__init__()
         self.deeds = deeds
         self.seen: list[str] = []
 

@@ -24,7 +24,7 @@ from behaviors.events import Approached, Forecast
 from controller import console as console_module
 from controller import live
 from controller.campaign import foremost
-from controller.console import RESULTS, ConsoleOperator, PlainConsole, key_results
+from controller.console import RESULTS, Console, ConsoleOperator, PlainConsole, key_results
 from controller.limits import GuardSettings
 from controller.live import LiveConsole
 from controller.live_view import LiveView
@@ -407,6 +407,23 @@ def test_a_new_state_is_not_drawn_before_its_commands_are_out(screen):
     screen.poll()
     assert screen.drawn("STOPPING")
     screen.campaign_ended("")
+
+
+def test_a_pause_counts_in_no_time_that_is_left_within_a_trial_or_before_the_next(monkeypatch):
+    now_s = [0.0]
+    monkeypatch.setattr(console_module, "monotonic_s", lambda: now_s[0])
+    console = Console()
+    console.campaign_started("mock/transient", 3, Path("runs/x"))
+    console.trial_started(1, {})
+    assert console.left_s is None
+    now_s[0] = 10.0
+    console.trial_ended(1, "contact", {})
+    console.state("PAUSED", 0.0)
+    now_s[0] = 100.0
+    assert console.left_s == pytest.approx(20.0)
+    console.trial_started(2, {})
+    now_s[0] = 105.0
+    assert console.left_s == pytest.approx(30.0)
 
 
 def test_the_last_picture_is_on_the_terminal_when_the_campaign_has_ended(screen):

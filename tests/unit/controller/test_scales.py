@@ -1,5 +1,6 @@
 """Heading times cell is the SI value of the column's name, wherever a column is shown."""
 
+import json
 import math
 import re
 from importlib import import_module
@@ -21,7 +22,7 @@ from controller.reports.counts import under
 from controller.reports.section import ROWS
 from controller.reports.trial_signals import is_instant, shown_as, trial_table
 from controller.scales import SHOWN, SUFFIXES, scale_of, shown_in
-from controller.watching.feed import Watched
+from controller.watching.feed import Watched, _Client
 
 SIZE = {"mm": 1e-3, "mm/s": 1e-3, "ms": 1e-3, "°": math.pi / 180.0, "°/s": math.pi / 180.0} | dict.fromkeys(
     ("s", "N", "V", "Hz", "dB", "FS", "kg", "ppm", "m/s²", "m/s²/√Hz", "V/N", "dB/m", "kg m²"), 1.0
@@ -153,9 +154,9 @@ def test_in_the_live_view_and_on_the_live_page(run):
     results = {name: VALUE for name in COLUMNS if name not in factors}
     live = LiveConsole(ConsoleOperator(), SimpleNamespace(width=10**6))
     feed = Watched(live, ConsoleOperator())
-    feed.trial_started(1, factors)
-    feed.trial_ended(1, "contact", results)
-    ((_, _, row, _),) = feed._rows
+    live.trial_started(1, factors)
+    live.trial_ended(1, "contact", results)
+    ((_, _, row, _),) = json.loads(feed.news(_Client()))["rows"]
     check(row.items())
     head, cells = (line.plain for line in live._table())
     edges = [match.span() for match in re.finditer(r"\S+", cells)]
