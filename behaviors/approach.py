@@ -1,7 +1,7 @@
 """Approach at constant speed until a detector reports contact, stop, stand still; and the trials of an arm's tip."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from pydantic import Field
@@ -96,7 +96,7 @@ class TipTrialSettings(Settings):
 
 
 class TipTrial(Approaching):
-    """What such a trial commands."""
+    """What such a trial needs and commands."""
 
     settings: TipTrialSettings
 
@@ -109,13 +109,14 @@ class TipTrial(Approaching):
         """Towards the table, bounded by the device."""
         self.go_until_contact()
 
-    def enter_LIFTING(self) -> None:
-        """Off the table, turned as it is."""
-        self.command(MoveAt(self.settings.mover, -self.settings.lift_m_s, 0.0))
-
-    def enter_RETURNING(self) -> None:
-        """To where the next trial begins."""
-        self.command(Home(self.settings.mover))
+    def ending(self) -> Mapping[str, StatePlan]:
+        """What the end needs: off the table, turned as it is, and to where the next trial begins."""
+        settings = self.settings
+        off = MoveAt(settings.mover, -settings.lift_m_s, 0.0)
+        return {
+            "LIFTING": StatePlan(settings.motion_timeout_s, commands=[off]),
+            "RETURNING": StatePlan(settings.home_timeout_s, commands=[Home(settings.mover)]),
+        }
 
     def turn(self, turn_rad: float, speed_rad_s: float) -> None:
         """About the tip's own axis. From rest a tool goes as far as its twist times the duration: the ramp down comes

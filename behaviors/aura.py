@@ -5,7 +5,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
-from behaviors.events import Contact
 from behaviors.machine import StatePlan, from_mover, on
 from behaviors.sonic import COMING_IN, GOING_OUT, Place, SonicBehavior, SonicSettings
 from drivers.core.messages import Stop
@@ -113,10 +112,6 @@ class Aura(SonicBehavior):
         acting = frozenset({settings.contact}) if settings.touch else frozenset[str]()
         super().__init__(settings, path.start_m, acting, plans)
 
-    def acting(self) -> bool:
-        """Whether the contact is the acting detector's, in an approach that is to touch."""
-        return isinstance(self.event, Contact) and self.event.detector in self._contacts
-
     def again(self) -> bool:
         """Whether there is another approach to do."""
         return self._left_to_do > 0
@@ -163,7 +158,7 @@ class Aura(SonicBehavior):
     table = (
         *COMING_IN,
         on("deadline", "BASELINE", "APPROACHING"),
-        on("contact", "APPROACHING", "STOPPING", acting, label="where it is to touch"),
+        on("contact", "APPROACHING", "STOPPING", SonicBehavior.decisive, label="where it is to touch"),
         on("reached", "APPROACHING", "HOLDING", from_mover),
         on("standstill", "STOPPING", "HOLDING", from_mover),
         on("deadline", "HOLDING", "RETRACTING"),

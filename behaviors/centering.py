@@ -1,7 +1,7 @@
 """C3: find an object between two fingers by its aura, go to the middle, close (Rupavatharam et al., III.D, IV.A.2)."""
 
 from behaviors.grip import Gripping, GripSettings, gripping, gripping_plans
-from behaviors.machine import from_mover, on
+from behaviors.machine import concluding, from_mover, on
 from behaviors.search import SEARCHING, Search, SearchFactors, SearchSettings
 from behaviors.sonic import COMING_IN, CONTACTS, GOING_OUT
 
@@ -28,23 +28,15 @@ class Centering(Search, Gripping):
         plans = gripping_plans(settings, detectors & CONTACTS, settings.envelopes)
         super().__init__(settings, factors, detectors, plans)
 
-    def grasping(self) -> bool:
-        """Whether the object is to be grasped."""
-        return self.settings.grasp
-
-    def conclude_centered(self) -> None:
-        """The middle was found, and nothing is to be done there."""
-        self.conclude("centered")
-
     def enter_HOLDING(self) -> None:
         """Contact is confirmed."""
-        self.conclude_centered()
+        self.conclude("centered")
 
     table = (
         *COMING_IN,
         *SEARCHING,
-        on("reached", "CENTERING", "RESTING", from_mover, grasping, label="to grasp"),
-        on("reached", "CENTERING", "LEAVING", from_mover, do=conclude_centered),
+        on("reached", "CENTERING", "RESTING", from_mover, lambda it: it.settings.grasp, label="to grasp"),
+        on("reached", "CENTERING", "LEAVING", from_mover, do=concluding("centered")),
         *gripping(felt="HOLDING"),
         on("deadline", "HOLDING", "RELEASING"),
         on("resumed", "HOLDING", "RELEASING"),

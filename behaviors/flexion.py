@@ -63,10 +63,7 @@ class Flexion(Transient):
 
     settings: FlexionSettings
     factors: FlexionFactors
-
-    def __init__(self, settings: FlexionSettings, factors: FlexionFactors, detectors: frozenset[str]) -> None:
-        self._sweeps_s = self._step_due_s = 0.0
-        super().__init__(settings, factors, detectors)
+    _sweeps_s = _step_due_s = 0.0
 
     def _plan(self) -> dict[str, StatePlan]:
         plans = super()._plan()

@@ -28,11 +28,6 @@ class GraspSettings(SearchSettings, LiftSettings):
             yield from self.axis_mismatches(profile)
 
 
-def _where_it_is(behavior: Grasp) -> bool:
-    """Whether the jaws close without a search."""
-    return not behavior.settings.center
-
-
 class Grasp(Search, Lifting):
     """A whole grasp, joined from its fragments.
 
@@ -42,7 +37,7 @@ class Grasp(Search, Lifting):
 
     table = (
         *COMING_IN,
-        on("deadline", "BASELINE", "RESTING", _where_it_is, label="no centering"),
+        on("deadline", "BASELINE", "RESTING", lambda it: not it.settings.center, label="no centering"),
         *SEARCHING,
         on("reached", "CENTERING", "RESTING", from_mover),
         *gripping(felt="LOADING"),

@@ -7,8 +7,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from behaviors.approach import TipTrial, TipTrialSettings, approaching
-from behaviors.events import BaselineReady
-from behaviors.machine import StatePlan, from_mover, on
+from behaviors.machine import StatePlan, from_mover, on, sent_by
 from drivers.core.messages import Home, Stop
 from drivers.core.settings import DetectorName, Settings, StreamName
 
@@ -95,24 +94,15 @@ class Pointer(TipTrial):
                 "STOPPING": StatePlan(motion),
                 "RESTING": StatePlan(settings.rest_s),
                 "RECORDING": StatePlan(settings.record_s, frozenset(), both, prompt=False),
-                "LIFTING": StatePlan(motion),
                 "UNTURNING": turning,
-                "RETURNING": StatePlan(settings.home_timeout_s),
+                **self.ending(),
             },
             mover=settings.mover,
         )
 
-    def of_touch(self) -> bool:
-        """Whether the baseline is the touch detector's."""
-        return isinstance(self.event, BaselineReady) and self.came_from(self.settings.detector)
-
     def finished(self) -> bool:
         """Whether there is nothing left to touch, or nothing there."""
         return self._missed or self._recorded >= len(self.settings.turns_rad)
-
-    def astray(self) -> bool:
-        """Whether the angle of the tip is unknown."""
-        return self._astray
 
     def note_astray(self) -> None:
         """A turn may have been broken off: the angle counts from the start pose once more."""
@@ -161,12 +151,12 @@ class Pointer(TipTrial):
         on("deadline", "ZEROING", "TURNING"),
         on("reached", "TURNING", "WAITING", from_mover),
         on("standstill", "TURNING", "WAITING", from_mover, label="the same angle again"),
-        on("baseline_ready", "WAITING", "DESCENDING", of_touch),
+        on("baseline_ready", "WAITING", "DESCENDING", sent_by("detector")),
         *approaching("DESCENDING", stopped="RESTING", missed="LIFTING"),
         on("deadline", "RESTING", "RECORDING"),
         on("deadline", "RECORDING", "LIFTING", do=count_recorded),
         on("reached", "LIFTING", "UNTURNING", from_mover, finished, label="all touched, or nothing there"),
-        on("reached", "LIFTING", "HOMING", from_mover, astray, label="after a pause"),
+        on("reached", "LIFTING", "HOMING", from_mover, lambda it: it._astray, label="after a pause"),
         on("reached", "LIFTING", "TURNING", from_mover),
         on("reached", "UNTURNING", "RETURNING", from_mover),
         on("standstill", "UNTURNING", "RETURNING", from_mover, label="not turned"),

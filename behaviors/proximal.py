@@ -1,6 +1,6 @@
 """A4: an approach to either link, with an accelerometer on each (Backus and Dollar, V.C)."""
 
-from behaviors.transient import Transient, TransientFactors, TransientSettings
+from behaviors.transient import Transient, TransientSettings
 from drivers.core.settings import StreamName
 
 
@@ -19,8 +19,3 @@ class Proximal(Transient):
     """
 
     settings: ProximalSettings
-
-    def __init__(
-        self, settings: ProximalSettings, factors: TransientFactors, detectors: frozenset[str]
-    ) -> None:
-        super().__init__(settings, factors, detectors)

@@ -157,14 +157,6 @@ class Search(SonicBehavior):
         """Whether the wrist is to turn, and all to be searched again."""
         return self.settings.half_turn and self._first_m is None
 
-    def turned(self) -> bool:
-        """Whether the wrist has turned."""
-        return self._turned
-
-    def turning_back(self) -> bool:
-        """Whether the wrist was on its way back."""
-        return self._turning_back
-
     def running_up(self) -> bool:
         """Whether the result of the first way is discarded."""
         return self.settings.run_up and self.factors.method == "ours"
@@ -287,12 +279,12 @@ SEARCHING: Sequence[Row] = (
     on("contact_held", _SEEKING, "BACKING_OFF", do=_touched, label="a touch that began while ignored"),
     on("standstill", "TURNING", "SEEKING_BACKWARD", from_mover),
     on("pre_touch", "SEEKING_BACKWARD", "STOPPING", Search.by_backward, label="right finger"),
-    on("standstill", "STOPPING", "HALF_TURN", from_mover, Search.turned, label="turned"),
+    on("standstill", "STOPPING", "HALF_TURN", from_mover, lambda it: it._turned, label="turned"),
     on("standstill", "STOPPING", "CENTERING", from_mover),
     on("reached", "CENTERING", "HALF_TURN", from_mover, Search.to_turn, label="to turn"),
-    on("reached", "HALF_TURN", "CENTERING", from_mover, Search.turning_back, label="turned back"),
+    on("reached", "HALF_TURN", "CENTERING", from_mover, lambda it: it._turning_back, label="turned back"),
     on("reached", "HALF_TURN", "BASELINE", from_mover),
-    on("reached", "LEAVING", "LEAVING", from_mover, Search.turning_back, label="turned back"),
+    on("reached", "LEAVING", "LEAVING", from_mover, lambda it: it._turning_back, label="turned back"),
     on("standstill", "BACKING_OFF", "LEAVING", from_mover),
     on("resumed", ["BASELINE", *_SEEKING, *_TURNING, "STOPPING", "CENTERING", "HALF_TURN"], "ENTERING"),
     on("resumed", "BACKING_OFF", "LEAVING"),

@@ -215,9 +215,8 @@ class RollSlip(TipTrial):
             "SLIPPING": listening,
             "HALTING": replace(listening, detectors=frozenset((run.touch, *self._slips))),
             "STOPPED": replace(quiet, deadline_s=settings.stopped_s),
-            "LIFTING": StatePlan(motion),
             "LEVELLING": StatePlan(2.0 * math.pi / settings.tilt_rad_s + motion),
-            "RETURNING": StatePlan(settings.home_timeout_s),
+            **self.ending(),
         }
 
     def _armed(self, step: int) -> frozenset[str]:
@@ -261,10 +260,6 @@ class RollSlip(TipTrial):
         if before or not self._slips:
             return (self.run.touch,)
         return (self._reflex if self._reflex in self._slips else self._slips[0],)
-
-    def tilted(self) -> bool:
-        """Whether the tip touches at an angle."""
-        return self.run.tilt_rad != 0.0
 
     def turned(self) -> bool:
         """Whether the tip is at an angle, as far as is known."""
@@ -351,7 +346,7 @@ class RollSlip(TipTrial):
 
     table = (
         on("reached", "HOMING", "ZEROING", from_mover),
-        on("deadline", "ZEROING", "TILTING", tilted, label="tilted touch"),
+        on("deadline", "ZEROING", "TILTING", lambda it: it.run.tilt_rad != 0.0, label="tilted touch"),
         on("deadline", "ZEROING", "RESTING"),
         on("reached", "TILTING", "RESTING", from_mover),
         on("deadline", "RESTING", "DESCENDING"),

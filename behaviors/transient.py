@@ -104,10 +104,6 @@ class Transient(FingerTrial, Approaching):
             "RETRACTING": StatePlan(motion, commands=back),
         }
 
-    def unsettled(self) -> bool:
-        """Whether the finger has not been given its time yet."""
-        return not self._settled
-
     def listens(self) -> bool:
         """Whether the trial goes on without this detector."""
         return not self.decisive()
@@ -124,13 +120,12 @@ class Transient(FingerTrial, Approaching):
         self._ready.clear()
 
     enter_APPROACH = Approaching.go_until_contact
-    touched = Approaching.touched
     too_early = concluding("contact")
     """The acting detector reported contact before the approach began: the measure will call it false."""
 
     table = (
         on("reached", "HOMING", "STARTING", from_mover),
-        on("reached", "STARTING", "SETTLING", from_mover, unsettled, label="first time"),
+        on("reached", "STARTING", "SETTLING", from_mover, lambda it: not it._settled, label="first time"),
         on("reached", "STARTING", "BASELINE", from_mover, label="after a pause"),
         on("deadline", "SETTLING", "BASELINE"),
         on("baseline_ready", "BASELINE", "APPROACH", all_ready, label="all detectors"),
