@@ -259,15 +259,13 @@ def _mock_rig(profile: Profile) -> Rig:
         for schedule in faults.values():
             schedule.restart(scene.trial)
 
+    more = [name for name in ("slips", "lifts", "slides") if hasattr(bench, name)]
     return Rig(
         "mock",
         devices,
         clock,
         begin_trial=begin_trial,
-        truth=lambda: bench.contacts,
-        slips=(lambda: bench.slips) if hasattr(bench, "slips") else None,
-        lifts=(lambda: bench.lifts) if hasattr(bench, "lifts") else None,
-        slides=(lambda: bench.slides) if hasattr(bench, "slides") else None,
+        known=lambda: {"truth": bench.contacts} | {name: getattr(bench, name) for name in more},
         account=lambda: {**bench.account(), **_shown(faults)},
         place=lambda: _metres(bench.scene(clock.now())),
         ahead=ahead.skip,

@@ -299,18 +299,13 @@ class HandSession:
         clock, signals = self.rig.clock, Signals(self.signals)
         asked = signals.subscribe(frozenset(streams))
         operator = _Operator(self.operator, self.rig, self.paced)
-        for name, device in self.rig.devices.items():
-            device.apply(Listen(name, frozenset(stream for stream in asked if _owner(stream) == name)))
+        self.rig.listen(asked)
         try:
             while (request := operator.poll()) != "abort":
                 if request == "suspend":
                     operator.suspend()
                 clock.wait_until(clock.now() + LISTEN_S)
-                blocks: list[SampleBlock] = []
-                statuses: list[Status] = []
-                for device in self.rig.devices.values():
-                    blocks += device.read()
-                    statuses += device.poll()
+                blocks, statuses = self.rig.gathered()
                 try:
                     made, saturated = signals.push(blocks)
                 except ValueError as error:

@@ -399,10 +399,8 @@ class Campaign:
         finally:
             evidence.events, evidence.entered_s, evidence.visits = loop.events, dict(loop.visits), loop.visits
             evidence.notes = trial.behavior.notes
-            rig = self._rig  # what really happened, as far as the bench knows
-            evidence.truth, evidence.slips, evidence.lifts, evidence.slides = (
-                known and known() for known in (rig.truth, rig.slips, rig.lifts, rig.slides)
-            )
+            for name, known in self._rig.known().items():
+                setattr(evidence, name, known)
             self._account(loop, trial.signals)
             ended = verdict or loop.account.outcome
             outcome, row = ended or trial.behavior.outcome, dict[str, Any]()

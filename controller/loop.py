@@ -415,7 +415,7 @@ class Loop:
         None where nothing did and all is recorded."""
         t_s = self._clock.now()
         try:
-            gathered, statuses = self._gather()
+            gathered, statuses = self._rig.gathered()
             made, saturated = self._trial.signals.push(gathered)
             blocks = [*gathered, *made]
             found, readings = self._detect(blocks)
@@ -463,7 +463,9 @@ class Loop:
                 if request == "suspend":
                     self._operator.suspend()
                 rest(KEY_INTERVAL_S)
-                for status in self._gather()[1]:  # what is sent meanwhile is taken, and watchdogs are fed
+                for status in self._rig.gathered()[
+                    1
+                ]:  # what is sent meanwhile is taken, and watchdogs are fed
                     if isinstance(status, Failed | Stalled):
                         advice = f"mend it, then: {PROGRAM} resume"
                         raise DeviceError(status.device, "waiting for the operator", status.reason, advice)
@@ -488,7 +490,7 @@ class Loop:
     def _turn(self, t_s: float, late_s: float) -> None:
         """Gather, guard, detect, decide and command."""
         trial, guard = self._trial, self._guard
-        gathered, statuses = self._gather()
+        gathered, statuses = self._rig.gathered()
         blocks, saturated = self._perceive(gathered)
         statuses += saturated
         if self._witness.failure is not None:
@@ -529,15 +531,6 @@ class Loop:
             rest(KEY_INTERVAL_S)
             self._attend(t_s)
         self._go_on(t_s)
-
-    def _gather(self) -> tuple[list[SampleBlock], list[Status]]:
-        """What the devices have sent since they were read last."""
-        blocks: list[SampleBlock] = []
-        statuses: list[Status] = []
-        for device in self._rig.devices.values():
-            blocks += device.read()
-            statuses += device.poll()
-        return blocks, statuses
 
     def _passes_on(self, event: Event) -> bool:
         """Whether the behavior gets it: never after its end, no answer to an older command, a tick only

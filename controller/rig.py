@@ -1,12 +1,12 @@
 """The bench as the controller sees it: devices, a clock, and nothing about what they are made of."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from controller.own_modules import KindError
 from drivers.core.clock import Clock
-from drivers.core.messages import DeviceInfo, StreamInfo
+from drivers.core.messages import DeviceInfo, Listen, SampleBlock, Status, StreamInfo
 from drivers.core.protocols import Asking, Device
 
 BenchKind = Literal["mock", "emulated", "hardware"]
@@ -36,11 +36,8 @@ class Rig:
     Attributes:
         kind: What the bench is made of.
         begin_trial: Puts a simulated bench into the trial's scene; nothing on a real one.
-        truth: After a trial: instants at which contact really began (True) and ended (False), where the bench
-            is simulated in this process. For scoring alone; no detector or behavior is given it.
-        slips: Likewise: instants at which a contact really began and ceased to slip, where the bench knows slip.
-        lifts: Likewise: what is true of an object in the fingers, where the bench knows weight.
-        slides: Likewise: when it slid in them.
+        known: After a trial: what really happened, as far as the bench knows (`TrialEvidence`: truth, slips, lifts,
+            slides), where it is simulated in this process. For scoring alone; no detector or behavior is given it.
         account: What the plant did: tiers, what was skipped; for the manifest.
         place: Where things really stand, on a simulated bench, in metres by name; for judging that they stand still.
         endpoints: Where the devices of an emulated bench are, for another program that joins it.
@@ -57,10 +54,7 @@ class Rig:
     devices: Mapping[str, Device]
     clock: Clock
     begin_trial: Callable[[TrialScene], None] = lambda scene: None
-    truth: Callable[[], Sequence[tuple[float, bool]]] | None = None
-    slips: Callable[[], Sequence[tuple[float, bool]]] | None = None
-    lifts: Callable[[], Sequence[Any]] | None = None
-    slides: Callable[[], Sequence[tuple[float, bool]]] | None = None
+    known: Callable[[], Mapping[str, Any]] = dict
     account: Callable[[], Mapping[str, Any]] = dict
     place: Callable[[], Mapping[str, float]] = dict
     endpoints: Mapping[str, Any] | None = None
@@ -70,6 +64,21 @@ class Rig:
     pressed: Callable[[], str | None] = lambda: None
     disk: Callable[[], float] = float
     time: BenchTime = "virtual"
+
+    def listen(self, streams: Collection[str]) -> None:
+        """Have these streams sent, and no others."""
+        for name, device in self.devices.items():
+            own = frozenset(stream for stream in streams if stream.partition(".")[0] == name)
+            device.apply(Listen(name, own))
+
+    def gathered(self) -> tuple[list[SampleBlock], list[Status]]:
+        """What the devices have sent since they were read last."""
+        blocks: list[SampleBlock] = []
+        statuses: list[Status] = []
+        for device in self.devices.values():
+            blocks += device.read()
+            statuses += device.poll()
+        return blocks, statuses
 
     @property
     def asking(self) -> Sequence[Asking]:

@@ -138,7 +138,7 @@ def test_a_trial_goes_to_its_end_while_the_disk_hangs_and_then_all_of_it_is_writ
 
     def wrap(rig):
         begin = rig.begin_trial
-        truth = rig.truth
+        known = rig.known
 
         def began(scene):
             hung.append("hangs")
@@ -147,10 +147,10 @@ def test_a_trial_goes_to_its_end_while_the_disk_hangs_and_then_all_of_it_is_writ
         def ended():
             hung.append("goes on")
             pipe.drain()
-            return truth()
+            return known()
 
         object.__setattr__(rig, "begin_trial", began)
-        object.__setattr__(rig, "truth", ended)  # asked once the loop has come back
+        object.__setattr__(rig, "known", ended)  # asked once the loop has come back
 
     done = []
     thread = threading.Thread(
