@@ -311,11 +311,7 @@ def from_mover(behavior: Behavior) -> bool:
 
 def sent_by(setting: str) -> Condition:
     """Whether the event is of the device or detector that a setting names: `sent_by("operator")`."""
-    return partial(_is_sent_by, setting=setting)
-
-
-def _is_sent_by(behavior: Any, setting: str) -> bool:
-    return bool(behavior.came_from(getattr(behavior.settings, setting)))
+    return lambda behavior: bool(behavior.came_from(getattr(behavior.settings, setting)))
 
 
 def concluding(outcome: str, reason: str = "") -> Action:

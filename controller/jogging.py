@@ -138,15 +138,11 @@ class Jog:
         pressed = [ARROWS.get(key, key) for key in self.keys()]
         if any(key in ENDING for key in pressed):
             return None
-        commands = self._steered(pressed, event.t_s)
+        steered = self._goes_on if self._key else self._begins
+        commands = () if self._stopping else steered(pressed, event.t_s)
         what = self.motions[self._key][0] if self._key else ""
         self.show("stopping" if self._stopping else what or "stands still")
         return commands
-
-    def _steered(self, pressed: Sequence[str], t_s: float) -> Sequence[Command]:
-        if self._stopping:
-            return ()
-        return self._goes_on(pressed, t_s) if self._key else self._begins(pressed, t_s)
 
     def _begins(self, pressed: Sequence[str], t_s: float) -> Sequence[Command]:
         key = pressed[-1] if pressed else ""

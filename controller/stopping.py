@@ -60,8 +60,7 @@ class Stopping:
         holder, aside = self._holder(name), self._asides[name]
         if holder is not None:
             if not holder.ended(0.0 if aside else PATIENCE_S):
-                still = bool(aside) and not aside.startswith("!")
-                return still, aside.lstrip("!") or self._hangs(name, holder)
+                return aside or (False, self._hangs(name, holder))
             if self._open_one is None:
                 return self._told(name, holder)
         if self._open_one is None:
@@ -71,17 +70,18 @@ class Stopping:
     def _holder(self, name: str) -> Holder | None:
         return next((each for each in self._holders if name in each.devices), None)
 
-    def _aside(self, name: str) -> str:
-        """What became of a stop past the program that has the mover, with "!" before it where it may move; "" where
-        that has ended, or there is no such way."""
+    def _aside(self, name: str) -> tuple[bool, str] | None:
+        """What became of a stop past the program that has the mover: whether it stands still, and how that is known;
+        None where that has ended, or there is no such way."""
         entry, holder = self._entries[name], self._holder(name)
         stop_beside = getattr(entry.made, "stop_beside", None)
         if stop_beside is None or holder is None or holder.ended(0.0):
-            return ""
+            return None
         reason = stop_beside(entry.settings.model_copy(update=dict(holder.devices[name])))
         if reason:
-            return f"!{reason}; press the emergency stop"
-        return f"its controller was told to stop, and it stands still; {holder} does not end: kill -9 {holder.pid}"
+            return False, f"{reason}; press the emergency stop"
+        told = f"its controller was told to stop, and it stands still; {holder} does not end"
+        return True, f"{told}: kill -9 {holder.pid}"
 
     def _hangs(self, name: str, holder: Holder) -> str:
         port = ", ".join(str(each) for each in holder.devices[name].values())
