@@ -261,6 +261,10 @@ class Seam:
             blocks += wrong.passed_on(block)
         return blocks
 
+    def place_m(self, t_s: float) -> float:
+        """Where it was at a time, by what is kept; nan before that."""
+        return next((x_m for seen_s, x_m in reversed(self.seen) if seen_s <= t_s), math.nan)
+
     def poll(self) -> Sequence[Status]:
         """Likewise of the statuses."""
         own = self.wrong.stream.partition(".")[0] == self.name
@@ -478,9 +482,8 @@ class Certifier:
         yield from self._streams(movers)
         for mover in movers:
             late_s = self._limits.late_s
-            own_s = getattr(
-                mover.settings, "loop_timeout_s", math.inf
-            )  # after which the mover's process stops it
+            # after which the mover's process stops it
+            own_s = getattr(mover.settings, "loop_timeout_s", math.inf)
             beyond_s = min(BEYOND * late_s, (late_s + own_s) / 2.0) if own_s > late_s else BEYOND * late_s
             away_s = beyond_s + 2.0 / self.session.loop.rate_hz
             yield self._case([mover], "late_s", f"{late_s:g} s", self._away(mover.name, away_s, own_s=away_s))
@@ -809,11 +812,11 @@ class Certifier:
             return proof.found("not shown", "nothing presses so hard within the travel: put something there")
         if not stops or "limits.force_n" not in stops[0].reason:
             return proof.judged(False, still, stops[0].reason if stops else "nothing stopped it")
-        stopped_s, seen = stops[0].t_s, self._seams[mover.name].seen
+        stopped_s, seam = stops[0].t_s, self._seams[mover.name]
         rests = [each.t_s - stopped_s for each in result.events if isinstance(each, Standstill)]
         after_s = min((rest_s for rest_s in rests if rest_s >= 0.0), default=math.inf)
-        at_m = next(x_m for t_s, x_m in reversed(seen) if t_s <= stopped_s)
-        way_m = max([x_m - at_m for t_s, x_m in seen if t_s >= stopped_s], default=0.0)
+        at_m = seam.place_m(stopped_s)
+        way_m = max([x_m - at_m for t_s, x_m in seam.seen if t_s >= stopped_s], default=0.0)
         quick = after_s <= SLACK_S and way_m <= mover.speed_m_s * SLACK_S + SLACK_M
         return proof.judged(quick, still, f"guard: {stops[0].reason}", after_s, way_m)
 
@@ -825,8 +828,7 @@ class Certifier:
         if not (wrong.begun and stops and went):
             reason = stops[0].reason if stops else result.reason or "nothing stopped it"
             return proof.judged(False, still, f"{reason}; it was not sent back")
-        seen = self._seams[mover.name].seen
-        at_m = next((x_m for t_s, x_m in reversed(seen) if t_s <= wrong.past_s), math.nan)
+        at_m = self._seams[mover.name].place_m(wrong.past_s)
         back_m, room_m = at_m - self._end_m, max(at_m, 0.0)
         sound = back_m >= min(self._limits.retreat_m, room_m) - SLACK_M
         reason = stops[0].reason
@@ -897,8 +899,7 @@ class Certifier:
         self._agree(f"{mover.name} moves {way_mm:g} mm at {speed_mm_s:g} mm/s; then: {wrong.what}")
         longest_s = 2.0 * GIVE_UP_S + patience_s
         result = self._run(how(mover, wrong, patience_s), wrong, mover.name, mover.shown, longest_s)
-        seen = self._seams[mover.name].seen
-        last_m = next((x_m for t_s, x_m in reversed(seen) if t_s <= wrong.past_s), math.nan)
+        last_m = self._seams[mover.name].place_m(wrong.past_s)
         still = self._at_rest(result, mover)
         return result, still, abs(self._end_m - last_m)
 
