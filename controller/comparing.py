@@ -7,21 +7,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
-from controller.measures import meanings_of
-from controller.outcomes import UNMEASURED
+from controller.measures import columns_of
 from controller.recording.reader import Run
 from controller.recording.run_folder import RecordingError, RunFolderError
-from controller.reports.counts import Row, half_width, mean_of
-from controller.reports.generic import with_spread
+from controller.reports.counts import Row, Trials, half_width, mean_of, pairs_of, with_spread
 from controller.reports.section import Comparing
 from controller.reports.settings import flat
 from controller.reports.trial_signals import is_instant, shown_as
 from controller.scales import Scale, scale_of
-
-SECOND = " (second)"
-"""Ends the names of the second run's columns."""
 
 
 def compared(first: Run, second: Run) -> Iterator[str]:
@@ -42,15 +35,12 @@ def compared(first: Run, second: Run) -> Iterator[str]:
     for key in sorted(one.keys() | other.keys()):
         if one.get(key) != other.get(key) and not key.startswith("trials."):
             yield f"{key}: {one.get(key, 'absent')} → {other.get(key, 'absent')}"
-    pairs = _pairs(first, second)
+    names, pairs = _compared(first, second)
     yield f"{len(pairs)} pairs of trials, of {len(first.trials)} and {len(second.trials)}"
-    same = int((pairs["outcome"] == pairs[f"outcome{SECOND}"]).sum()) if len(pairs) else 0
-    yield f"outcome: equal in {same}"
-    for column in first.table.columns:
-        if f"{column}{SECOND}" in pairs and column != "outcome":
-            line = _difference(scale_of(column), pairs[column], pairs[f"{column}{SECOND}"])
-            if line:
-                yield line
+    yield f"outcome: equal in {sum(one['outcome'] == other['outcome'] for one, other in pairs)}"
+    for name in names:
+        if line := _difference(scale_of(name), name, pairs):
+            yield line
 
 
 def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> tuple[Path, str]:
@@ -76,63 +66,55 @@ def side_by_side(first: Run, second: Run, lines: Sequence[str]) -> tuple[Path, s
     return path, verdict
 
 
-def _pairs(first: Run, second: Run) -> pd.DataFrame:
-    """A row for each trial that both have measured, the second's columns behind the first's."""
-    keys = ["trial", *_factors(first, second)]
-    # as objects: a factor may be a number in one run and a word in the other
-    tables = (run.table.astype(dict.fromkeys(keys, object)) for run in (first, second))
-    one, other = (table[~table["outcome"].isin(UNMEASURED)] for table in tables)
-    return one.merge(other, on=keys, suffixes=("", SECOND))
+def _compared(first: Run, second: Run) -> tuple[list[str], list[tuple[Row, Row]]]:
+    """Columns that both runs have, but for those that pair trials; and every pair of trials that both measured."""
+    keys = {"trial", "outcome", *_factors(first, second)}
+    names = [name for name in first.trials[0] if name in second.trials[0] and name not in keys]
+    return names, pairs_of(first, second, Trials.of([first]), Trials.of([second]))
 
 
 def _tables(first: Run, second: Run) -> tuple[list[Row], list[Row]]:
     """What was measured in each run and by how much it differs; and every pair of trials."""
-    pairs = _pairs(first, second)
-    columns = [name for name in first.table.columns if f"{name}{SECOND}" in pairs]
-    both = {name: (name, f"{name}{SECOND}") for name in columns}
-    found = {name: [pd.to_numeric(pairs[each], errors="coerce") for each in both[name]] for name in columns}
-    numbers = [name for name in columns if all(values.notna().any() for values in found[name])]
-    meanings = meanings_of(first)
-    numbers = [name for name in numbers if not is_instant(name, meanings.get(name, ""))]
-    scales = {name: shown_as(name, list(pd.concat(found[name]).dropna())) for name in numbers}
+    names, pairs = _compared(first, second)
+    sides = [Trials(each) for each in zip(*pairs, strict=True)] or [Trials(), Trials()]
+    meanings = columns_of(first.manifest.get("experiment"))
+    numbers = [name for name in names if not is_instant(name, meanings.get(name, ""))]
+    numbers = [name for name in numbers if all(side.values(name) for side in sides)]
+    scales = {name: scale_of(name) for name in ("trial", *_factors(first, second), "outcome")}
+    scales |= {
+        name: shown_as(name, [cell for side in sides for cell in side.values(name)]) for name in numbers
+    }
+    heads = ("measured", "first: mean ± σ (n)", "second", "second less first, mean (95 %)")
     rows: list[Row] = []
     for name in numbers:
         heading, factor = scales[name].heading, scales[name].factor
-        one, other = (with_spread(mean_of(values.dropna()), factor) for values in found[name])
-        off = _difference(scales[name], *found[name]).removeprefix(f"{heading}: ")
-        heads = ("measured", "first: mean ± σ (n)", "second", "second less first, mean (95 %)")
-        rows.append(dict(zip(heads, (heading, one, other, off), strict=True)))
+        means = [with_spread(side.mean(name), factor) for side in sides]
+        off = _difference(scales[name], name, pairs).removeprefix(f"{heading}: ")
+        rows.append(dict(zip(heads, (heading, *means, off), strict=True)))
     every: list[Row] = []
-    for pair in pairs.to_dict("records"):
+    for pair in pairs:
         line: dict[str, Any] = {}
-        for name in ("trial", *_factors(first, second)):
-            line |= {scale_of(name).heading: _cell(scale_of(name), pair[name])}
-        for name in ("outcome", *numbers):
-            scale = scales.get(name) or scale_of(name)
-            cells = [_cell(scale, pair[each]) for each in both[name]]
-            line[scale.heading] = dict(zip(("first", "second"), cells, strict=True))
+        for name, scale in scales.items():
+            cells = ["" if (cell := row.get(name)) is None else scale.cell(cell) for row in pair]
+            beside = dict(zip(("first", "second"), cells, strict=True))
+            line[scale.heading] = beside if name in ("outcome", *numbers) else cells[0]
         every.append(line)
     return rows, every
 
 
-def _cell(scale: Scale, value: Any) -> str:
-    return "" if pd.isna(value) else scale.cell(value)
-
-
-def _difference(scale: Scale, one: pd.Series[Any], other: pd.Series[Any]) -> str:
+def _difference(scale: Scale, name: str, pairs: Sequence[tuple[Row, Row]]) -> str:
     """The mean of second less first over the pairs that have both, with Student's interval."""
-    after, before = (pd.to_numeric(each, errors="coerce") for each in (other, one))
-    found = (after - before).dropna().tolist()
-    if not found:
+    known = [Trials(pair).values(name) for pair in pairs]
+    mean = mean_of(each[1] - each[0] for each in known if len(each) == 2)
+    if not mean.n:
         return ""
-    mean, half = mean_of(found), half_width(mean_of(found))
-    ends = (
-        f" ({scale.cell(mean.mean - half)} to {scale.cell(mean.mean + half)})" if math.isfinite(half) else ""
-    )
+    ends, half = "", half_width(mean)
+    if math.isfinite(half):
+        ends = f" ({scale.cell(mean.mean - half)} to {scale.cell(mean.mean + half)})"
     sign = "+" * (mean.mean >= 0.0)
     return f"{scale.heading}: {sign}{scale.cell(mean.mean)}{ends}, n = {mean.n}"
 
 
 def _factors(first: Run, second: Run) -> list[str]:
     """The columns of what was varied in both."""
-    return [name for name in first.table.columns if name in first.factors and name in second.factors]
+    return [name for name in first.factors if name in second.factors]

@@ -100,7 +100,7 @@ def _trials_parquet(run: Run, path: Path) -> Path:
     import pyarrow.parquet as pq
     from pyarrow.csv import ConvertOptions, read_csv  # arrays of Python's own values would load pandas, 0.2 s
 
-    columns = columns_of(str(run.manifest.get("experiment")))
+    meanings = columns_of(run.manifest.get("experiment"))
     names = list(dict.fromkeys(["trial", "outcome", *(name for row in run.trials for name in row)]))
     text = io.StringIO(newline="")
     lines = csv.writer(text)
@@ -111,8 +111,7 @@ def _trials_parquet(run: Run, path: Path) -> Path:
     table = read_csv(io.BytesIO(text.getvalue().encode()), convert_options=how)
     fields = []
     for field in table.schema:
-        known = columns.get(field.name)
-        said = {"unit": si_unit(field.name), "meaning": known.meaning if known else ""}
+        said = {"unit": si_unit(field.name), "meaning": meanings.get(field.name, "")}
         fields.append(field.with_metadata({key: text for key, text in said.items() if text}))
     pq.write_table(table.cast(pa.schema(fields)), path, compression="zstd")
     return path

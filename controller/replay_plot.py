@@ -11,6 +11,7 @@ import numpy as np
 from behaviors.events import Detected
 from controller.detectors.calibration import Statistic, StatisticCourse, courses_of
 from controller.detectors.protocol import NOTHING, Detector
+from controller.recording.series import extremes
 from controller.recording.tables import ReplayError
 from controller.replay import all_readings
 from controller.reports.figures import FAINT, FALSE, INK, OURS, Drawing, Figures
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 
 FORMATS = (".png", ".svg", ".pdf")
 
-COLUMNS = 2000
-"""Points in a row of the picture: as many as it has dots at 300 dpi. What is denser is drawn from least to largest."""
+POINTS = 4000
+"""Most points of a curve: two for each of the dots in a row of the picture at 300 dpi."""
 
 LARGEST = 1e300
 """Values beyond this are not drawn: axes around them end beyond the largest number."""
@@ -116,16 +117,11 @@ def _signal(axes: Axes, stream: str, blocks: Sequence[SampleBlock]) -> None:
 
 
 def _line(axes: Axes, times_s: Floats, values: Floats, colour: str) -> None:
-    """A curve; where it has many samples to a dot, the band that it fills; a break where values are not finite."""
+    """A curve through the least and the largest sample of each dot; a break where values are not finite."""
     values = np.where(np.isfinite(values), values, np.nan)
     _drawable(float(np.fmax.reduce(np.abs(values), initial=0.0)))
-    if len(values) <= 2 * COLUMNS:
-        axes.plot(times_s, values, color=colour, linewidth=0.8)
-        return
-    edges = np.linspace(0, len(values), COLUMNS + 1).astype(int)[:-1]
-    with np.errstate(invalid="ignore"):
-        low, high = np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges)
-    axes.fill_between(times_s[edges], low, high, color=colour, linewidth=0.5)
+    kept = extremes(values, POINTS)
+    axes.plot(times_s[kept], values[kept], color=colour, linewidth=0.8)
 
 
 def _drawable(value: float) -> float:

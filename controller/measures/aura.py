@@ -8,7 +8,6 @@ import numpy as np
 
 from behaviors.aura import AuraSettings
 from behaviors.events import Contact, ContactHeld, ContactLost, Detected, PreTouch
-from controller.measures import Column
 from controller.measures.trial import Measured, TrialEvidence, delay_s, not_before, spans_within
 from controller.recording.series import Series
 
@@ -22,25 +21,19 @@ LATE_S = 0.5
 """How long after a contact began or ended an event still counts for it. Assumption: half a finger's hold."""
 
 OURS_AND_PAPERS = {
-    "alarms": Column(
-        "approaches with pre-touch where nothing was near: in the rest before, or without an object"
-    ),
-    "seen": Column("approaches to an object with pre-touch in time"),
-    "distance_m": Column("its median distance", 0),
-    "felt": Column("detected touches (simulated benches)"),
-    "delay_s": Column("their median delay", 3),
-    "false": Column(
-        "approaches with a contact reported before the touch or after its end (simulated benches)"
-    ),
-    "held": Column("touches reported to persist and not revoked before the return (simulated benches)"),
-    "ended": Column("touches whose end was reported after it (simulated benches)"),
-    "reported": Column("approaches with a reported contact"),
-    "reported_held": Column("those whose persistence was then reported"),
-    "reported_ended": Column("those whose end was then reported"),
-    "reports": Column("contacts reported in them"),
-    "reported_of_nothing": Column(
-        "approaches with a contact where nothing can touch: before, in the rest, or no object"
-    ),
+    "alarms": "approaches with pre-touch where nothing was near: in the rest before, or without an object",
+    "seen": "approaches to an object with pre-touch in time",
+    "distance_m": "its median distance",
+    "felt": "detected touches (simulated benches)",
+    "delay_s": "their median delay",
+    "false": "approaches with a contact reported before the touch or after its end (simulated benches)",
+    "held": "touches reported to persist and not revoked before the return (simulated benches)",
+    "ended": "touches whose end was reported after it (simulated benches)",
+    "reported": "approaches with a reported contact",
+    "reported_held": "those whose persistence was then reported",
+    "reported_ended": "those whose end was then reported",
+    "reports": "contacts reported in them",
+    "reported_of_nothing": "approaches with a contact where nothing can touch: before, in the rest, or no object",
 }
 """Of each method."""
 
@@ -48,12 +41,12 @@ HIGHLIGHTS = ("seen_ours", "distance_m_ours", "felt_ours")
 """Columns shown during a run."""
 
 COLUMNS = {
-    "approaches": Column("approaches completed"),
-    "undulations_per_cm": Column("dominant spatial frequency of the last one's envelope", 2),
-    "touches": Column("touches that really happened (simulated benches)"),
-    "truth_contact_s": Column("when the first began (simulated benches)"),
-    "truth_release_s": Column("when its force was gone (simulated benches)"),
-    **{f"{name}_{method}": column for method in METHODS for name, column in OURS_AND_PAPERS.items()},
+    "approaches": "approaches completed",
+    "undulations_per_cm": "dominant spatial frequency of the last one's envelope",
+    "touches": "touches that really happened (simulated benches)",
+    "truth_contact_s": "when the first began (simulated benches)",
+    "truth_release_s": "when its force was gone (simulated benches)",
+    **{f"{name}_{method}": meaning for method in METHODS for name, meaning in OURS_AND_PAPERS.items()},
 }
 
 

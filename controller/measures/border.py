@@ -9,7 +9,6 @@ import numpy as np
 
 from behaviors.border import BorderTrialSettings
 from behaviors.events import BorderNear, SlipStarted
-from controller.measures import Column
 from controller.measures.trial import Measured, TrialEvidence, delay_s
 from drivers.core.messages import Floats
 
@@ -23,14 +22,14 @@ HIGHLIGHTS = ("farthest_rad", "slip_at_rad", "turned_back")
 """Columns shown during a run."""
 
 COLUMNS = {
-    "slip_s": Column("when the first slip began, in truth (simulated benches)"),
-    "ours_delay_s": Column("from there until our detector reported it", 3),
-    "slip_at_rad": Column("angle of the contact where it slipped, by the forces", 1),
-    "slip_at_true_rad": Column("the same, by the arm", 1),
-    "near_s": Column("when the contact was reported near the border"),
-    "turned_back": Column("whether the tip was turned back"),
-    "farthest_rad": Column("the contact's farthest angle from the middle, by the arm", 1),
-    "end_rad": Column("its angle when the tip was lifted, by the arm", 1),
+    "slip_s": "when the first slip began, in truth (simulated benches)",
+    "ours_delay_s": "from there until our detector reported it",
+    "slip_at_rad": "angle of the contact where it slipped, by the forces",
+    "slip_at_true_rad": "the same, by the arm",
+    "near_s": "when the contact was reported near the border",
+    "turned_back": "whether the tip was turned back",
+    "farthest_rad": "the contact's farthest angle from the middle, by the arm",
+    "end_rad": "its angle when the tip was lifted, by the arm",
 }
 
 

@@ -7,7 +7,6 @@ resolution is "the smallest change detected". The criterion of detection is not 
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -54,34 +53,6 @@ class Estimate(NamedTuple):
 UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 
-@dataclass(frozen=True, slots=True)
-class BridgeCalibration:
-    """Result of a series of weights for one bridge.
-
-    Attributes:
-        gain_v_n: Slope of the line through zero, V/N.
-        hysteresis: Largest difference between unloading and loading, as a share of the line's output at the top.
-        resolution_n: `DETECTED_SIGMA` standard deviations of one sample, N.
-        zero_v: The bridge with nothing on it, before the first load, V; subtracted from everything else.
-        nonlinearity: Largest distance of a mean (over cycles and directions) from the line, as a share of full scale.
-        remanence: Output after unloading at the end of a cycle, as a share of full scale; NaN where that was
-            not recorded.
-        repeat_v_n: Standard deviation of the gain from cycle to cycle, V/N.
-        top_n: Largest load, N.
-    """
-
-    gain_v_n: Estimate
-    hysteresis: Estimate
-    resolution_n: Estimate
-    zero_v: float
-    nonlinearity: float
-    remanence: float
-    repeat_v_n: float
-    top_n: float
-    steps: int
-    cycles: int
-
-
 def steps_of(
     recording: TrialRecording, *, load_stream: str, bridges_stream: str, bridge: str, preloads: int
 ) -> list[Step]:
@@ -121,58 +92,59 @@ def steps_of(
     return steps
 
 
-def calibrate(trials: Iterable[Sequence[Step]], weight_uncertainty: float) -> BridgeCalibration | None:
-    """Gain, hysteresis and resolution of one bridge.
+def calibrate(steps: Sequence[Step], weight_uncertainty: float) -> dict[str, float]:
+    """Gain, hysteresis and resolution of one bridge, by column of trials.csv; NaN where there is too little data.
 
     The line goes through the mean over all cycles of each load and direction: repeating the series improves these
     means, not the line: the residuals are the loop's own departures from any line. The interval of the gain holds
     those residuals as if they were independent, and the weights' common error.
 
     Args:
-        trials: The steps of each trial (`steps_of`); cycles of several trials count alike.
+        steps: Of a trial (`steps_of`).
         weight_uncertainty: Relative standard uncertainty common to all weights.
 
     Returns:
-        None where no cycle was recorded with two different loads, or the bridge is dead.
+        Nothing where no cycle was recorded with two different loads, the bridge is dead, or the largest load is less
+        than the smallest change detected.
     """
-    cycles: list[list[Step]] = []
-    zeros_v: list[float] = []
-    for steps in trials:
-        if not steps or steps[0].going != "zero":
-            continue
-        zero_v = steps[0].mean_v
-        zeros_v.append(zero_v)
-        own: dict[int, list[Step]] = {}
-        for step in steps[1:]:
-            if step.cycle >= 0:
-                own.setdefault(step.cycle, []).append(step._replace(mean_v=step.mean_v - zero_v))
-        cycles += own.values()
-    points = _mean_points(step for steps in cycles for step in steps if step.going != "zero")
+    if not steps or steps[0].going != "zero":
+        return {}
+    zero_v, by_cycle = steps[0].mean_v, dict[int, list[Step]]()
+    for step in steps[1:]:
+        if step.cycle >= 0:
+            by_cycle.setdefault(step.cycle, []).append(step._replace(mean_v=step.mean_v - zero_v))
+    cycles = list(by_cycle.values())
+    points = _mean_points(step for own in cycles for step in own if step.going != "zero")
     loads_n = np.array([load_n for load_n, _ in points])
     if len(set(loads_n.tolist())) < 2:
-        return None
+        return {}
     volts = np.array(list(points.values()))
     gain = _gain(loads_n, volts, weight_uncertainty)
     if gain.value == 0.0:
-        return None
+        return {}
     top_n = float(loads_n.max())
     full_v = gain.value * top_n
-    left_v = [step.mean_v for steps in cycles for step in steps if step.going == "zero"]
-    loaded = [np.array([(s.load_n, s.mean_v) for s in steps if s.going != "zero"]) for steps in cycles]
+    resolution_n = _resolution([step for own in cycles for step in own], gain)
+    if resolution_n.value >= top_n:  # a gain that is noise
+        return {}
+    left_v = [step.mean_v for own in cycles for step in own if step.going == "zero"]
+    loaded = [np.array([(s.load_n, s.mean_v) for s in own if s.going != "zero"]) for own in cycles]
     slopes = [_slope(*pairs.T) for pairs in loaded if len(pairs)]
     middles = {n: np.mean(volts[loads_n == n]) for n in set(loads_n.tolist())}
-    return BridgeCalibration(
-        gain_v_n=gain,
-        hysteresis=_hysteresis(cycles, full_v, _relative(gain)),
-        resolution_n=_resolution([step for steps in cycles for step in steps], gain),
-        zero_v=float(np.mean(zeros_v)),
-        nonlinearity=max(abs(float(v) - gain.value * load_n) for load_n, v in middles.items()) / abs(full_v),
-        remanence=float(np.mean(left_v)) / full_v if left_v else math.nan,
-        repeat_v_n=float(np.std(slopes, ddof=1)) if len(slopes) > 1 else math.nan,
-        top_n=top_n,
-        steps=sum(len(steps) for steps in cycles),
-        cycles=len(cycles),
-    )
+    found: dict[str, float] = {
+        "zero_v": zero_v,
+        "nonlinearity": max(abs(float(v) - gain.value * load_n) for load_n, v in middles.items())
+        / abs(full_v),
+        "remanence": float(np.mean(left_v)) / full_v if left_v else math.nan,
+        "gain_repeat_v_n": float(np.std(slopes, ddof=1)) if len(slopes) > 1 else math.nan,
+        "loads": sum(map(len, cycles)),
+    }
+    hysteresis = _hysteresis(cycles, full_v, _relative(gain))
+    estimates = {"gain{}_v_n": gain, "hysteresis{}": hysteresis, "resolution{}_n": resolution_n}
+    for name, estimate in estimates.items():
+        ends = zip(("", "_low", "_high"), estimate, strict=True)
+        found |= {name.format(end): value for end, value in ends}
+    return found
 
 
 def _mean_points(steps: Iterable[Step]) -> Mapping[tuple[float, str], float]:

@@ -6,7 +6,6 @@ from typing import Any
 
 from behaviors.events import Contact, PreTouch
 from behaviors.search import SearchSettings
-from controller.measures import Column
 from controller.measures.trial import Measured, TrialEvidence
 from drivers.core.messages import Gripped, Reached, Standstill
 
@@ -17,17 +16,17 @@ CENTERED_M = 0.008
 """Largest error of a middle that was found: the paper's largest (IV.A.2, Fig. 8c)."""
 
 COLUMNS = {
-    "error_m": Column("the final position less the object's middle, positive if too far forward", 2),
-    "middle_m": Column("the final position"),
-    "left_m": Column("where the left finger detected the object"),
-    "right_m": Column("where the right finger did"),
-    "seen_to_stop_left_s": Column("from its deciding sample to the stop command", 1),
-    "seen_to_stop_right_s": Column("likewise", 1),
-    "search_s": Column("duration of the search", 1),
-    "touched": Column("true touches during it (simulated benches)"),
-    "gripped": Column("1 where the jaws held it"),
-    "contact_left_s": Column("from the grip's beginning to the left finger's contact"),
-    "contact_right_s": Column("to the right finger's"),
+    "error_m": "the final position less the object's middle, positive if too far forward",
+    "middle_m": "the final position",
+    "left_m": "where the left finger detected the object",
+    "right_m": "where the right finger did",
+    "seen_to_stop_left_s": "from its deciding sample to the stop command",
+    "seen_to_stop_right_s": "likewise",
+    "search_s": "duration of the search",
+    "touched": "true touches during it (simulated benches)",
+    "gripped": "1 where the jaws held it",
+    "contact_left_s": "from the grip's beginning to the left finger's contact",
+    "contact_right_s": "to the right finger's",
 }
 
 

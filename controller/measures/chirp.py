@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from behaviors.chirp import ChirpSettings
-from controller.measures import Column
 from controller.measures.trial import Measured, TrialEvidence
 from controller.signals.transducer import peak
 from drivers.core.messages import Floats
@@ -25,13 +24,13 @@ HIGHLIGHTS = ("best_hz", "unsure_hz", "over_noise_db")
 """Columns shown during a run."""
 
 COLUMNS = {
-    "best_hz": Column("frequency of the largest echo of both fingers, their powers added", 0),
-    "best_right_hz": Column("the right finger's own", 0),
-    "best_left_hz": Column("the left finger's own", 0),
-    "band_low_hz": Column("lower end of the band around it with at least half the power", 0),
-    "band_high_hz": Column("its upper end", 0),
-    "unsure_hz": Column("error of these: half a band, and the latency's", 0),
-    "over_noise_db": Column("the best band's power over that of the silence before", 1),
+    "best_hz": "frequency of the largest echo of both fingers, their powers added",
+    "best_right_hz": "the right finger's own",
+    "best_left_hz": "the left finger's own",
+    "band_low_hz": "lower end of the band around it with at least half the power",
+    "band_high_hz": "its upper end",
+    "unsure_hz": "error of these: half a band, and the latency's",
+    "over_noise_db": "the best band's power over that of the silence before",
 }
 
 

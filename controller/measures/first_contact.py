@@ -4,19 +4,18 @@ from typing import Any
 
 from behaviors.events import Contact
 from behaviors.first_contact import FirstContactSettings
-from controller.measures import Column
 from controller.measures.transient import positions_at, stop_certificate, tared
 from controller.measures.trial import Measured, TrialEvidence
 
 HIGHLIGHTS = ("position_m", "force_peak_n", "stop_travel_m")
 
 COLUMNS = {
-    "detect_s": Column("when contact was detected", 4),
-    "position_m": Column("where the mover was then", 3),
-    "force_peak_n": Column("largest force from the approach until it went back", 3),
-    "command_s": Column("when the stop command's last byte left"),
-    "standstill_s": Column("when the mover stood still"),
-    "stop_travel_m": Column("how far it went from detection to standstill", 3),
+    "detect_s": "when contact was detected",
+    "position_m": "where the mover was then",
+    "force_peak_n": "largest force from the approach until it went back",
+    "command_s": "when the stop command's last byte left",
+    "standstill_s": "when the mover stood still",
+    "stop_travel_m": "how far it went from detection to standstill",
 }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from behaviors.events import Contact, ContactLost
 from behaviors.flexion import FlexionSettings
-from controller.measures import Column, transient
+from controller.measures import transient
 from controller.measures.trial import Measured, TrialEvidence, delay_s
 
 HIGHLIGHTS = ("contact_false", "following_false", "free_rise_hz")
@@ -19,21 +19,17 @@ LISTENERS = ("contact", "following", "ours")
 """Names that the profile gives: the paper's fixed threshold, the one that follows, the waveform's detector."""
 
 _EACH = {
-    "false": Column("contacts reported while the tendon moved and nothing was touched, by {}"),
-    "share": Column("share of that time in contact by {}"),
-    "blind": Column("1 where {} was in contact already when the probe touched"),
-    "event_s": Column("from the touch to the event of {}", 3),
+    "false": "contacts reported while the tendon moved and nothing was touched, by {}",
+    "share": "share of that time in contact by {}",
+    "blind": "1 where {} was in contact already when the probe touched",
+    "event_s": "from the touch to the event of {}",
 }
 
 COLUMNS = {
     **transient.COLUMNS,
-    "flexed_s": Column("how long the tendon moved with nothing touched after the baseline"),
-    "free_rise_hz": Column("how much higher the free finger oscillates fully flexed than extended", 2),
-    **{
-        f"{name}_{what}": Column(column.meaning.format(name), column.digits)
-        for name in LISTENERS
-        for what, column in _EACH.items()
-    },
+    "flexed_s": "how long the tendon moved with nothing touched after the baseline",
+    "free_rise_hz": "how much higher the free finger oscillates fully flexed than extended",
+    **{f"{name}_{what}": meaning.format(name) for name in LISTENERS for what, meaning in _EACH.items()},
 }
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from behaviors.grasp import GraspSettings
-from controller.measures import Column, centering
+from controller.measures import centering
 from controller.measures.trial import Measured, TrialEvidence, not_before, spans_within
 from drivers.core.messages import Grip, Sent
 
@@ -30,37 +30,31 @@ chose the rule's settings (benchmarks/grasp), but for the lowest and the highest
 UP = ("LOADING", "LIFTING", "SHAKING", "HOLDING")
 
 _OWN = {
-    "rise_m": Column("how far the object was off the table at the end of the hold (simulated benches)"),
-    "carried": Column("what share of its weight was carried there (simulated benches)"),
-    "carried_n": Column("what the arm's sensor says it carried"),
-    "lifted_m": Column("how far the tool was lifted"),
-    "held_s": Column("how long it was held there"),
-    "cycle_s": Column("from the search's beginning to the jaws' release", 1),
-    "felt_n": Column(
-        "with how much force the jaws pressed when both fingers had felt it (simulated benches)"
-    ),
-    "push_n": Column("the greatest force with which one finger alone pushed it (simulated benches)", 3),
-    "slips": Column("how often the jaws were made to press harder by a slip that was told"),
-    "slipped": Column("how often the pad with the sensor really slipped (simulated benches)"),
-    "told_true": Column("those of them that were slips (simulated benches)"),
-    "told_false": Column("those that were none (simulated benches)"),
-    "untold": Column("slips of the whole object that were not detected (simulated benches)"),
-    "slid_m": Column("how far it slid in the fingers altogether (simulated benches)"),
-    "arrested_m": Column(
-        "how far it slid at the most until it was held again, in the air (simulated benches)"
-    ),
-    "turned_rad": Column("how far it had turned about the grip's axis at the end (simulated benches)"),
-    "grip_n": Column("the last commanded grip force"),
-    "least_n": Column("the least force that would have held it, median of the hold (simulated benches)"),
-    "grip_over_least": Column("grip over least force, median of the hold (simulated benches)", 2),
-    "crushed": Column("1 where the grip crushed it (simulated benches)"),
-    "friction": Column("estimated coefficient of friction", 3),
-    "friction_low": Column("lower end of its 90 % interval", 3),
-    "friction_high": Column("upper end", 3),
-    "friction_true": Column(
-        "the true one, of what friction has left for the weight where torque takes its part (simulated benches)",
-        3,
-    ),
+    "rise_m": "how far the object was off the table at the end of the hold (simulated benches)",
+    "carried": "what share of its weight was carried there (simulated benches)",
+    "carried_n": "what the arm's sensor says it carried",
+    "lifted_m": "how far the tool was lifted",
+    "held_s": "how long it was held there",
+    "cycle_s": "from the search's beginning to the jaws' release",
+    "felt_n": "with how much force the jaws pressed when both fingers had felt it (simulated benches)",
+    "push_n": "the greatest force with which one finger alone pushed it (simulated benches)",
+    "slips": "how often the jaws were made to press harder by a slip that was told",
+    "slipped": "how often the pad with the sensor really slipped (simulated benches)",
+    "told_true": "those of them that were slips (simulated benches)",
+    "told_false": "those that were none (simulated benches)",
+    "untold": "slips of the whole object that were not detected (simulated benches)",
+    "slid_m": "how far it slid in the fingers altogether (simulated benches)",
+    "arrested_m": "how far it slid at the most until it was held again, in the air (simulated benches)",
+    "turned_rad": "how far it had turned about the grip's axis at the end (simulated benches)",
+    "grip_n": "the last commanded grip force",
+    "least_n": "the least force that would have held it, median of the hold (simulated benches)",
+    "grip_over_least": "grip over least force, median of the hold (simulated benches)",
+    "crushed": "1 where the grip crushed it (simulated benches)",
+    "friction": "estimated coefficient of friction",
+    "friction_low": "lower end of its 90 % interval",
+    "friction_high": "upper end",
+    "friction_true": "the true one, of what friction has left for the weight where torque takes its part (simulated "
+    "benches)",
 }
 COLUMNS = {**_OWN, **centering.COLUMNS}  # what decides first
 

@@ -1,14 +1,13 @@
 """B7: the angle of the contact against the true angle (Fernandez et al., Fig. 2 and 11)."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from behaviors.events import Resumed
 from behaviors.pointer import PointerSettings
-from controller.measures import Column
 from controller.measures.trial import Measured, TrialEvidence, spans_of
 from controller.recording.series import TrialRecording
 from drivers.core.messages import Floats
@@ -41,23 +40,6 @@ class Touch(NamedTuple):
     def error_rad(self) -> float:
         """Measured less true angle, between half a turn either way."""
         return math.remainder(self.measured_rad - self.true_rad, FULL_TURN)
-
-
-class Errors(NamedTuple):
-    """Errors of the angle over some touches, rad; NaN where there are too few.
-
-    Attributes:
-        bias: Mean.
-        sd: Standard deviation about it.
-        largest: Largest of either sign.
-        hysteresis: Largest difference between the same angle going up and going down.
-    """
-
-    bias: float
-    sd: float
-    rms: float
-    largest: float
-    hysteresis: float
 
 
 def touches_of(
@@ -112,22 +94,22 @@ def turned_rad(start: Floats, now: Floats) -> float:
     return float(turn.as_rotvec()[1])
 
 
-def errors_of(touches: Sequence[Touch]) -> Errors:
-    """Errors over some touches."""
+def errors_of(touches: Sequence[Touch]) -> Mapping[str, float]:
+    """Errors of the angle over some touches, rad, by the middle of their columns' names; NaN for too few touches."""
     if not touches:
-        return Errors(*[math.nan] * 5)
+        return dict.fromkeys(("bias", "sd", "rms", "max", "hysteresis"), math.nan)
     errors = np.array([touch.error_rad for touch in touches])
     # the two touches of an angle stand at mirrored places of the sweep
     up = [touch.error_rad for touch in touches if touch.going == "up"]
     down = [touch.error_rad for touch in touches if touch.going == "down"][::-1]
     loop = [abs(there - back) for there, back in zip(up, down, strict=True)] if len(up) == len(down) else []
-    return Errors(
-        bias=float(errors.mean()),
-        sd=float(errors.std(ddof=1)) if len(errors) > 1 else math.nan,
-        rms=float(np.sqrt(np.mean(errors**2))),
-        largest=float(np.abs(errors).max()),
-        hysteresis=max(loop, default=math.nan),
-    )
+    return {
+        "bias": float(errors.mean()),
+        "sd": float(errors.std(ddof=1)) if len(errors) > 1 else math.nan,
+        "rms": float(np.sqrt(np.mean(errors**2))),
+        "max": float(np.abs(errors).max()),
+        "hysteresis": max(loop, default=math.nan),
+    }
 
 
 def _mean_vector(vectors: Floats) -> Floats:
@@ -142,14 +124,14 @@ HIGHLIGHTS = ("theta_rms_rad", "theta_max_rad", "force_n")
 """Columns shown during a run."""
 
 COLUMNS = {
-    "touches": Column("touches recorded"),
-    "force_n": Column("their mean normal force", 2),
-    "theta_bias_rad": Column("mean error of the angle over all of them", 2),
-    "theta_sd_rad": Column("its standard deviation", 2),
-    "theta_rms_rad": Column("its root mean square", 2),
-    "theta_max_rad": Column("the largest of either sign", 2),
-    "theta_hysteresis_rad": Column("largest difference between an angle going up and going down", 2),
-    "theta_spread_rad": Column("mean standard deviation of the angle from sample to sample", 2),
+    "touches": "touches recorded",
+    "force_n": "their mean normal force",
+    "theta_bias_rad": "mean error of the angle over all of them",
+    "theta_sd_rad": "its standard deviation",
+    "theta_rms_rad": "its root mean square",
+    "theta_max_rad": "the largest of either sign",
+    "theta_hysteresis_rad": "largest difference between an angle going up and going down",
+    "theta_spread_rad": "mean standard deviation of the angle from sample to sample",
 }
 
 
@@ -171,9 +153,8 @@ def measure(evidence: TrialEvidence, settings: PointerSettings, outcome: str) ->
     )
     row["touches"] = len(touches)
     if touches:
-        names = ("bias", "sd", "rms", "max", "hysteresis")
-        errors = dict(zip(names, errors_of(touches), strict=True))
-        row |= {f"theta_{name}_rad": None if math.isnan(x) else x for name, x in errors.items()}
+        errors = errors_of(touches).items()
+        row |= {f"theta_{name}_rad": None if math.isnan(x) else x for name, x in errors}
         row["force_n"] = float(np.mean([touch.force_n for touch in touches]))
         row["theta_spread_rad"] = float(np.mean([touch.spread_rad for touch in touches]))
     return outcome, row

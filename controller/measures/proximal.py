@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from behaviors.proximal import ProximalSettings
-from controller.measures import Column, transient
+from controller.measures import transient
 from controller.measures.trial import Measured, TrialEvidence
 
 HIGHLIGHTS = ("identified", "ratio_db", "delay_s")
@@ -13,10 +13,8 @@ HIGHLIGHTS = ("identified", "ratio_db", "delay_s")
 
 COLUMNS = {
     **transient.COLUMNS,
-    "identified": Column("the link that was touched, proximal or distal"),
-    "ratio_db": Column(
-        "growth of the ratio of the distal to the proximal accelerometer's standard deviation", 2
-    ),
+    "identified": "the link that was touched, proximal or distal",
+    "ratio_db": "growth of the ratio of the distal to the proximal accelerometer's standard deviation",
 }
 
 LISTENS_S = 0.3

@@ -15,7 +15,6 @@ from behaviors.events import (
 )
 from behaviors.slip import RollSlipSettings, SensorRunSettings
 from controller.detectors.slip import SlipDetector
-from controller.measures import Column
 from controller.measures.trial import Measured, TrialEvidence, delay_s, not_before, spans_within, without
 from controller.recording.series import Span
 from controller.signals.spectrum import BlockCutter, block_peaks
@@ -24,41 +23,41 @@ from drivers.core.messages import Floats, SampleBlock
 DETECTORS = ("paper", "ours")
 
 _EACH = {
-    "detected": Column("slips reported in time"),
-    "missed": Column("slips that were not; one cut short before it could be detected is none of the three"),
-    "early": Column(
+    "detected": "slips reported in time",
+    "missed": "slips that were not; one cut short before it could be detected is none of the three",
+    "early": (
         "slips reported between the arm's start and the true slip, or that began while slip was reported already: "
         "neither detected nor missed, but a false alarm"
     ),
-    "delay_s": Column("median delay of those detected", 3),
-    "first_delay_s": Column("delay of the first one", 3),
-    "event_s": Column("when the first event after `slide_s` was"),
-    "false_alarms": Column("false alarms in `quiet_s`"),
-    "touch_alarms": Column("false alarms during descent and pressing"),
-    "quiet_s": Column("other time without slip in which it could have alarmed"),
+    "delay_s": "median delay of those detected",
+    "first_delay_s": "delay of the first one",
+    "event_s": "when the first event after `slide_s` was",
+    "false_alarms": "false alarms in `quiet_s`",
+    "touch_alarms": "false alarms during descent and pressing",
+    "quiet_s": "other time without slip in which it could have alarmed",
 }
 
 HIGHLIGHTS = ("ours_delay_s", "paper_delay_s", "ours_false_alarms")
 """Columns shown during a run."""
 
 COLUMNS = {
-    "clock_s": Column("when the paper's time axis begins"),
-    "touch_truth_s": Column("when the tip touched, in truth (simulated benches)"),
-    "touch_s": Column("when contact was detected"),
-    "press_n": Column("mean force from the end of pressing to lifting"),
-    "reference": Column("origin of the delays: true slip on a simulated bench, or the command to slide"),
-    "slips": Column("how many there were"),
-    "slide_s": Column("when the first command to slide was given"),
-    "slip_s": Column("when the first slip began"),
-    "slip_end_s": Column("when the last ended"),
-    "listen_s": Column("when the slip detectors were subscribed"),
-    **{f"{detector}_{what}": column for detector in DETECTORS for what, column in _EACH.items()},
-    "ours_least_delay_s": Column("our detector's shortest delay, whatever the slip"),
-    "peak_product": Column("the paper's statistic: its largest product of peak and frequency in slip"),
-    "peak_product_before": Column("between pressing and slip"),
-    "dominant_hz": Column("frequency that dominates in slip"),
-    "slip_to_stop_s": Column("from the deciding sample to the stop command", 1),
-    "stop_travel_m": Column("the tool's way from there to standstill", 2),
+    "clock_s": "when the paper's time axis begins",
+    "touch_truth_s": "when the tip touched, in truth (simulated benches)",
+    "touch_s": "when contact was detected",
+    "press_n": "mean force from the end of pressing to lifting",
+    "reference": "origin of the delays: true slip on a simulated bench, or the command to slide",
+    "slips": "how many there were",
+    "slide_s": "when the first command to slide was given",
+    "slip_s": "when the first slip began",
+    "slip_end_s": "when the last ended",
+    "listen_s": "when the slip detectors were subscribed",
+    **{f"{detector}_{what}": meaning for detector in DETECTORS for what, meaning in _EACH.items()},
+    "ours_least_delay_s": "our detector's shortest delay, whatever the slip",
+    "peak_product": "the paper's statistic: its largest product of peak and frequency in slip",
+    "peak_product_before": "between pressing and slip",
+    "dominant_hz": "frequency that dominates in slip",
+    "slip_to_stop_s": "from the deciding sample to the stop command",
+    "stop_travel_m": "the tool's way from there to standstill",
 }
 
 BLOCK_S = 0.064

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.measures import Column
 from controller.measures.transient import ONSET_N
 from controller.measures.trial import Measured, TrialEvidence, spans_of
 from controller.signals.spectrum import dominant_frequency
@@ -20,14 +19,12 @@ HIGHLIGHTS = ("frequency_hz", "amplitude_m", "force_n")
 """Columns shown during a run."""
 
 COLUMNS = {
-    "frequency_hz": Column("dominant frequency of the acceleration", 2),
-    "frequency_sd_hz": Column(
-        "standard deviation of the frequency from period to period: large means erratic", 2
-    ),
-    "amplitude_m_s2": Column("root two times the standard deviation of the acceleration", 2),
-    "amplitude_m": Column("the same over the angular frequency squared: the accelerometer's motion", 3),
-    "force_n": Column("mean force", 3),
-    "force_peak_n": Column("peak force", 3),
+    "frequency_hz": "dominant frequency of the acceleration",
+    "frequency_sd_hz": "standard deviation of the frequency from period to period: large means erratic",
+    "amplitude_m_s2": "root two times the standard deviation of the acceleration",
+    "amplitude_m": "the same over the angular frequency squared: the accelerometer's motion",
+    "force_n": "mean force",
+    "force_peak_n": "peak force",
 }
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controller.measures import Column, static
+from controller.measures import static
 from controller.measures.transient import ONSET_N
 from controller.measures.trial import Measured, TrialEvidence
 from drivers.core.messages import Floats
@@ -21,9 +21,9 @@ HIGHLIGHTS = ("frequency_hz", "ring_hz", "force_n")
 
 COLUMNS = {
     **static.COLUMNS,
-    "touching": Column("share of the recording in which the force is above 0.005 N: 1 in full contact", 3),
-    "ring_hz": Column("frequency of the ringing after the drive went off, free or in full contact", 2),
-    "phase_rad": Column("phase of the distal accelerometer before the proximal one, 0 to a full turn", 2),
+    "touching": "share of the recording in which the force is above 0.005 N: 1 in full contact",
+    "ring_hz": "frequency of the ringing after the drive went off, free or in full contact",
+    "phase_rad": "phase of the distal accelerometer before the proximal one, 0 to a full turn",
 }
 
 RING_S = (0.01, 0.3)

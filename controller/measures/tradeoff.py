@@ -5,7 +5,7 @@ import math
 from behaviors.transient import TransientSettings
 from controller.detectors.resonance import DIRECTIONS, ResonanceDetector
 from controller.detectors.resonance_paper import ResonancePaperDetector
-from controller.measures import Column, transient
+from controller.measures import transient
 from controller.measures.trial import Measured, TrialEvidence
 
 METHODS = ("average", *DIRECTIONS)
@@ -29,7 +29,7 @@ HIGHLIGHTS = ("average_before", "average_later", "all_soon")
 COLUMNS = {
     **transient.COLUMNS,
     **{
-        f"{method}_{when}": Column(f"largest {method} in deviations of the free finger, {span}", 1)
+        f"{method}_{when}": f"largest {method} in deviations of the free finger, {span}"
         for method in METHODS
         for when, span in WHEN.items()
     },

@@ -10,7 +10,6 @@ import numpy as np
 
 from behaviors.events import BaselineReady
 from controller.detectors.protocol import quantity_of
-from controller.measures import Column
 from controller.measures.trial import STEP_S, Measured, TrialEvidence, not_before
 from drivers.core.messages import Floats, Standstill
 
@@ -28,21 +27,19 @@ HIGHLIGHTS = ("delay_s", "extent_m", "force_n")
 """Columns shown during a run."""
 
 COLUMNS = {
-    "truth_contact_s": Column("when the probe touched, in truth (simulated benches)"),
-    "onset_s": Column("when the load cell reached 0.005 N"),
-    "detect_s": Column("when contact was detected", 4),
-    "delay_s": Column("from onset to detection; negative where the touch was lighter than 0.005 N", 2),
-    "extent_m": Column("travel of the probe in that time", 2),
-    "force_n": Column("force at detection: mean over the last oscillation", 3),
-    "force_peak_n": Column("largest force of approach, stop and hold", 3),
-    "false_contacts": Column(
-        "detections before contact: the simulated one where it is known, else the load cell's onset"
-    ),
-    "baseline_hz": Column("frequency learned", 2),
-    "threshold_hz": Column("threshold on it", 2),
-    "command_s": Column("when the stop command's last byte left"),
-    "standstill_s": Column("when the probe stood still"),
-    "stop_travel_m": Column("how far it went from detection to standstill", 3),
+    "truth_contact_s": "when the probe touched, in truth (simulated benches)",
+    "onset_s": "when the load cell reached 0.005 N",
+    "detect_s": "when contact was detected",
+    "delay_s": "from onset to detection; negative where the touch was lighter than 0.005 N",
+    "extent_m": "travel of the probe in that time",
+    "force_n": "force at detection: mean over the last oscillation",
+    "force_peak_n": "largest force of approach, stop and hold",
+    "false_contacts": "detections before contact: the simulated one where it is known, else the load cell's onset",
+    "baseline_hz": "frequency learned",
+    "threshold_hz": "threshold on it",
+    "command_s": "when the stop command's last byte left",
+    "standstill_s": "when the probe stood still",
+    "stop_travel_m": "how far it went from detection to standstill",
 }
 
 

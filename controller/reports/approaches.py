@@ -40,10 +40,6 @@ BOUNDS = table("backus_bounds")
 SPEED_TOLERANCE = 0.005
 """How near a trial's speed must be to a row's to belong to it, relative: half of Table I's last digit but one."""
 
-NOISE, SAMPLE_HZ = "plant.noise_scale", "detectors.contact.sample_hz"
-BASELINE_S = "detectors.contact.baseline_s"
-"""What the study of what the paper does not print varies."""
-
 
 def read_approaches(runs: Iterable[Run]) -> Trials:
     """Every trial of the runs, by run and number; `run` is its run, `varied` the settings it varied, by path."""
@@ -237,23 +233,7 @@ def figure_rows(side: str) -> list[dict[str, Any]]:
     return [row for row in TABLE_1 if row["study"] == "location" and row["side"] == side]
 
 
-# --- what was varied, and other detectors ------------------------------------------------------------
-
-
-def study_rows(approaches: Trials) -> list[dict[str, Any]]:
-    """Approaches in which a setting was varied, by its values, sorted: these, the mean `delay_s`, `false` contacts and
-    how many there are (`n`); none where no run varied anything but speed and place."""
-    varied = approaches.where(lambda row: row["varied"])
-    names = list(
-        dict.fromkeys(
-            [BASELINE_S, NOISE, SAMPLE_HZ, *sorted({name for row in varied for name in row["varied"]})]
-        )
-    )
-    return [
-        {name: value for name, value in zip(names, values, strict=True) if value is not None}
-        | {"delay_s": own.where(stopped).mean("delay_s"), "false": own.total("false_contacts"), "n": len(own)}
-        for values, own in varied.by(*names).items()
-    ]
+# --- other detectors --------------------------------------------------------------------------------
 
 
 class DetectorScore(NamedTuple):

@@ -1,6 +1,6 @@
 """The part of the page on C2, C4 and C5: approaches, touches and nothing at all."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -51,9 +51,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     touch = bool(setting_of(run, "behavior", "touch"))
     nothing, there = rows.where(object="none"), rows.where(lambda row: row["object"] != "none")
     objects = {row["object"] for row in there}
-    # what touched when is known where it is simulated in the program's own process
-    felt = rows.known("touches") if touch else Trials()
-    unknown = rows.where(touches=None) if touch else Trials()
     # those that are compared with the paper's rates: those of the pipe try sides and axes, soft objects are ours
     papers = there.where(lambda row: row["object"] not in (*SOFT, PIPE))
     hard = _hard(there)
@@ -62,7 +59,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     if papers:
         others = ["the soft ones"] * bool(objects & set(SOFT)) + ["the pipe"] * (PIPE in objects)
         named[f"all but {' and '.join(others)}" if others else "all"] = papers
-    by = "object" if len({row["object"] for row in unknown}) > 1 else "side"
+    named |= {"nothing": nothing} if nothing else {}
     what = "Contact (C4)" if touch else "Pre-touch (C2)"
     # half a wavelength of the drive: what the envelope undulates by, straight towards the object
     detectors = (setting_of(run, "detectors") or {}).values()
@@ -75,58 +72,21 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "of_objects": list(_of_objects(papers, kind)),
         "of_touches": list(_of_touches(hard, kind)),
         "hard": hard,
-        "unknown": list(_counts(unknown)),
+        "unknown": touch and bool(rows.where(touches=None)),
         "nothing": list(_counts(nothing)) if nothing.total("approaches") else [],
         "methods": METHODS,
         "approached": any(row.get("approaches") for row in rows),
         "known": any(row.get("touches") is not None for row in rows),
-        "sides": list(_sides(hard)),
+        "by_object": list(_counted((({"object": name}, own) for name, own in named.items()), touch))
+        if several
+        else [],
+        "by_side": list(_counted(_sides(hard), touch)),
         "half_wave_m": float(sound_m_s) / float(setting_of(run, "behavior", "drive_hz") or BEST_HZ) / 2.0,
         "all_objects": any(row["object"] != PIPE for row in hard),
-        "pre_touch": [
-            *(_rates(name, own, "seen") for name, own in named.items() if several),
-            *([_rates("nothing: not reported", nothing, "alarms")] if nothing else []),
-        ],
-        "contact": _of_each(
-            named | {"nothing": nothing} if several and there.total("touches") else {},
-            "object",
-            lambda n: {
-                "touches": n["touches"],
-                "detected": rate(n["felt"], n["touches"]),
-                "approaches": n["approaches"],
-                "without a false one": rate(n["approaches"] - n["false"], n["approaches"]),
-            },
-        ),
-        "touches": _of_each(
-            _by(_hard(felt.where(lambda row: row["object"] != "none")), "side"),
-            "side",
-            lambda n: {
-                "touches": n["touches"],
-                "detected": rate(n["felt"], n["touches"]),
-                **under("delay_s", n["delay_s"], digits=OURS_AND_PAPERS["delay_s"].digits),
-                "persistence": n["held"],
-                "end": n["ended"],
-                "false": f"{n['false']} of {n['approaches']}",
-            },
-        ),
-        "by": by,
-        "reported": _of_each(
-            _by(unknown, by),
-            by,
-            lambda n: {
-                "approaches": n["approaches"],
-                "reported": n["reported"],
-                "times": n["reports"],
-                "persistence": n["reported_held"],
-                "end": n["reported_ended"],
-                "where nothing can": n["reported_of_nothing"],
-            },
-        ),
         "papers": {"pre_touch": PRE_TOUCH, "contact": CONTACT},
         "n_sides": len(SIDES),
         "deaf": DEAF,
         "figure": _draw(runs, figures),
-        "undulations": _undulations(hard),
     }
     heading, headline = "Objects (C5)" if len(objects) > 1 else what, _headline(papers or there, touch)
     return told(runs, heading, "aura", content, paper="rupavatharam", headline=headline)
@@ -178,49 +138,40 @@ def _by(rows: Trials, *names: str) -> dict[tuple[Any, ...], Trials]:
 # --- tables ------------------------------------------------------------------------------------------
 
 
-def _sides(rows: Trials) -> Iterator[Row]:
+def _sides(rows: Trials) -> Iterator[tuple[Row, Trials]]:
     for (side, axis, speed_m_s), own in _by(rows, "side", "axis", "speed_m_s").items():
-        n = own.total("approaches")
-        line = {"side": side, "axis": axis, **under("speed_m_s", speed_m_s), "approaches": n}
-        line |= under("undulations", own.median("undulations_per_cm"), "undulations/cm", 2)
-        for method, whose in METHODS.items():
-            line[f"seen, {whose}"] = f"{own.total(f'seen_{method}')} of {n}"
-            line |= under("distance_m", own.median(f"distance_m_{method}"), f"from, {whose}", 0)
-        yield line
+        undulations = under("undulations", own.median("undulations_per_cm"), "undulations/cm", 2)
+        yield {"side": side, "axis": axis, **under("speed_m_s", speed_m_s), **undulations}, own
 
 
-def _rates(name: str, own: Trials, column: str) -> Row:
-    """In how many approaches an object was seen, or, of `alarms`, nothing was."""
-    n = own.total("approaches")
-    hits = {whose: own.total(f"{column}_{method}") for method, whose in METHODS.items()}
-    rates = {whose: rate(n - hit if column == "alarms" else hit, n) for whose, hit in hits.items()}
-    return {"object": name, "approaches": n, **rates}
+def _counted(groups: Iterable[tuple[Row, Trials]], touch: bool) -> Iterator[Row]:
+    """A line for each group of trials and detector: in how many approaches it saw the object, and what it made of the
+    touches, or, where these are not known, what it reported."""
+    for named, own in groups:
+        for whose, n in _counts(own):
+            of = n["approaches"]
+            line = {**named, "detector": whose, "approaches": of}
+            if any(row["object"] != "none" for row in own):
+                line |= {"seen": rate(n["seen"], of), **under("distance_m", n["distance_m"], "from", 0)}
+            line["without an alarm"] = rate(of - n["alarms"], of)
+            if touch and own.values("touches"):
+                line |= {"touches": n["touches"], "detected": rate(n["felt"], n["touches"])}
+                line |= under("delay_s", n["delay_s"], digits=3)
+                line |= {"persistence": n["held"], "end": n["ended"]}
+                line["without a false contact"] = rate(of - n["false"], of)
+            elif touch:
+                line |= {"reported": n["reported"], "times": n["reports"], "persistence": n["reported_held"]}
+                line |= {"end": n["reported_ended"], "where nothing can": n["reported_of_nothing"]}
+            yield line
 
 
 def _counts(own: Trials) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Of each detector: whose it is, sums of its columns over some trials, and its median delay; of none without."""
+    """Of each detector whose it is, sums of its columns over some trials, and its median delay and distance."""
     for method, whose in METHODS.items() if own else ():
         sums: dict[str, Any] = {name: own.total(f"{name}_{method}") for name in OURS_AND_PAPERS}
         sums |= {name: own.total(name) for name in ("touches", "approaches")}
-        yield whose, sums | {"delay_s": own.median(f"delay_s_{method}")}
-
-
-def _of_each(groups: Mapping[Any, Trials], head: str, cells: Callable[[dict[str, Any]], Row]) -> list[Row]:
-    """A line for each group of trials and detector, with the cells that are made of its counts."""
-    return [
-        {head: name if isinstance(name, str) else title(name[0]), "detector": whose, **cells(n)}
-        for name, own in groups.items()
-        for whose, n in _counts(own)
-    ]
-
-
-def _undulations(rows: Trials) -> dict[str, list[tuple[float, float]]]:
-    """Undulations per cm at each speed, of the sides that were approached with several."""
-    found: dict[str, list[tuple[float, float]]] = {}
-    for (side, speed_m_s), own in _by(rows.where(axis="x"), "side", "speed_m_s").items():
-        if (count := own.median("undulations_per_cm")) is not None:
-            found.setdefault(side, []).append((count, speed_m_s))
-    return {side: each for side, each in found.items() if len(each) > 1}
+        medians = {name: own.median(f"{name}_{method}") for name in ("delay_s", "distance_m")}
+        yield whose, sums | medians
 
 
 # --- what is said, by detector -----------------------------------------------------------------------
@@ -289,14 +240,10 @@ def _draw(runs: Sequence[Run], figures: Figures) -> str:
             _draw_panel(axes, f"{SIDES[key[0]]}, {quantity('speed_m_s', key[1], 0)}", *panels[key])
         drawing.label_outside("time (s)", "envelope (FS)")
         # a trial that was refused at once has a recording without the finger
-        for axes in [axes for axes in drawing.axes if axes.get_legend_handles_labels()[0]][:1]:
-            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2)
-        for axes in drawing.axes[1:2]:
-            for mark, whose in (("o", "ours"), ("x", "the paper's")):
-                axes.plot([], [], mark, mfc="none", color=INK, ms=4.0, label=whose)
-            narrow: Any = {"handlelength": 0.8, "columnspacing": 0.8, "handletextpad": 0.4}
-            handles = axes.get_lines()[-2:]
-            axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2, **narrow)
+        axes = next((each for each in drawing.axes if each.get_legend_handles_labels()[0]), drawing.axes[0])
+        for mark, whose in (("o", "ours"), ("x", "the paper's")):
+            axes.plot([], [], mark, mfc="none", color=INK, ms=4.0, label=whose)
+        drawing.legend(axes, 4)
         return drawing.save("approaches")
 
 

@@ -1,18 +1,18 @@
 """The part of the page on C3: how well the middle is found, beside the paper's Fig. 8c."""
 
-import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from behaviors.search import SearchFactors
+from controller.measures.centering import CENTERED_M
 from controller.recording.reader import Run
-from controller.reports.counts import METHODS, Trials, every, quantity, share, stop_times, title, under
+from controller.reports.counts import METHODS, Trials, every, quantity, tails, title, under
 from controller.reports.figures import FALSE, INK, OURS, PAPER, Figures
 from controller.reports.first_screen import listed
-from controller.reports.papers import WORST_CENTERING_M, headlines
-from controller.reports.section import Headline, Section, told
+from controller.reports.papers import headlines
+from controller.reports.section import Headline, Section, measured, told
 from controller.scales import scale_of
 
 WANTED_M = 0.0025
@@ -21,13 +21,18 @@ WANTED_M = 0.0025
 SEEN_TO_STOP = ("seen_to_stop_left_s", "seen_to_stop_right_s")
 """From the sample with which a finger saw the object to the arm's stop command."""
 
+FACTORS = ("object", "method", "speed_m_s")
+
+COLUMNS = ("error_m", "search_s", "touched", "gripped", "contact_left_s", "contact_right_s")
+"""Of a search that the table has."""
+
 Groups = Mapping[tuple[str, str, float], Trials]
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Errors by method, object and speed; the histogram."""
     rows = Trials.of(runs, SearchFactors)
-    groups: Groups = rows.by("object", "method", "speed_m_s")
+    groups: Groups = rows.by(*FACTORS)
     things = {thing for thing, *_ in groups}
     pooled: dict[tuple[str, str, float], Trials] = {}  # of several objects: each has its row in the table
     for (thing, method, speed_m_s), own in groups.items():
@@ -35,32 +40,14 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         pooled.setdefault((name, method, speed_m_s), Trials()).extend(own)
     content: dict[str, Any] = {
         "said": list(_said(pooled)),
-        "errors": [],
-        "grasps": [],
-        "stops": stop_times(runs, "audio.fingers", *SEEN_TO_STOP, by_method=SearchFactors),
+        "searches": [],
+        "stops": tails(rows, *SEEN_TO_STOP),
         "figure": _draw(pooled, figures),
         "pipe_alone": things == {"pipe"},  # the paper draws it alone
-        "worst": quantity("error_m", WORST_CENTERING_M, 0),
+        "worst": quantity("error_m", CENTERED_M, 0),
     }
-    for (thing, method, speed_m_s), own in groups.items():
-        named = {"object": title(thing), "method": METHODS[method], **under("speed_m_s", speed_m_s)}
-        errors_m, mean = own.values("error_m"), own.mean("error_m")
-        line = {**named, "trials": len(own), "no middle": len(own) - mean.n}
-        middle_m = statistics.median(map(abs, errors_m)) if errors_m else None
-        found = {"worst": _worst_m(own), "mean": mean.mean, "sigma": mean.sigma, "median |error|": middle_m}
-        for head, value in found.items():
-            line |= under("error_m", value, head, 2)
-        content["errors"].append(line)
-        grasped = own.known("gripped")
-        both = len(grasped.known("contact_left_s", "contact_right_s"))
-        content["grasps"].append(
-            named
-            | under("search_s", own.median("search_s"), digits=1)
-            | {
-                "touched before": str(own.total("touched")) if own.values("touched") else "unknown",
-                "contact by both": share(both, len(grasped)) if grasped else "not requested",
-            }
-        )
+    for line, own in zip(measured(groups.values(), FACTORS, COLUMNS), groups.values(), strict=True):
+        content["searches"].append({**line, **under("error_m", _worst_m(own), "worst error", 2)})
     headline = _headline(rows)
     return told(
         runs, "Centering without touching (C3)", "centering", content, paper="rupavatharam", headline=headline
@@ -85,7 +72,7 @@ def _said(groups: Groups) -> Iterator[dict[str, Any]]:
     """Each method's worst error; of ours also beside the paper's method on the same bench."""
     for (thing, method, speed_m_s), own in groups.items():
         ours, found, worst_m = method == "ours", own.values("error_m"), _worst_m(own)
-        bound_m = WANTED_M if ours else WORST_CENTERING_M
+        bound_m = WANTED_M if ours else CENTERED_M
         beyond = sum(abs(error_m) > bound_m for error_m in found) + len(own) - len(found)
         yield {
             "what": f"{title(thing).capitalize()}, {METHODS[method]}, {quantity('speed_m_s', speed_m_s, 0)}",
@@ -115,7 +102,7 @@ def _draw(groups: Groups, figures: Figures) -> str:
             color = OURS if method == "ours" else PAPER
             edges = np.arange(-reach, reach + 0.5, 0.5)
             axes.hist(np.array(errors) * scale.factor, bins=edges, color=color, edgecolor="white", lw=0.3)  # type: ignore[arg-type]
-            for place in (-WORST_CENTERING_M, WORST_CENTERING_M):
+            for place in (-CENTERED_M, CENTERED_M):
                 axes.axvline(place * scale.factor, color=FALSE, lw=0.8, ls=(0, (4, 2)))
             axes.axvline(0.0, color=INK, lw=0.5)
             axes.set_title(f"{METHODS[method]}, {quantity('speed_m_s', speed_m_s, 0)}, n = {len(errors)}")

@@ -8,11 +8,11 @@ import numpy as np
 from behaviors.chirp import ChirpSettings
 from controller.measures.chirp import COLUMNS, LATENCY_UNSURE_S, STEP_HZ, beginning, transfer
 from controller.recording.reader import Run
-from controller.reports.counts import Comparison, Trials, all_of, number, sure, under
+from controller.reports.counts import Comparison, Trials, all_of, sure
 from controller.reports.figures import FAINT, FALSE, OURS, PAPER, Figures
 from controller.reports.papers import BEST_HZ
 from controller.reports.run_account import entered_s, recorded, setting_of
-from controller.reports.section import Kind, Section, kind_of, told
+from controller.reports.section import Kind, Section, kind_of, measured, told
 
 PRINTED = "40 kHz"
 """`BEST_HZ` as the paper prints it."""
@@ -20,29 +20,15 @@ PRINTED = "40 kHz"
 NEAR_HZ = 500.0
 """How close to 40 kHz counts as found: two bands of the sweep; ours, since the paper gives only 40 kHz."""
 
-HEADS = {
-    "best": "best_hz",
-    "right": "best_right_hz",
-    "left": "best_left_hz",
-    "± (band and latency)": "unsure_hz",
-    "over noise": "over_noise_db",
-}
-
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
-    """Best frequency of every sweep, and the curve of the first."""
+    """Best frequency over all sweeps, and the curve of the first."""
     rows = Trials.of(runs).known("best_hz")
-    near, best = [], []
+    near = []
     for row in rows:
         # whether the sweep found the paper's frequency, by band and latency
         off_hz, half_hz = abs(row["best_hz"] - BEST_HZ), float(row.get("unsure_hz") or 0.0)
         near.append(sure(off_hz + half_hz <= NEAR_HZ, off_hz - half_hz > NEAR_HZ))
-        cells = [under(name, row.get(name), head, COLUMNS[name].digits) for head, name in HEADS.items()]
-        band = " to ".join(number(row.get(f"band_{side}_hz"), 0) for side in ("low", "high"))
-        line = {"trial": row["trial"]}
-        for each in [*cells, under("band_hz", band, "half-power band")]:
-            line |= each
-        best.append(line)
     return told(
         runs,
         "Chirp (C1)",
@@ -56,7 +42,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "put_in": " and ".join(f"{hz:g}" for hz in setting_of(runs[0], "plant", "resonance_hz") or ()),
             "step_hz": STEP_HZ,
             "unsure_s": LATENCY_UNSURE_S,
-            "best": best,
+            "n": len(rows),
+            "best": measured([rows] * bool(rows), [], COLUMNS),
             "figure": _draw(runs, figures),
         },
         paper="rupavatharam",

@@ -41,7 +41,6 @@ class Comparison(NamedTuple):
         paper: The paper's, in the same unit.
         met: Whether ours comes out as the paper's; None where that is not judged.
         low, high: 95 % interval of ours, or over rows of the mean difference; NaN where there is too little data.
-        same: Over rows: in how many ours lies on the side that the mean does.
         n: Of how many.
     """
 
@@ -50,7 +49,6 @@ class Comparison(NamedTuple):
     met: bool | None = None
     low: float = math.nan
     high: float = math.nan
-    same: int = 0
     n: int = 0
 
     @property
@@ -72,12 +70,11 @@ def over_rows(pairs: Iterable[tuple[float, float]]) -> Comparison | None:
         return None
     ours, paper = map(float, known.mean(axis=0))
     difference = known[:, 0] - known[:, 1]
-    same = int((np.sign(difference) == np.sign(ours - paper)).sum())
     if len(known) < 3:
-        return Comparison(ours, paper, same=same, n=len(known))
+        return Comparison(ours, paper, n=len(known))
     mean = mean_of(difference.tolist())
     low, high = mean.mean - half_width(mean), mean.mean + half_width(mean)
-    return Comparison(ours, paper, low <= 0.0 <= high, low, high, same, len(known))
+    return Comparison(ours, paper, low <= 0.0 <= high, low, high, len(known))
 
 
 def within_scatter(ours: Mean, paper: float, n: int) -> bool | None:
@@ -118,17 +115,6 @@ def paired(pairs: Iterable[Sequence[float]]) -> bool | None:
     first, second = sum(a > b for a, b in found), sum(a < b for a, b in found)
     told = float(bdtr(min(first, second), first + second, 0.5)) <= 0.025
     return sure(told and first > second, told and first < second)
-
-
-def share_above(hits: int, of: int, others: int, of_others: int) -> bool | None:
-    """Whether a share is larger than another: where the 95 % interval of their difference (Newcombe, of Wilson's two)
-    says so, else None."""
-    share, other = hits / of, others / of_others
-    (low, high), (other_low, other_high) = wilson(hits, of), wilson(others, of_others)
-    off = share - other
-    return sure(
-        off > math.hypot(share - low, other_high - other), -off > math.hypot(high - share, other - other_low)
-    )
 
 
 def every(beyond: int, of: int) -> bool | None:
@@ -275,41 +261,26 @@ class Trials(list[Row]):
         """Mean and standard deviation of a column."""
         return mean_of(self.values(column))
 
-    def means(self, spread: bool = False, **digits: int | None) -> dict[str, str]:
-        """Cells of a table: means of columns, each with so many decimals (see `under`), with their spread if wanted."""
-        found: dict[str, str] = {}
-        for name, n in digits.items():
-            mean = self.mean(name)
-            found |= under(name, mean if spread else mean.mean, digits=n)
-        return found
+
+def pairs_of(first: Run, second: Run, one: Trials, other: Trials) -> list[tuple[Row, Row]]:
+    """Of some trials of two runs those that have the same number and the same factors, of those that both runs have."""
+    names = ["trial", *(name for name in first.factors if name in second.factors)]
+    theirs = {tuple(row.get(name) for name in names): row for row in other}
+    keys = [(row, tuple(row.get(name) for name in names)) for row in one]
+    return [(row, theirs[key]) for row, key in keys if key in theirs]
 
 
-def stop_times(
-    runs: Sequence[Run],
-    stream: str,
-    *columns: str,
-    by_method: type[Settings] | None = None,
-    way: str = "",
-) -> list[dict[str, Any]]:
-    """From a deciding sample to the stop command, over some columns, bench by bench; samples of a stream lost.
-
-    Args:
-        by_method: Factors of trials whose methods stand apart.
-        way: Column of how far the mover went until it stood.
-    """
-    found = []
-    for bench in sorted({str(run.manifest.get("bench")) for run in runs}):
-        own = [run for run in runs if str(run.manifest.get("bench")) == bench]
-        lost = sum(int((run.manifest.get("loss") or {}).get(stream, 0)) for run in own)
-        rows = Trials.of(own, by_method)
-        for key, each in rows.by(*["method"] * bool(by_method)).items():
-            waits_s = [wait_s for column in columns for wait_s in each.values(column)]
-            line = {"bench": bench, **({"method": METHODS[key[0]]} if key else {}), "stops": len(waits_s)}
-            for head, p in (("p50", 50), ("p99", 99), ("max", 100)) if waits_s else ():
-                line |= under("to_stop_s", float(np.percentile(waits_s, p)), head, 1)
-            line |= under("way_m", rows.median(way), digits=2) if way else {}
-            found += [line | {"lost": lost}] if waits_s else []
-    return found
+def tails(rows: Trials, *columns: str) -> list[Row]:
+    """A line for each column that has a number, of what must be small in every trial: how many, the median, the 95th
+    percentile by rank, the largest."""
+    lines: list[Row] = []
+    for name in columns:
+        if known := sorted(rows.values(name)):
+            scale, high = scale_of(name), known[min(len(known) - 1, int(0.95 * len(known)))]
+            ends = {"median": statistics.median(known), "95th percentile": high, "largest": known[-1]}
+            cells = {head: scale.cell(value) for head, value in ends.items()}
+            lines.append({"of a stop": scale.heading, "n": len(known), **cells})
+    return lines
 
 
 def missing(runs: Sequence[Run]) -> str:
@@ -344,13 +315,6 @@ def quantity(name: str, value: object, digits: int = 2) -> str:
     return f"{number(value, digits, scale.factor)} {scale.unit}".rstrip()
 
 
-def mean_within(mean: Mean) -> str:
-    """`0.031 (0.028 to 0.034)`: a mean with its 95 % interval (Student's t); of one trial without."""
-    half = half_width(mean)
-    ends = " to ".join(number(mean.mean + end, 3) for end in (-half, half))
-    return f"{number(mean.mean, 3)} ({ends})" if math.isfinite(half) else number(mean.mean, 3)
-
-
 def sized(ours: float, paper: float, unit: str = "") -> str:
     """`12 times faster`, `8.5 % larger`: by how much ours differs from the paper's; "" where one of them is not
     positive."""
@@ -378,31 +342,28 @@ def spread(mean: Mean, digits: int = 2, scale: float = 1.0) -> str:
     return f"{number(mean.mean, digits, scale)} ({number(mean.sigma, digits, scale)})"
 
 
-def printed(name: str, value: object, digits: int | None = None, sign: bool = False) -> str:
-    """A cell in the unit of a column's name: see `under`."""
-    factor = scale_of(name).factor
-    if isinstance(value, Mean):
-        return spread(value, 2 if digits is None else digits, factor)
-    if digits is None or isinstance(value, str):
-        return scale_of(name).cell(value)
-    return signed(value, digits, factor) if sign and is_number(value) else number(value, digits, factor)
+def with_spread(mean: Mean, factor: float) -> str:
+    """`0.1396 ± 0.021 (3)`: mean, standard deviation (n - 1), n."""
+    if not mean.n:
+        return NOTHING
+    sigma = f" ± {mean.sigma * factor:.2g}" if mean.n > 1 else ""
+    return f"{figure(mean.mean * factor)}{sigma} ({mean.n})"
 
 
-def under(
-    name: str, value: object, head: str | None = None, digits: int | None = None, sign: bool = False
-) -> dict[str, str]:
+def under(name: str, value: object, head: str | None = None, digits: int | None = None) -> dict[str, str]:
     """A cell of a table under its heading with the unit of a column's name: `{"delay, s": "0.33"}`.
 
     Args:
         name: Of the column: unit and scale are its name's.
-        value: A number, a mean (with its spread), or text, which is kept.
+        value: A number, or text, which is kept.
         head: In place of the name's label; "" is the unit alone.
-        digits: Decimals; by default four significant digits, of a mean two decimals.
-        sign: Whether a positive number has its sign.
+        digits: Decimals; by default four significant digits.
     """
     scale = scale_of(name)
     label = scale.label if head is None else head
-    return {", ".join(filter(None, (label, scale.unit))): printed(name, value, digits, sign)}
+    plain = digits is None or isinstance(value, str)
+    cell = scale.cell(value) if plain else number(value, digits or 0, scale.factor)
+    return {", ".join(filter(None, (label, scale.unit))): cell}
 
 
 def title(name: str) -> str:

@@ -23,6 +23,7 @@ from controller.reports.counts import (
     larger,
     mean_of,
     median_within,
+    pairs_of,
     sized,
     sure,
     three,
@@ -32,8 +33,8 @@ from controller.reports.counts import (
 from controller.reports.papers import RECORDED, came_to, headlines
 from controller.reports.run_account import acting_of, experiment_in, setting_of
 from controller.reports.section import UNTOLD, Headline, Result, rated
-from controller.reports.trial_signals import is_instant
-from controller.scales import Scale, scale_of
+from controller.reports.trial_signals import is_instant, shown_as
+from controller.scales import scale_of
 
 WENT = {
     "well": "Went well",
@@ -216,7 +217,7 @@ def _number(own: Trials, line: Row) -> Headline | None:
     made, value_of, span_of = OVER[over]
     value, n = value_of(known), len(known)
     low, high = span_of(known) if n > 1 else (math.nan, math.nan)
-    scale = fitting(name, value, paper or 0.0)
+    scale = shown_as(name, [value, paper or 0.0])
 
     def said(*values: float) -> str:
         ends = dict.fromkeys(three(value * scale.factor) for value in values)  # they may read alike
@@ -265,7 +266,7 @@ def beside_each_other(before: Sequence[Run], after: Sequence[Run]) -> str:
     off = mean_of(mine[name] - theirs[name] for mine, theirs in pairs)
     better = larger(off, Mean(0.0, 0.0, 2)) if pairs else larger(one, other)
     over = f", over {len(pairs)} pairs of trials" if pairs else ""
-    scale = fitting(name, one.mean, other.mean)
+    scale = shown_as(name, [one.mean, other.mean])
     first, second = (f"{three(each.mean * scale.factor)} {scale.unit}".rstrip() for each in (one, other))
     if better is None:
         said = f"No difference told: {what} {second}, the first run's {first}{over}"
@@ -273,21 +274,6 @@ def beside_each_other(before: Sequence[Run], after: Sequence[Run]) -> str:
     how = sized(other.mean, one.mean, scale_of(name).unit)
     said = f"The {'second' if better else 'first'} is better: {what} {second}"
     return f"{said}, {how} than the first run's {first}{over}."
-
-
-def pairs_of(first: Run, second: Run, one: Trials, other: Trials) -> list[tuple[Row, Row]]:
-    """Trials of the one and the other run that have the same number and the same factors."""
-    names = ["trial", *(name for name in first.factors if name in second.factors)]
-    theirs = {tuple(row.get(name) for name in names): row for row in other}
-    keys = [(row, tuple(row.get(name) for name in names)) for row in one]
-    return [(row, theirs[key]) for row, key in keys if key in theirs]
-
-
-def fitting(name: str, *values: float) -> Scale:
-    """The scale of a column; of times that are all shorter than a second, milliseconds."""
-    scale = scale_of(name)
-    short = scale.unit == "s" and max(map(abs, values)) < 1.0
-    return scale._replace(unit="ms", factor=1e3) if short else scale
 
 
 def _measured(runs: Sequence[Run], rows: Trials) -> Headline | None:

@@ -6,10 +6,10 @@ import numpy as np
 
 from controller.measures.flexion import LISTENERS, curve
 from controller.recording.reader import Run
-from controller.reports.counts import Mean, Row, Trials, decided, larger, number, paired, under
+from controller.reports.counts import Mean, Row, Trials, decided, larger, paired, under
 from controller.reports.figures import FAINT, FALSE, OURS, Figures
 from controller.reports.run_account import entered_s, recorded, setting_of
-from controller.reports.section import Headline, Kind, Section, kind_of, rated, told
+from controller.reports.section import Headline, Kind, Section, kind_of, measured, rated, told
 from controller.scales import scale_of
 
 NAMES = dict(zip(LISTENERS, ("fixed (the paper's)", "follows the tendon", "waveform"), strict=True))
@@ -53,20 +53,10 @@ def _headline(rows: Trials) -> Headline | None:
 
 def _by_speed(rows: Trials) -> Iterator[Row]:
     for (speed_m_s,), own in rows.by("tendon_m_s").items():
-        minutes = sum(own.values("flexed_s")) / 60.0
         for name in LISTENERS:
-            detected, blind = own.mean(f"{name}_event_s"), own.values(f"{name}_blind")
-            yield {
-                **under("tendon_m_s", speed_m_s, "tendon", 1),
-                "detector": NAMES[name],
-                "n": len(own),
-                "false contacts": {
-                    "a minute": number(sum(own.values(f"{name}_false")) / minutes, 1),
-                    "time in contact": f"{number(own.mean(f'{name}_share').mean, 0, 100.0)} %",
-                },
-                "touch": {"blind": f"{sum(blind):.0f} of {len(blind)}", "detected": detected.n}
-                | under("event_s", detected.mean, "after", 3),
-            }
+            of_one = [{key.removeprefix(f"{name}_"): cell for key, cell in row.items()} for row in own]
+            means = measured([Trials(of_one)], (), ("false", "share", "blind", "event_s"))
+            yield {**under("tendon_m_s", speed_m_s), "detector": NAMES[name], **means[0]}
 
 
 def _draw(runs: Sequence[Run], figures: Figures) -> str:

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from controller.recording.reader import Run
-from controller.reports.counts import Mean, Trials, is_number, mean_of, rate, title, under
+from controller.reports.counts import Trials, is_number, mean_of, rate, title, with_spread
 from controller.reports.figures import OURS, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import ROWS, Figure, Result, Section, rows_where
-from controller.scales import NOTHING, figure, scale_of
+from controller.reports.section import Figure, Result, Section, measured
+from controller.scales import scale_of
 
 PANELS = 24
 """Most columns that are drawn: as many as one page holds. The table has them all."""
@@ -19,24 +19,17 @@ def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
     rows = Trials.of(runs)
     names = list(dict.fromkeys(name for row in rows for name in row))
     factors = [name for name in names if any(name in run.factors for run in runs)]
-    measured = [name for name in names if name not in ("trial", "outcome", *factors)]
-    numbers = [name for name in measured if any(is_number(row.get(name)) for row in rows)]
+    taken = ("trial", "outcome", *factors)
+    numbers = [name for name in names if name not in taken and any(is_number(row.get(name)) for row in rows)]
     groups = list(rows.by(*factors).values())
     what = "This experiment has no section of its own: these are its trials and what was measured in them."
     content: dict[str, Any] = {"what": what}
     if numbers:
         content["caption"] = (
-            "Mean ± standard deviation (n − 1) of each measured column, and in brackets of how many trials."
+            "Mean ± standard deviation (n − 1) of each measured column, in brackets of how many trials where some "
+            "have none."
         )
-        content["measured"] = lines = []
-        for own in groups:
-            line: dict[str, Any] = {ROWS: rows_where(own[0], *factors)}
-            for name in factors:
-                line |= under(name, own[0].get(name))
-            line["n"] = len(own)
-            for name in numbers:
-                line |= under(name, _shown(own, name))
-            lines.append(line)
+        content["measured"] = measured(groups, factors, numbers)
         left_out = f" {len(numbers) - PANELS} more columns are in the table." if len(numbers) > PANELS else ""
         shown = (
             "Every trial as a dot, by its factors in the order of the table above; bars are mean ± standard"
@@ -49,21 +42,11 @@ def section(experiment: str, runs: Sequence[Run], figures: Figures) -> Section:
         counts.clear()  # it would say the same
     said = [f"Succeeded: {rate(good, len(rows))}."]
     said += [f"{title(str(name)).capitalize()}: {rate(n, len(rows))}." for name, n in counts.items()]
-    said += [f"{scale_of(name).heading}: {_shown(rows, name)}." for name in numbers[:3]]
+    for name in numbers[:3]:
+        scale = scale_of(name)
+        said.append(f"{scale.heading}: {with_spread(rows.mean(name), scale.factor)}.")
     heading = str(setting_of(runs[0], "title") or title(experiment.rpartition(":")[2]) or "trials")
     return Section(heading, content, summary=[Result(None, each) for each in said])
-
-
-def with_spread(mean: Mean, factor: float) -> str:
-    """`0.1396 ± 0.021 (3)`: mean, standard deviation (n - 1), n."""
-    if not mean.n:
-        return NOTHING
-    spread = f" ± {mean.sigma * factor:.2g}" if mean.n > 1 else ""
-    return f"{figure(mean.mean * factor)}{spread} ({mean.n})"
-
-
-def _shown(rows: Trials, name: str) -> str:
-    return with_spread(rows.mean(name), scale_of(name).factor)
 
 
 def _draw(figures: Figures, groups: Sequence[Trials], numbers: Sequence[str]) -> str:

@@ -19,13 +19,14 @@ from controller.reports.counts import (
     decided,
     every,
     median_within,
+    missing,
     percent,
     quantity,
     three,
     wilson,
 )
 from controller.reports.figures import FALSE, GOOD, INK, OURS, PAPER, Figures
-from controller.reports.run_account import entered_s, recorded, series_of, setting_of
+from controller.reports.run_account import entered_s, recorded, setting_of
 from controller.reports.section import Headline, Section, told
 from controller.reports.trial_signals import key_of, said_of
 from controller.scales import NOTHING
@@ -43,6 +44,8 @@ WANTED = {
 }
 """What is aimed at: column, quantile, bound. Ours."""
 
+MET = {True: "✓ met", False: "✗ missed", None: "not judged"}
+
 GRIP = re.compile(r"Grip\(.*, ([0-9.e+-]+)\)")
 """A grip among an event's commands, and its force, N."""
 
@@ -57,7 +60,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "met": decided(sum(each <= 1.2 for each in over), len(over), 0.5),
         "measures": [_measures(rows)],
         "told": _told(rows),
-        "goals": list(_goals(rows)),
+        "goals": [{**goal, "met": MET[None if missing(runs) else goal["met"]]} for goal in _goals(rows)],
         "timeline": "",
     }
     slipped = (each for each in recorded(runs) if each[1].get("slips"))
@@ -173,7 +176,7 @@ def _draw(figures: Figures, run: Run, row: Row, recording: TrialRecording) -> st
         slips_s = list(_acted_s(own, first_s, last_s))
         below.plot(slips_s, np.interp(slips_s, times_s, load_n), "v", color=FALSE, label="slip, acted on")
         _shade(drawing.axes, entered, last_s)
-        _say_where(top, below, run, row, recording, entered, last_s)
+        _say_where(top, row, entered, last_s)
         top.set_ylabel("N")
         top.set_ylim(0.0, 1.15 * max(force for _, force in forces))
         below.set_ylabel("load, N")
@@ -198,38 +201,16 @@ def _shade(axes: Sequence[Any], entered_s: Mapping[str, float], last_s: float) -
         axes[0].annotate(state.lower(), (0.5 * sum(span_s), 1.0), **look)
 
 
-def _say_where(
-    top: Any,
-    below: Any,
-    run: Run,
-    row: Row,
-    recording: TrialRecording,
-    entered_s: Mapping[str, float],
-    last_s: float,
-) -> None:
-    """Over which span grip over least is taken, and, where the simulated plant did it, when load came and a tap."""
-    small: Any = {"fontsize": 7.5, "ha": "center"}
+def _say_where(axes: Any, row: Row, entered_s: Mapping[str, float], last_s: float) -> None:
+    """Over which span grip over least is taken."""
     held_s = entered_s.get("HOLDING")
-    if held_s is not None and (over := row.get("grip_over_least")) is not None:
-        ends: Any = {"xycoords": ("data", "axes fraction"), "arrowprops": {"arrowstyle": "<->", "lw": 0.8}}
-        top.annotate("", (held_s, 0.08), (last_s, 0.08), textcoords=("data", "axes fraction"), **ends)
-        said = f"grip over least: {three(float(over))},\nmedian of this span"
-        place = 0.5 * (held_s + last_s), 0.12
-        top.annotate(said, place, xycoords=("data", "axes fraction"), va="bottom", **small)
-    series, up_m = series_of(recording, "pose"), setting_of(run, "plant", "up_m")
-    if not run.simulated or not len(series) or up_m is None or "LOADING" not in entered_s:
+    if held_s is None or (over := row.get("grip_over_least")) is None:
         return
-    series = series.between(entered_s["LOADING"], last_s)
-    up = np.flatnonzero(series.values[:, 2] >= series.values[:1, 2] + up_m)
-    if not len(up):
-        return
-    high = below.get_ylim()[1]
-    below.set_ylim(top=1.3 * high)
-    for size, when, said in (("added", "added_s", "load hung on"), ("tap_n", "tap_s", "tap")):
-        at_s = float(series.times_s[up[0]]) + float(setting_of(run, "plant", when) or 0.0)
-        if setting_of(run, "plant", size) and at_s < last_s:
-            below.annotate(said, (at_s, 1.05 * high), va="bottom", annotation_clip=False, **small)
-            below.plot([at_s, at_s], [0.0, 1.03 * high], color=PAPER, lw=0.7, ls=":")
+    ends: Any = {"xycoords": ("data", "axes fraction"), "arrowprops": {"arrowstyle": "<->", "lw": 0.8}}
+    axes.annotate("", (held_s, 0.08), (last_s, 0.08), textcoords=("data", "axes fraction"), **ends)
+    said = f"grip over least: {three(float(over))},\nmedian of this span"
+    look: Any = {"xycoords": ("data", "axes fraction"), "va": "bottom", "fontsize": 7.5, "ha": "center"}
+    axes.annotate(said, (0.5 * (held_s + last_s), 0.12), **look)
 
 
 def _commanded(

@@ -8,10 +8,10 @@ import numpy as np
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, TrialRecording
 from controller.reports.counts import METHODS, Row, is_number
-from controller.reports.first_screen import first_measured, fitting, holds
+from controller.reports.first_screen import first_measured, holds
 from controller.reports.papers import headlines
 from controller.reports.run_account import declared_of
-from controller.reports.trial_signals import Moments, factors_of, key_of, moments_of, said_of
+from controller.reports.trial_signals import Moments, factors_of, key_of, moments_of, said_of, shown_as
 from controller.scales import displayed, scale_of
 
 LEAST_S, MOST_S = 0.3, 2.0
@@ -99,7 +99,7 @@ def _drawn(name: str, runs: Sequence[Run], run: Run, row: Row, method: str, colu
     }
     name = f"{moments.zero} missed" if name == "missed" else name
     said = factors_of(run, row) if run.succeeded(row) else said_of(run, row)  # a success's name says no more
-    said += f": {fitting(column, row[column]).said(row[column])}" if is_number(row.get(column)) else ""
+    said += f": {shown_as(column, [row[column]]).said(row[column])}" if is_number(row.get(column)) else ""
     return Drawn(name, key, trial, said, moments, shown)
 
 

@@ -12,20 +12,19 @@ from controller.reports.counts import (
     Row,
     Trials,
     is_number,
-    mean_of,
-    number,
     quantity,
     three,
-    under,
     within_all,
 )
 from controller.reports.figures import FAINT, LOOKS, Figures
 from controller.reports.run_account import setting_of
-from controller.reports.section import Headline, Section, told
+from controller.reports.section import Headline, Section, measured, told
 from controller.reports.stiffness import ARM_M, STIFFNESS, arm_of, from_tip_m
 
 METHODS = {"phase_rad": "phase", "frequency_hz": "frequency, loop", "ring_hz": "frequency, ringing"}
 """What the location is read from, by column."""
+
+FACTORS = ("location", STIFFNESS)
 
 LOST_HZ = 1.0
 """Standard deviation of the frequency from period to period from which the loop is taken to have lost its lock.
@@ -68,31 +67,7 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "worst_other_m": {
             METHODS[column]: _worst_m(own) for column, own in other.items() if other["phase_rad"]
         },
-        "by_location": [
-            {
-                "location": place,
-                **under("from_tip_m", from_tip_m(place), digits=2),
-                "n": len(own),
-                **own.means(spread=True, phase_rad=None, frequency_hz=None),
-                "mean error, mm, from the": {
-                    name: number(mean_of(abs(e.off_m) for e in usual[c] if e.location == place).mean, 2, 1e3)
-                    for c, name in METHODS.items()
-                },
-            }
-            for (place,), all_ in rows.by("location").items()
-            for own in [all_.where(**{STIFFNESS: None})]
-        ],
-        "by_stiffness": [
-            {
-                "contact, N/m": number(n_m, 0),
-                "n": sum(each.contact_n_m == n_m for each in other["phase_rad"]),
-                "found minus true, mm, from the": {
-                    name: number(mean_of(e.off_m for e in other[c] if e.contact_n_m == n_m).mean, 1, 1e3)
-                    for c, name in METHODS.items()
-                },
-            }
-            for n_m in others_n_m
-        ],
+        "measured": measured(rows.by(*FACTORS).values(), FACTORS, METHODS),
         "figure": _draw(figures, rows, usual["phase_rad"], other["phase_rad"]) if held else "",
     }
     heading = "Location along the link from two accelerometers (A4b)"

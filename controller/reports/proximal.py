@@ -2,17 +2,16 @@
 
 from collections.abc import Sequence
 
-from controller.measures.proximal import COLUMNS
 from controller.recording.reader import Run
 from controller.reports.counts import Trials, decided
 from controller.reports.figures import Figures
 from controller.reports.run_account import acting_of, criterion_of
-from controller.reports.section import Section, rated, told
+from controller.reports.section import Section, measured, rated, told
 
 RELIABLY = 0.9
 """Share of contacts that is called so (assumption): the paper prints no figure."""
 
-MEANS = {name: COLUMNS[name].digits for name in ("ratio_db", "delay_s", "force_n")}
+MEANS = ("ratio_db", "delay_s", "force_n")
 
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
@@ -32,10 +31,9 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "confusion": [
             {
                 "touched": link,
-                "n": len(own),
                 "named": {each: names[link].count(each) for each in of},
                 "false": own.total("false_contacts"),
-                **own.means(spread=True, **MEANS),
+                **measured([own], (), MEANS)[0],
             }
             for link, own in of.items()
         ],

@@ -41,7 +41,7 @@ from controller.reports.section import (
     laid_out,
     rendered,
 )
-from controller.reports.settings import by_settings, differences, flat, settings_of, settings_table, shown
+from controller.reports.settings import by_settings, differences, settings_table
 from controller.reports.trial_signals import payload, trial_table
 from controller.scales import NOTHING, scale_of
 
@@ -258,8 +258,7 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
     results = [Result(None, lost)] if lost else []
     results += [each._replace(met=None) if lost else each for each in section.summary]
     printed = {**settings_in(section.paper, runs[0]), **section.printed}
-    here = dict(flat(settings_of(runs[0])))
-    body, ours = rendered(section, runs[0], not lost)
+    body, ours = rendered(section, runs[0])
     return SectionPart(
         name,
         runs,
@@ -271,11 +270,6 @@ def _part(experiment: str, name: str, runs: Sequence[Run], lost: str, figures: F
         headline_of(experiment, runs, results, section.headline, bool(lost)),
         hero_of(experiment, runs, figures.page or runs) if section.shows_trials else [],
         [Markup(each) for each in FIGURE.findall(body)],
-        [
-            f"{path} is {shown(here[path])} where the paper has {shown(paper.value)} ({paper.source})."
-            for path, paper in printed.items()
-            if path in here and isinstance(paper.value, int | float) and here[path] != paper.value
-        ],
     )
 
 
@@ -317,7 +311,6 @@ class SectionPart:
         settings: Detectors, behavior and limits beside the paper's.
         ours: What is ours and not the paper's, one sentence each.
         pictures: Its figures, which stand before the text.
-        differs: Settings that are not the paper's, one sentence each.
     """
 
     name: str
@@ -330,7 +323,6 @@ class SectionPart:
     headline: Headline
     drawn: Sequence[Drawn]
     pictures: Sequence[Markup]
-    differs: Sequence[str]
 
     @property
     def agreement(self) -> str:

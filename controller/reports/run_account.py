@@ -8,7 +8,6 @@ from controller.recording.reader import Run
 from controller.recording.series import Series, TrialRecording
 from controller.reports.counts import Trials
 from controller.reports.settings import flat, shown
-from controller.scales import scale_of
 
 _BENCH = {
     "mock": "mock: mock drivers on simulated physics, in the process",
@@ -37,7 +36,6 @@ def facts_of(run: Run) -> list[tuple[str, str]]:
         ("clock", _CLOCK.get(clock, clock)),
         ("ended", f"{status} – {exit_['reason']}" if exit_.get("reason") else status),
         ("outcomes", counted(manifest.get("outcomes") or {}, run.successes)),
-        ("forecast", _foreseen(run)),
     ]
     rest = {name: value for name, value in manifest.items() if name not in _SHOWN_ELSEWHERE}
     rest |= {"loss": rest["loss"] or "none"} if "loss" in rest else {}
@@ -50,21 +48,6 @@ def facts_of(run: Run) -> list[tuple[str, str]]:
 def _short(table: Mapping[str, Any]) -> bool:
     """Whether a table is one line: few values, none of them a table or a list."""
     return len(table) <= 8 and not any(isinstance(each, Mapping | list) for each in table.values())
-
-
-def _foreseen(run: Run) -> str:
-    """What was forecast of the approaches, and what they did; "none" where no stiffness or no force limit was known."""
-    foreseen, did = (Trials(run.events).where(event=name) for name in ("Forecast", "Approached"))
-    if not foreseen or not did:
-        return "none"
-
-    def most(events: Trials, key: str) -> str:
-        known, scale = events.values(key), scale_of(key)
-        return f"{scale.factor * max(known):.3g} {scale.unit}" if known else "unknown"
-
-    touch = f"at a touch {most(foreseen, 'most_n')} at the most, pressed {most(did, 'pressed_n')}"
-    way = f"after the stop {most(foreseen, 'travel_m')} at the most, gone {most(did, 'travel_m')}"
-    return f"{len(foreseen)} approaches; {touch}; {way}"
 
 
 _ENDS = {

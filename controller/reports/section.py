@@ -1,7 +1,7 @@
 """What a part of the page is made of, and the templates that every page is made with."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
@@ -14,8 +14,8 @@ from markupsafe import Markup, escape
 
 from controller.recording.reader import Run
 from controller.reports import counts
-from controller.reports.counts import Row, percent, three, wilson
-from controller.scales import NOTHING
+from controller.reports.counts import Row, Trials, percent, three, title, under, wilson, with_spread
+from controller.scales import NOTHING, scale_of
 
 
 class Kind(StrEnum):
@@ -199,8 +199,7 @@ class Table(NamedTuple):
     Attributes:
         groups: Headings over several columns and how many each spans; empty where there are none.
         looks: Of the columns: `left`, `wrap` (long text), `mine`, `theirs`, or "".
-        rows: A cell a column; True, False or None is a verdict.
-        foot: A last row, over all others.
+        rows: A cell a column.
         filters: Of each row what leaves its trials in the table of trials, by its key `ROWS`; "" for none.
     """
 
@@ -208,7 +207,6 @@ class Table(NamedTuple):
     heads: Sequence[str]
     looks: Sequence[str]
     rows: Sequence[Sequence[Any]]
-    foot: Sequence[Any] = ()
     filters: Sequence[str] = ()
 
 
@@ -221,17 +219,36 @@ def rows_where(row: Row, *names: str) -> str:
     return " ".join(f"{name}={row[name]}" for name in names if row.get(name) is not None)
 
 
-def laid_out(rows: Sequence[Row], foot: Row | None = None) -> Table:
+def measured(groups: Iterable[Trials], factors: Iterable[str], columns: Iterable[str]) -> list[Row]:
+    """A line for each group of trials: its factors, how many they are, and mean ± standard deviation of the columns
+    that hold a number in any group, of how many where some trials have none."""
+    groups, factors = list(groups), list(factors)
+    known = [name for name in columns if any(own.values(name) for own in groups)]
+    lines: list[Row] = []
+    for own in groups:
+        first = own[0] if own else {}
+        line: dict[str, Any] = {ROWS: rows_where(first, *factors)}
+        for name in factors:
+            cell = first.get(name)
+            line |= under(name, title(cell) if isinstance(cell, str) else cell)
+        line["n"] = len(own)
+        for name in known:
+            text = with_spread(own.mean(name), scale_of(name).factor)
+            line |= under(name, text.removesuffix(f" ({len(own)})"))
+        lines.append(line)
+    return lines
+
+
+def laid_out(rows: Sequence[Row]) -> Table:
     """Rows as a table: a key of a row heads a column, or is the heading over the columns of the mapping under it."""
-    lines = [dict(_cells(row)) for row in (*rows, *([foot] if foot else ()))]
+    lines = [dict(_cells(row)) for row in rows]
     columns = list(dict.fromkeys(column for line in lines for column in line))
-    cells = [[line.get(column, NOTHING) for column in columns] for line in lines[: len(rows)]]
+    cells = [[line.get(column, NOTHING) for column in columns] for line in lines]
     groups = [(name, len(list(own))) for name, own in groupby(group for group, _ in columns)]
     heads = [head for _, head in columns]
     looks = [_look(head, [row[place] for row in cells], place == 0) for place, head in enumerate(heads)]
-    last = [lines[-1].get(column, "") for column in columns] if foot else ()
     filters = [str(row.get(ROWS, "")) for row in rows]
-    return Table(groups if any(name for name, _ in groups) else [], heads, looks, cells, last, filters)
+    return Table(groups if any(name for name, _ in groups) else [], heads, looks, cells, filters)
 
 
 def _cells(row: Row) -> Iterator[tuple[tuple[str, str], Any]]:
@@ -247,7 +264,7 @@ def _look(head: str, cells: Sequence[Any], first: bool) -> str:
     texts = [str(cell) for cell in cells]
     if max(map(len, texts), default=0) > 45:
         return "wrap"
-    if first or any(isinstance(cell, bool | None) or re.match(r"[^\W\d]", str(cell)) for cell in cells):
+    if first or any(re.match(r"[^\W\d]", text) for text in texts):
         return "left"
     return {"here": "mine", "ours": "mine"}.get(head, "theirs" if "paper" in head else "")
 
@@ -297,23 +314,22 @@ def told(
         return ""
 
     content = {"kind": kind_of(runs), "trials": sum(len(run.trials) for run in runs), **content}
-    _module(template, content, runs[0], judged=True).results(result)
+    _module(template, content, runs[0]).results(result)
     return Section(heading, content, template, summary=found, **more)
 
 
-def rendered(section: Section, run: Run, judged: bool) -> tuple[Markup, list[Markup]]:
+def rendered(section: Section, run: Run) -> tuple[Markup, list[Markup]]:
     """A section's body by its template, and what is ours and not the paper's, one sentence each.
 
-    The template is given the section's content, and on what bench the run is; nothing has a verdict unless it is
-    `judged`.
+    The template is given the section's content, and on what bench the run is.
     """
-    module = _module(section.template, section.content, run, judged)
+    module = _module(section.template, section.content, run)
     ours = module.ours().split("<li>") if hasattr(module, "ours") else []
     return Markup(module), [each for text in ours if (each := text.strip())]
 
 
-def _module(name: str, content: Mapping[str, Any], run: Run, judged: bool) -> Any:
-    bench = {"simulated": run.simulated, "bench": run.manifest.get("bench"), "judged": judged}
+def _module(name: str, content: Mapping[str, Any], run: Run) -> Any:
+    bench = {"simulated": run.simulated, "bench": run.manifest.get("bench")}
     return environment().get_template(f"{name}.html.j2").make_module({**content, "content": content, **bench})
 
 

@@ -17,9 +17,9 @@ from controller.reports.counts import (
     Row,
     Trials,
     number,
+    paired,
     rate,
-    share_above,
-    stop_times,
+    tails,
     three,
     under,
     wilson,
@@ -65,22 +65,12 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "verdicts": VERDICTS,
         "plain": plain,
         "kinds": {score.sensor: kind_of(runs, Kind(score.paper["kind"])) for score in plain},
-        "assumed": kind_of(runs, Kind.ASSUMED),
         "better": {
             s.sensor: GRADES.index(s.verdict) > GRADES.index(s.paper["verdict"]) for s in plain if s.decided
         },
-        "others": {
-            condition: {(s.sensor, s.method): s for s in scores if s.condition == condition and s.slips}
-            for condition in found
-            if condition != TABLE_1
-        },
-        "sensors": SENSORS,
-        "methods": METHODS,
-        "minutes": _minutes,
-        "reflex": _reflex,
         "conditions": [_of_condition(scores, condition) for condition in conditions],
         "frequencies": _frequencies(runs),
-        "stops": stop_times(runs, "arm.force", "slip_to_stop_s", way="stop_travel_m"),
+        "stops": tails(Trials.of(runs), "slip_to_stop_s", "stop_travel_m"),
         "drawn": list(_draw(runs, figures)),
         "disagreeing": [s.paper["id"] for s in plain if s.decided and s.verdict != s.paper["verdict"]],
         "too_slow": {
@@ -132,8 +122,9 @@ def _ours_beside(scores: Sequence[SensorScore]) -> Headline | None:
     if n := ours.slips - ours.cut_short:
         hits, of = len(ours.delays_s), paper.slips - paper.cut_short
         theirs = len(paper.delays_s) / of if of else None
+        both = ours.rows.known("ours_detected", "paper_detected")
         what = f"slips that our detector detects, within {VERDICTS['missed_after_s']:g} s of their beginning"
-        above = share_above(hits, n, len(paper.delays_s), of) if of else None
+        above = paired((row["ours_detected"], row["paper_detected"]) for row in both)
         found = rated(what, hits, n, theirs, SAME_SAMPLES, above=above)
         beside = ""
         if theirs is not None:
@@ -174,7 +165,7 @@ def _of_condition(scores: Sequence[SensorScore], condition: Condition) -> Mappin
     when ours detects slip`."""
     own = [score for score in scores if score.condition == condition]
     nuisance = "As in Table 1" if condition.nuisance == PLAIN else f"With {condition.nuisance}"
-    reflex = f"; {_reflex(condition)}" * bool(condition.reflex)
+    reflex = f"; the arm stops when {METHODS.get(condition.reflex)} detects slip" * bool(condition.reflex)
     slips, alarms = [], []
     for score in own:
         named = {"sensor": score.name, "detector": METHODS[score.method]}
@@ -208,10 +199,6 @@ def _of_condition(scores: Sequence[SensorScore], condition: Condition) -> Mappin
         "slips": slips,
         "alarms": alarms,
     }
-
-
-def _reflex(condition: Condition) -> str:
-    return f"the arm stops when {METHODS.get(condition.reflex)} detects slip"
 
 
 def interval(alarms: int, quiet_s: float) -> str:

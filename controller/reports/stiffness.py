@@ -7,19 +7,22 @@ from typing import Any
 import numpy as np
 
 from behaviors.static import StaticFactors
+from controller.measures.stiffness import COLUMNS
 from controller.recording.reader import Run
-from controller.reports.counts import Row, Trials, is_number, larger, near, number, under
+from controller.reports.counts import Trials, is_number, larger, near
 from controller.reports.figures import FAINT, INK, LOOKS, Figures
 from controller.reports.papers import table
 from controller.reports.run_account import setting_of
-from controller.reports.section import Kind, Section, kind_of, told
-from controller.scales import NOTHING
+from controller.reports.section import Kind, Section, kind_of, measured, told
 
 INERTIA_KG_M2, JOINT_N_M_RAD, ARM_M = 1.2e-4, 2.5, 0.05
 """The paper's single link (II): I, k1, and l1, taken to mean location f."""
 
 STIFFNESS, DEPTH = "plant.pad_n_m", "behavior.full_m"
 """Settings that trials vary."""
+
+FACTORS = ("condition", STIFFNESS, "location", DEPTH)
+"""In the order of the table."""
 
 SEEN = {"loop": "frequency_hz", "ringing": "ring_hz"}
 """What is read in two ways, by its column: while the loop drives the finger, and after."""
@@ -28,7 +31,6 @@ SEEN = {"loop": "frequency_hz", "ringing": "ring_hz"}
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """The paper's model, the loop and the ringing over stiffness, location and depth."""
     rows, usual_n_m = Trials.of(runs, StaticFactors), setting_of(runs[0], "plant", "pad_n_m")
-    usual_known = is_number(usual_n_m)
     full = rows.where(condition="full")
     plain = full.where(**{STIFFNESS: None, DEPTH: None})
     free = rows.where(condition="none")
@@ -54,47 +56,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             "apart": larger(*ends) if len(ends) == 2 else None,
             "forces": forces,
             "rises": larger(forces[-1][1], forces[0][1]) if len(forces) > 1 else None,
-            "stiffness": [
-                {
-                    "contact, N/m": number(n_m, 0) if n_m else "none",
-                    "n": len(own),
-                    "single link, Hz": {
-                        "paper": f"{printed[n_m]['frequency_hz']:g}" if n_m in printed else NOTHING,
-                        "its equation": number(model_hz(n_m), 1),
-                    },
-                    **_seen(own),
-                    **own.means(amplitude_m_s2=2),
-                }
-                for n_m, own in sorted(stiff.items())
-            ],
-            "location": [
-                {
-                    "location": where,
-                    **under("from_joint_m", arm_of(where), digits=1),
-                    "n": len(own),
-                    "single link, Hz": {
-                        "its equation": number(model_hz(usual_n_m, arm_of(where)), 1)
-                        if usual_known
-                        else NOTHING
-                    },
-                    **_seen(own),
-                    **own.means(force_n=2),
-                }
-                for where, own in places.items()
-            ],
-            "depth": [
-                {
-                    **under("probe_at_m", place_m, digits=1),
-                    "n": len(own),
-                    **own.means(force_n=3),
-                    "touches": f"{number(own.mean('touching').mean, 0, 100.0)} %",
-                    **_seen(own),
-                    **own.means(amplitude_m_s2=2),
-                }
-                for place_m, own in deep.items()
-            ],
+            "measured": measured(rows.by(*FACTORS).values(), FACTORS, COLUMNS),
             "figure": _draw(figures, stiff, places, deep, usual_n_m),
-            "usual": number(usual_n_m, 0) if usual_known else "",
         },
         paper="backus",
     )
@@ -118,12 +81,6 @@ def arm_of(location: str) -> float:
 
 def _numbered(rows: Trials, name: str) -> dict[float, Trials]:
     return {key[0]: own for key, own in rows.by(name).items() if is_number(key[0])}
-
-
-def _seen(rows: Trials) -> Row:
-    """How the finger oscillated, by both ways to read it."""
-    seen = {name: number(rows.mean(column).mean, 1) for name, column in SEEN.items()}
-    return {"finger, Hz": {**seen, "σ of a period": number(rows.mean("frequency_sd_hz").mean, 2)}}
 
 
 def _draw(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,10 +15,7 @@ from controller.recording.reader import Run
 from controller.reports.approaches import (
     AT_F,
     BOUNDS,
-    NOISE,
-    SAMPLE_HZ,
     TABLE_1,
-    DetectorScore,
     TableRow,
     compare_columns,
     figure_rows,
@@ -28,7 +24,6 @@ from controller.reports.approaches import (
     read_approaches,
     score_detectors,
     stopped,
-    study_rows,
     table_rows,
     trends,
     unjudged,
@@ -37,26 +32,22 @@ from controller.reports.counts import (
     Mean,
     Row,
     Trials,
-    larger,
-    mean_of,
     number,
     quantity,
     share,
     signed,
     spread,
+    tails,
     title,
     under,
+    with_spread,
 )
 from controller.reports.figures import LOOKS, OURS, PAPER, Figures
 from controller.reports.first_screen import kinds_in, listed
 from controller.reports.papers import headlines
 from controller.reports.run_account import acting_of, criterion_of, setting_of
-from controller.reports.section import ROWS, Headline, Section, rows_where, told
-from controller.reports.settings import shown
+from controller.reports.section import ROWS, Headline, Section, measured, rows_where, told
 from controller.scales import NOTHING, scale_of
-
-OFTEN = 0.9
-"""Share of the contacts that a detector must have detected to be called sooner or later (assumption)."""
 
 OVER = ("here, rows", "here, approaches", "paper, rows")
 """What `trends` correlates over."""
@@ -71,7 +62,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
     others = [name for name in scores if name != acting]
     ours = (name for name in others if setting_of(run, "detectors", name, "kind") != "resonance.paper")
     other = next(ours, next(iter(others), ""))
-    both = _both(scores[other], scores[acting]) if other and acting in scores else []
     outcomes = Counter(str(each["outcome"]) for each in approaches).most_common()
     own = setting_of(run, "detectors", acting) or {}
     content = {
@@ -81,9 +71,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "criterion": criterion_of(run, acting),
         "acting": acting,
         "other": other,
-        "both": list(map(mean_of, zip(*both, strict=True))),
-        "often": OFTEN,
-        "sooner": larger(mean_of(theirs_s - mine_s for mine_s, theirs_s in both), Mean(0.0, 0.0, 2)),
         "chosen": run.simulated and own.get("sigma_of") == "samples",
         "onset": f"{ONSET_N:g}",
         "n": len(approaches),
@@ -92,10 +79,8 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
         "unjudged": len(approaches.where(unjudged)),
         "without_delay": len(contacts) - len(contacts.values("delay_s")),
         "noisy": len(contacts.where(_onset_is_noise)),
-        "scatter": _scatter(rows),
         "outcomes": ", ".join(f"{title(name)}: {count}" for name, count in outcomes),
         "table_1": [_table_row(row, other) for row in rows],
-        "foot": _foot(plain, other),
         "asterisk": any(row.fitted(bound) for row in rows for bound in BOUNDS),
         "bounded": [each for each in compare_columns(approaches, rows) if each.worst is not None],
         "trends": [
@@ -103,9 +88,6 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
             | {head: f"{signed(rho)} (n = {n})" for head, (rho, n) in zip(OVER, found, strict=True)}
             for name, found in (trends(rows) if rows else {}).items()
         ],
-        "alarmed": share(plain.total("false_contacts"), len(plain) - len(plain.where(unjudged))),
-        "baseline": own if all(map(own.get, ("baseline_s", "average_samples", "sample_hz"))) else None,
-        "scores": scores,
         "place_of": place_of,
         "detectors": [
             {
@@ -114,13 +96,13 @@ def section(runs: Sequence[Run], figures: Figures) -> Section:
                 "true contacts": score.true,
                 "false contacts": score.false,
                 "silent to the end": score.silent,
-                **under("delay_s", score.delay_s, "delay, mean (σ)"),
+                "delay, s": with_spread(score.delay_s, 1.0),
             }
             for name, score in scores.items()
         ],
-        "stops": list(_stops(approaches)),
+        "stops": _stops(approaches),
         **_figures(figures, rows),
-        **_study(figures, study_rows(approaches)),
+        "study": _study(approaches),
     }
     terminal = [_table_row(row, other, terminal=True) for row in rows]
     more: dict[str, Any] = {"paper": "backus", "terminal": terminal, "headline": _headline(runs)}
@@ -175,51 +157,20 @@ def _other(approaches: Trials, other: str, terminal: bool = False) -> dict[str, 
     return {f"detector {other}": cells} if other else {}
 
 
-def _foot(plain: Trials, other: str) -> Row:
-    foot: dict[str, Any] = {"where": "all true contacts"}
-    for bound in BOUNDS:
-        mean, factor = plain.where(stopped).mean(bound["column"]), scale_of(bound["column"]).factor
-        foot[_heading(bound)] = {"here": spread(mean, int(bound["decimals"]), factor)}
-    return foot | _other(plain, other)
-
-
-def _stops(approaches: Trials) -> Iterator[Row]:
-    """Median, 95th percentile by rank and largest of what is of a stop; none where no stop was sent."""
-
-    def spans(start: str, end: str) -> list[float]:
-        known = approaches.known(start, end)
-        return [row[end] - row[start] for row in known]
-
-    to_command_s = spans("detect_s", "command_s")
-    for name, column, digits, known in (
-        ("detection to stop command", "to_command_s", 2, to_command_s),
-        ("command to standstill", "to_standstill_s", 1, spans("command_s", "standstill_s")),
-        ("travel, detection to standstill", "stop_travel_m", 3, approaches.values("stop_travel_m")),
-        ("peak force of true contacts", "force_peak_n", 3, approaches.where(stopped).values("force_peak_n")),
-    ):
-        if known and to_command_s:
-            high = sorted(known)[min(len(known) - 1, int(0.95 * len(known)))]
-            cells = {"median": statistics.median(known), "95th percentile": high, "largest": max(known)}
-            scale = scale_of(column)
-            yield {"": f"{name}, {scale.unit}"} | {
-                head: number(value, digits, scale.factor) for head, value in cells.items()
-            }
+def _stops(approaches: Trials) -> list[Row]:
+    """How long a stop took, how far the probe went in it, and the largest force of the whole approach."""
+    rows = Trials(
+        {
+            **row,
+            "detection_to_command_s": row["command_s"] - row["detect_s"],
+            "command_to_standstill_s": row["standstill_s"] - row["command_s"],
+        }
+        for row in approaches.known("detect_s", "command_s", "standstill_s")
+    )
+    return tails(rows, "detection_to_command_s", "command_to_standstill_s", "stop_travel_m", "force_peak_n")
 
 
 # --- what sentences say ------------------------------------------------------------------------------
-
-
-def _both(one: DetectorScore, other: DetectorScore) -> list[tuple[float, float]]:
-    """The delays of two detectors where both detected after the same touch."""
-    pairs = [(delay_s, other.delays_s.get(place)) for place, delay_s in one.delays_s.items()]
-    return [(mine_s, theirs_s) for mine_s, theirs_s in pairs if mine_s is not None and theirs_s is not None]
-
-
-def _scatter(rows: Sequence[TableRow]) -> Sequence[float] | None:
-    """The scatter of the time within a row, ours and the paper's, s, which decides how mild the comparison is."""
-    pairs = [(row.mean("delay_s").sigma, row.paper["delay_s.sd"]) for row in rows if row.paper]
-    known = np.array([pair for pair in pairs if not math.isnan(pair[0])])
-    return None if len(known) < 3 else np.sqrt(np.mean(known**2, axis=0)).tolist()
 
 
 def _onset_is_noise(each: Row) -> bool:
@@ -250,21 +201,14 @@ def _figures(figures: Figures, rows: Sequence[TableRow]) -> dict[str, str]:
     }
 
 
-def _study(figures: Figures, cells: Sequence[Row]) -> dict[str, Any]:
-    """What varied settings do: a table with a column for each, and a figure where noise and rate are among them."""
-    made = ("delay_s", "false", "n")  # beside the settings that were varied
-    names = list(dict.fromkeys(name for cell in cells for name in cell if name not in made))
-    rows = []
-    for cell in cells:
-        line = {head: text for name in names for head, text in under(name, cell.get(name)).items()}
-        line |= under("delay_s", cell["delay_s"], "delay, mean (σ)")
-        rows.append(line | {"false contacts": share(cell["false"], cell["n"])})
-    rests = [{name: cell[name] for name in cell if name not in (NOISE, SAMPLE_HZ, *made)} for cell in cells]
-    drawn = [each for each in zip(cells, rests, strict=True) if NOISE in each[0] and SAMPLE_HZ in each[0]]
-    like = [cell for cell, rest in drawn if rest == drawn[0][1]]
-    said = ", ".join(f"{name} {shown(value)}" for name, value in drawn[0][1].items()) if drawn else ""
-    drawing = _draw_study(figures, like) if len(like) > 1 else ""
-    return {"study": rows, "figure_study": drawing, "study_rest": said}
+def _study(approaches: Trials) -> list[Row]:
+    """What varied settings do; nothing where none was varied but speed and place."""
+    varied = approaches.where(lambda row: row["varied"])
+    names = sorted({name for row in varied for name in row["varied"]})
+    groups = list(varied.by(*names).values())
+    lines = measured(groups, names, ["delay_s"])
+    counts = (share(own.total("false_contacts"), len(own)) for own in groups)
+    return [{**line, "false contacts": count} for line, count in zip(lines, counts, strict=True)]
 
 
 def _draw_pair(
@@ -311,29 +255,3 @@ def _draw_pair(
             drawing.axes[0].annotate(paper["location"], place, xycoords=("data", "axes fraction"), **look)
         drawing.legend(drawing.axes[0], 3)
         return drawing.save(name)
-
-
-def _draw_study(figures: Figures, cells: Sequence[Row]) -> str:
-    """Delay and false contacts against noise, one line for each rate of frequency samples; all else alike."""
-    rates, scales = (sorted({cell[name] for cell in cells}) for name in (SAMPLE_HZ, NOISE))
-    with figures.figure(2.7, columns=2) as drawing:
-        left, right = drawing.axes
-        for index, rate in enumerate(rates):
-            mine = [cell for cell in cells if cell[SAMPLE_HZ] == rate]
-            x = np.array([cell[NOISE] for cell in mine]) * (1.0 + 0.03 * (index - (len(rates) - 1) / 2.0))
-            look: Any = {"color": OURS, "alpha": 1.0 - 0.7 * index / len(rates), "marker": "os^Dv"[index % 5]}
-            sigmas = np.nan_to_num([cell["delay_s"].sigma for cell in mine])
-            delays_s = [cell["delay_s"].mean for cell in mine]
-            left.errorbar(x, delays_s, sigmas, label=f"{rate:g} samples/s", **look)
-            right.plot(x, [100.0 * cell["false"] / cell["n"] for cell in mine], **look)
-        for axes, label in ((left, "delay (s), mean ± σ"), (right, "false contacts (%)")):
-            axes.set(
-                xscale="log" if min(scales) > 0.0 else "linear",
-                xlabel="noise, relative to the plant's own",
-                ylabel=label,
-            )
-            axes.set_xticks(scales, [f"{scale:g}" for scale in scales])
-            axes.set_xticks([], minor=True)
-            axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-        drawing.legend(left, len(rates))
-        return drawing.save("delay_noise_rate")

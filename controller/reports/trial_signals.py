@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controller.measures import meanings_of
+from controller.measures import columns_of
 from controller.outcomes import UNMEASURED
 from controller.recording.reader import Run
 from controller.recording.series import DETECTOR, Series, TrialRecording, extremes
@@ -215,7 +215,9 @@ def trial_table(runs: Sequence[Run]) -> tuple[list[TrialColumn], list[TrialRow]]
     names = list(dict.fromkeys(name for _, row in trials for name in row)) or ["trial"]
     names = [name for name in names if any(row.get(name) is not None for _, row in trials)]
     names.sort(key=lambda name: "." in name)  # varied settings last: what was measured fits a screen
-    declared = {name: meaning for run in runs for name, meaning in meanings_of(run).items()}
+    declared = {
+        name: meaning for run in runs for name, meaning in columns_of(run.manifest.get("experiment")).items()
+    }
     instants = {name for name in names if is_instant(name, declared.get(name, ""))}
     scales = {name: shown_as(name, [row.get(name) for _, row in trials]) for name in names}
     scales |= {name: scales[name]._replace(unit="ms") for name in instants}
@@ -302,7 +304,8 @@ def _trial(
     held = {
         str(event["detector"]): (-1, event["threshold"], "")
         for event in events
-        if event.get("threshold") is not None and not event["event"].startswith("Baseline")
+        if None not in (event.get("detector"), event.get("threshold"))
+        and not event["event"].startswith("Baseline")
     }
     for stream, name, series, channel in curves:
         values, unit = displayed(stream, series.values, series.unit)

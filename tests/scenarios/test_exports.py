@@ -10,13 +10,14 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
 
-from controller.comparing import _pairs, compared, side_by_side
+from controller.comparing import compared, side_by_side
 from controller.export import export, tidy
 from controller.measures.transient import COLUMNS
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.recording.series import TrialRecording
 from controller.recording.tables import read_columns
+from controller.reports.counts import pairs_of
 from drivers.core.messages import SampleBlock
 from tests.refusals import refused
 
@@ -31,7 +32,7 @@ def run(run_profile):
 def test_parquet_holds_every_row_and_every_sample(run, tmp_path):
     trials, samples = export(run, "parquet", tmp_path)
     pd.testing.assert_frame_equal(pd.read_parquet(trials), run.table)
-    said = {b"unit": b"s", b"meaning": COLUMNS["delay_s"].meaning.encode()}
+    said = {b"unit": b"s", b"meaning": COLUMNS["delay_s"].encode()}
     assert pq.read_schema(trials).field("delay_s").metadata == said
     table = pd.read_parquet(samples)
     for trial in TRIALS:
@@ -179,12 +180,12 @@ def test_episodes_of_another_dataset_are_not_mixed_with_a_runs(run, tmp_path):
 
 
 def test_a_factor_that_is_a_number_in_one_run_and_a_word_in_the_other_pairs_nothing():
-    def of(value):
-        table = pd.DataFrame([{"trial": 1, "outcome": "contact", "object": value}])
-        return SimpleNamespace(table=table, factors=["object"])
+    def pairs(*values):
+        runs = [SimpleNamespace(factors=["object"])] * 2
+        return pairs_of(*runs, *([{"trial": 1, "outcome": "contact", "object": value}] for value in values))
 
-    assert len(_pairs(of(1), of("cup"))) == 0
-    assert len(_pairs(of(1), of(1.0))) == len(_pairs(of("cup"), of("cup"))) == 1
+    assert len(pairs(1, "cup")) == 0
+    assert len(pairs(1, 1.0)) == len(pairs("cup", "cup")) == 1
 
 
 def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, run):

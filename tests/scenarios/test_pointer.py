@@ -7,8 +7,9 @@ import pytest
 from config import assemble
 from config.profile import load_profile
 from controller.campaign import Campaign
+from controller.measures.pointer import errors_of
 from controller.recording.reader import open_run
-from controller.reports.pointer import read_sweeps
+from controller.reports.pointer import touched
 from tests.scenarios.conftest import Script
 
 ANGLES = (0.0, 1.2)
@@ -36,12 +37,12 @@ def run_pointer(out, force_n=1.0, operator=None, **sets):
 def test_every_angle_is_touched_up_and_down_with_the_force_that_was_asked_for(runs):
     for force_n, (outcome, run) in runs.items():
         assert outcome.exit_code == 0
-        (sweep,) = read_sweeps([run])
-        true = [touch.true_rad for touch in sweep.touches]
+        ((_, touches),) = touched([run])
+        true = [touch.true_rad for touch in touches]
         assert true == pytest.approx([*ANGLES, *ANGLES[::-1]], abs=1e-3)
-        assert [touch.going for touch in sweep.touches] == ["up"] * 2 + ["down"] * 2
+        assert [touch.going for touch in touches] == ["up"] * 2 + ["down"] * 2
         # 2 mm/s on 5 kN/m rise by 10 N in a second: twenty milliseconds of averaging, ten of turn and brake
-        assert all(force_n < touch.force_n < force_n + 0.5 for touch in sweep.touches)
+        assert all(force_n < touch.force_n < force_n + 0.5 for touch in touches)
 
 
 def test_below_the_plays_width_the_angle_is_off_by_what_two_unequal_gains_make_of_it(runs):
@@ -51,8 +52,8 @@ def test_below_the_plays_width_the_angle_is_off_by_what_two_unequal_gains_make_o
     for hysteresis in (0.06, 0.048):
         share = 2.0 * hysteresis / (1.0 + hysteresis / 4.0)
         left.append((1.0 - share) / (1.0 - share / 8.0))
-    (sweep,) = read_sweeps([runs[1.0][1]])
-    for touch in sweep.touches:
+    ((_, touches),) = touched([runs[1.0][1]])
+    for touch in touches:
         expected_rad = math.atan(left[0] / left[1] * math.tan(touch.true_rad)) - touch.true_rad
         # 400 samples of 1.75 degrees' spread: five standard deviations of their mean
         assert touch.error_rad == pytest.approx(expected_rad, abs=math.radians(5.0 * 1.75 / 20.0))
@@ -64,12 +65,12 @@ def test_hysteresis_shows_where_the_play_opens(runs):
     assert rows[1.0]["theta_hysteresis_rad"] < 0.02
 
 
-def test_the_row_and_the_report_show_the_same(runs):
+def test_the_row_is_what_the_recording_gives(runs):
     for _, run in runs.values():
-        (sweep,) = read_sweeps([run])
-        assert run.trials[0]["theta_rms_rad"] == pytest.approx(sweep.errors.rms, rel=1e-8)
-        assert run.trials[0]["theta_max_rad"] == pytest.approx(sweep.errors.largest, rel=1e-8)
-        assert run.trials[0]["touches"] == len(sweep.touches) == 4
+        ((_, touches),) = touched([run])
+        assert run.trials[0]["theta_rms_rad"] == pytest.approx(errors_of(touches)["rms"], rel=1e-8)
+        assert run.trials[0]["theta_max_rad"] == pytest.approx(errors_of(touches)["max"], rel=1e-8)
+        assert run.trials[0]["touches"] == len(touches) == 4
 
 
 def test_without_a_table_there_is_no_contact(tmp_path):
@@ -101,9 +102,9 @@ def paused_in_a_touch(tmp_path, script):
 def test_after_a_pause_in_a_touch_the_touch_is_made_again(paused_in_a_touch, script):
     outcome, run = paused_in_a_touch
     assert outcome.exit_code == 0
-    (sweep,) = read_sweeps([run])
+    ((_, touches),) = touched([run])
     expected = [*PAUSED_ANGLES, *PAUSED_ANGLES[::-1]]
-    assert [touch.true_rad for touch in sweep.touches] == pytest.approx(expected, abs=1e-3)
+    assert [touch.true_rad for touch in touches] == pytest.approx(expected, abs=1e-3)
     names = [event["event"] for event in run.events]
     assert names.count("Resumed") == 1
     assert [name for name, _ in script.seen].count("RECORDING") == 6, (

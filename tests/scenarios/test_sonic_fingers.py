@@ -77,4 +77,5 @@ def test_each_report_shows_its_experiment(approaches, tmp_path):
     page = text_of(build_report([approaches], tmp_path))
     assert "Pre-touch (C2)" in page
     assert "SonicFinger" in page
-    assert "Undulations per cm of the normal side: 2.33 at 10 mm/s, 2.33 at 30 mm/s." in page
+    for speed_mm_s in (10, 30):
+        assert f"normal x {speed_mm_s} 2.33 ours " in page, "undulations a centimetre"

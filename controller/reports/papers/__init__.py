@@ -35,9 +35,6 @@ AUTHORS = {
 BEST_HZ = 40_000.0
 """Frequency that transfers best (Rupavatharam et al., III.A.2)."""
 
-WORST_CENTERING_M = 0.008
-"""Largest error of centering (IV.A.2, Fig. 8c)."""
-
 PRE_TOUCH = (0.924, 0.953)
 """True positive and true negative rate of pre-touch (IV.B.1)."""
 

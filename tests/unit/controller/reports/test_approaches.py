@@ -4,14 +4,11 @@ import pytest
 
 from controller.reports import flexion
 from controller.reports.approaches import (
-    NOISE,
-    SAMPLE_HZ,
     TABLE_1,
     compare_columns,
     correlate,
     read_approaches,
     score_detectors,
-    study_rows,
     table_rows,
     trends,
 )
@@ -21,12 +18,11 @@ from controller.reports.counts import (
     every,
     larger,
     mean_of,
-    mean_within,
     near,
     paired,
-    share_above,
-    wilson,
 )
+from controller.reports.section import ROWS
+from controller.reports.transient import _study
 from tests.unit.controller.reports.synthetic_runs import Given, write_transient
 
 
@@ -82,7 +78,7 @@ def test_a_bound_is_met_where_rows_agree_and_open_where_every_row_lies_far_below
     assert (same.beside.met, same.rows.met) == (True, True)
     assert delays(1.1).kept is None, "0.34 s on average, of a printed 0.3 s that stands for 0.35 as well"
     assert (below.beside.met, below.rows.met) == (None, False)
-    assert (below.rows.same, below.rows.n) == (14, 14)
+    assert below.rows.n == 14
     assert delays(1.5).beside.met is False, "0.45 s on average"
 
 
@@ -143,10 +139,11 @@ def test_trials_with_other_noise_stay_out_of_table_and_bounds_and_the_study_grou
     quiet = Given(noise_scale=0.5, sample_hz=28.0, delay_s=0.1)
     false = Given(**loud, outcome="false_contact")
     given = (Given(**loud, delay_s=0.5), quiet, false, Given(**loud, delay_s=0.7))
-    cells = study_rows(approaches_of(*given))
-    found = [(cell[NOISE], cell[SAMPLE_HZ], cell["n"], cell["false"]) for cell in cells]
-    assert found == [(0.5, 28.0, 1, 0), (2.0, 10.0, 3, 1)]
-    assert cells[1]["delay_s"].mean == pytest.approx(0.6)
+    rows = [[cell for name, cell in line.items() if name != ROWS] for line in _study(approaches_of(*given))]
+    assert rows == [
+        ["10", "2", 3, "0.6 ± 0.14 (2)", "1 of 3 (33 %)"],
+        ["28", "0.5", 1, "0.1", "0 of 1 (0 %)"],
+    ]
 
 
 def test_a_detector_that_only_listened_is_scored_against_the_truth(approaches_of):
@@ -187,11 +184,6 @@ def test_a_mean_is_near_where_its_whole_interval_is(values, aim, met):
     assert near(mean_of(values), aim, within=0.5) is met
 
 
-def test_a_mean_is_printed_with_students_interval_and_of_one_trial_without():
-    assert mean_within(mean_of((0.9, 1.0, 1.1))) == "1.000 (0.752 to 1.248)"
-    assert mean_within(mean_of((0.9,))) == "0.900"
-
-
 def test_one_mean_is_larger_where_both_intervals_say_so():
     low, high = mean_of((0.9, 1.0, 1.1)), mean_of((1.3, 1.4, 1.5))  # 0.4 apart; 0.248 x sqrt(2) = 0.351
     assert (larger(high, low), larger(low, high)) == (True, False)
@@ -205,14 +197,6 @@ def test_two_shares_of_the_same_trials_are_told_apart_by_those_that_differ():
     more, less, alike = [(1, 0)], [(0, 1)], [(1, 1), (0, 0)] * 50
     assert [paired(more * n + alike) for n in (0, 5, 6)] == [None, None, True]
     assert [paired(less * 6), paired(more * 8 + less), paired(more * 7 + less)] == [False, True, None]
-
-
-def test_two_shares_of_different_trials_are_told_apart_by_the_interval_of_their_difference():
-    """Newcombe's own example, 56 of 70 and 48 of 80: the difference of 0.2 from 0.0524 to 0.3339."""
-    assert share_above(56, 70, 48, 80) is True
-    assert share_above(48, 80, 56, 70) is False
-    assert share_above(14, 20, 9, 20) is None, "each share is beyond the other's interval nevertheless"
-    assert wilson(14, 20)[0] > 9 / 20
 
 
 def test_a_bound_on_every_trial_is_kept_from_29_on_and_all_of_several_unless_one_is_not():

@@ -2,10 +2,11 @@
 
 from types import SimpleNamespace
 
+import pytest
+
 from controller.reports.counts import Trials
 from controller.reports.figures import Figures
 from controller.reports.grasp import GRIP, _goals, _headline, _measures, _told, section
-from controller.reports.section import Section, rendered
 from tests.unit.controller.reports.synthetic_runs import begun, write_rows
 
 
@@ -57,19 +58,12 @@ def test_a_goal_is_met_where_so_many_trials_decide_it_and_slips_in_the_air_where
     assert goals["slip in the air until held, 95 of 100"][1] is True
 
 
-def test_where_trials_are_missing_no_goal_is_called_met():
-    rows = Trials([row()] * 381)
-    content = {
-        "rows": rows,
-        "over": [],
-        "goals": list(_goals(rows)),
-        "measures": [],
-        "told": [],
-        "timeline": "",
-    }
-    run = SimpleNamespace(simulated=True, manifest={})
-    pages = [rendered(Section("", content, "grasp"), run, judged)[0] for judged in (True, False)]
-    assert ["✓ met" in page for page in pages] == [True, False]
+@pytest.mark.parametrize(("planned", "said"), [(381, "✓ met"), (382, "not judged")])
+def test_where_trials_are_missing_no_goal_is_called_met(tmp_path, undrawn, planned, said):
+    measured = {name: cell for name, cell in row().items() if name != "outcome"}
+    folder = begun(tmp_path, "grasp", "mock", {}, trials=planned)
+    run = write_rows(folder, [({}, "held", measured)] * 381, list(measured))
+    assert {goal["met"] for goal in section([run], Figures(tmp_path)).content["goals"]} == {said}
 
 
 def test_what_was_told_stands_against_what_was_and_the_measures_are_those_of_nist():

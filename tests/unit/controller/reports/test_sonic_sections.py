@@ -14,10 +14,6 @@ from controller.reports.report import build_report
 from controller.reports.section import Kind, Result
 from tests.unit.controller.reports.synthetic_runs import begun, text_of, write_rows
 
-LEFT = {"pre_touch": 1}
-"""How many cells of a row are names, where it is not two."""
-
-
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
@@ -42,11 +38,14 @@ def touching(root, rows, **how):
     return section_of(aura, write(root, "aura", rows, **{"behavior": {"touch": True}, **how}))
 
 
-def table(section, name):
-    """Rows of a table, by all cells that are names; None where there is no such table."""
-    left = LEFT.get(name, 2)
-    rows = [[str(cell) for cell in row.values()] for row in section.content[name]]
-    return {tuple(row[:left]): row[left:] for row in rows} or None
+def table(section, name, *heads):
+    """Cells of a table under some headings, by its first cell and the detector; None for one that is not there."""
+    return {
+        (row[next(iter(row))], row["detector"]): [
+            None if head not in row else str(row[head]) for head in heads
+        ]
+        for row in section.content[name]
+    }
 
 
 # --- C2, C4, C5 --------------------------------------------------------------------------------------
@@ -66,10 +65,13 @@ def approached(**cells):
 def test_text_for_numbers_counts_as_no_number(tmp_path):
     spoiled = dict.fromkeys(approached(), "abc") | {"side": "normal", "object": "pipe"}
     run = write(tmp_path, "aura", [approached(), spoiled], behavior={"touch": True})
-    found = table(section_of(aura, run), "touches")["normal", "ours"]
-    assert found == ["1", "100.0 % (20.7 to 100.0)", "0.100", "1", "1", "0 of 1"]
+    found = table(section_of(aura, run), "by_side", *TOUCHED)["normal", "ours"]
+    assert found == ["1", "100.0 % (20.7 to 100.0)", "0.100", "1", "1", "100.0 % (20.7 to 100.0)"]
     assert build_report([run]).stat().st_size > 1000
 
+
+TOUCHED = ("touches", "detected", "delay, s", "persistence", "end", "without a false contact")
+REPORTED = ("approaches", "reported", "times", "persistence", "end", "where nothing can")
 
 FELT = ("felt", "delay_s", "false", "held", "ended")
 TRUTH = ("touches", *(f"{name}_{method}" for name in FELT for method in ("paper", "ours")))
@@ -90,17 +92,15 @@ def test_contact_on_a_bench_without_truth_is_counted_as_it_was_reported(tmp_path
     ]
     section = touching(tmp_path, rows, bench=bench)
     assert section.title == "Contact (C4)"
-    assert table(section, "reported") == {
+    assert table(section, "by_side", *REPORTED) == {
         ("normal", "the paper's"): ["3", "0", "0", "0", "0", "1"],
         ("normal", "ours"): ["3", "2", "4", "2", "1", "0"],
         ("top", "the paper's"): ["1", "0", "0", "0", "0", "0"],
         ("top", "ours"): ["1", "1", "1", "1", "1", "0"],
     }
-    assert table(section, "touches") is None, "no touch is known, so none was felt or missed"
-    contact = [result for result in section.summary if result.text.startswith("Contact")]
-    unknown_ = " of 4 approaches; what touched is not known on this bench."
-    counts = (("the paper's", 0), ("ours", 3))
-    assert contact == [Result(None, f"Contact, {name}: reported in {n}{unknown_}") for name, n in counts]
+    unfelt = table(section, "by_side", "touches")["normal", "ours"]
+    assert unfelt == [None], "no touch is known, so none was felt or missed"
+    assert section.content["unknown"]
     assert not section.content["known"]
 
 
@@ -108,10 +108,8 @@ def test_without_truth_objects_have_no_rates_of_contact(tmp_path):
     rows = [unknown(object="mug"), unknown(object="notebook"), unknown(object="none", seen_ours=None)]
     section = touching(tmp_path, rows, bench="hardware", planned=3)
     assert section.title == "Objects (C5)"
-    assert table(section, "contact") is None
-    assert set(table(section, "reported")) == {
-        (name, method) for name in ("mug", "notebook", "none") for method in ("the paper's", "ours")
-    }
+    found = table(section, "by_object", "detected", "reported")
+    assert found["nothing", "ours"] == found["mug", "ours"] == [None, "1"]
 
 
 def test_the_report_on_contact_follows_the_profile_and_not_what_happened(tmp_path):
@@ -119,9 +117,10 @@ def test_the_report_on_contact_follows_the_profile_and_not_what_happened(tmp_pat
     meant = write(tmp_path, "aura", [missed], behavior={"touch": True})
     passing = write(tmp_path, "aura", [missed], behavior={"touch": False})
     assert section_of(aura, meant).title == "Contact (C4)"
-    assert table(section_of(aura, meant), "touches")["normal", "ours"] == [*"0––00", "1 of 1"]
+    found = table(section_of(aura, meant), "by_side", *TOUCHED)["normal", "ours"]
+    assert found == [*"0––00", "0.0 % (0.0 to 79.3)"]
     assert section_of(aura, passing).title == "Pre-touch (C2)"
-    assert table(section_of(aura, passing), "touches") is None
+    assert table(section_of(aura, passing), "by_side", "touches", "reported")["normal", "ours"] == [None] * 2
     assert "Pre-touch (C2) and Contact (C4)" in text_of(build_report([passing, meant]))
 
 
@@ -133,12 +132,12 @@ def test_touches_are_counted_by_side_and_detector(tmp_path):
         approached(side="top", felt_ours=0, held_ours=0, ended_ours=0, delay_s_ours=None),
     ]
     section = touching(tmp_path, rows)
-    counted = table(section, "touches")
+    counted = table(section, "by_side", *TOUCHED)
     # Wilson by hand: centre (p + z²/2n) / (1 + z²/n), half width z √(p(1-p)/n + z²/4n²) / (1 + z²/n), z² = 3.8415
-    assert counted["normal", "ours"] == ["3", "66.7 % (20.8 to 93.9)", "0.100", "2", "1", "1 of 3"]
-    assert counted["normal", "the paper's"] == ["3", "0.0 % (0.0 to 56.1)", "–", "0", "0", "1 of 3"]
+    two_of_three = "66.7 % (20.8 to 93.9)"
+    assert counted["normal", "ours"] == ["3", "66.7 % (20.8 to 93.9)", "0.100", "2", "1", two_of_three]
+    assert counted["normal", "the paper's"] == ["3", "0.0 % (0.0 to 56.1)", "–", "0", "0", two_of_three]
     assert counted["top", "ours"][0] == "1"
-    assert table(section, "reported") is None
     (felt,) = [result for result in section.summary if "2 of 3 touches detected" in result.text]
     assert not felt.met, "the paper's finger felt every touch of that side"
     assert felt.mark == "neither", "but what the simulated finger feels was assumed"
@@ -193,17 +192,18 @@ def test_soft_objects_and_the_pipe_are_not_compared_with_the_papers_rates(tmp_pa
     ):
         text = f"{what}, ours: {points} points above the paper's {paper} % of its own objects: 2 of 2 {of}, "
         assert Result(Kind.ASSUMED, text + undecided, None, goal=True) in section.summary
-    seen, felt = table(section, "pre_touch"), table(section, "contact")
+    heads = ("approaches", "seen", "without an alarm", "detected", "without a false contact")
+    found = table(section, "by_object", *heads)
     rest = "all but the soft ones and the pipe"
-    assert list(seen)[-4:-1] == [("cloth (soft)",), ("sponge (soft)",), (rest,)]
-    assert seen[rest,][::2] == ["2", all_of_two]
-    assert seen["sponge (soft)",][2].startswith("0.0 %")
-    assert seen["nothing: not reported",][::2] == ["4", "75.0 % (30.1 to 95.4)"]
+    names = [name for name, whose in found if whose == "ours"]
+    assert names[-4:] == ["cloth (soft)", "sponge (soft)", rest, "nothing"]
+    assert found[rest, "ours"] == ["2", *[all_of_two] * 4]
+    assert found["sponge (soft)", "ours"][1].startswith("0.0 %")
+    assert found["nothing", "ours"][:3] == ["4", None, "75.0 % (30.1 to 95.4)"]
     alarms = [result.text for result in section.summary if "approaches to nothing" in result.text]
     assert any("ours: 1 alarms in 4 approaches to nothing, 25.0 % (4.6 to 69.9);" in text for text in alarms)
-    assert felt[rest, "ours"] == ["2", all_of_two, "2", all_of_two]
-    assert felt["sponge (soft)", "ours"][:2] == ["1", "0.0 % (0.0 to 79.3)"]
-    assert table(section, "sides")["normal", "x"][1] == "3", "the soft ones are not in it"
+    assert found["sponge (soft)", "ours"][3] == "0.0 % (0.0 to 79.3)"
+    assert table(section, "by_side", "approaches")["normal", "ours"] == ["3"], "the soft ones are not in it"
 
 
 def test_contact_reported_of_nothing_counts_against_the_true_negatives(tmp_path):
@@ -212,19 +212,21 @@ def test_contact_reported_of_nothing_counts_against_the_true_negatives(tmp_path)
         approached(object="notebook", approaches=3, false_ours=2),
         approached(object="none", approaches=2, touches=0, felt_ours=0, false_ours=1),
     ]
-    felt = table(touching(tmp_path, rows), "contact")
-    assert felt["notebook", "ours"][2:] == ["3", "33.3 % (6.1 to 79.2)"]
-    assert felt["nothing", "ours"][0:3] == ["0", "–", "2"]
+    felt = table(
+        touching(tmp_path, rows), "by_object", "approaches", "touches", "detected", "without a false contact"
+    )
+    assert felt["notebook", "ours"][::3] == ["3", "33.3 % (6.1 to 79.2)"]
+    assert felt["nothing", "ours"][:3] == ["2", "0", "–"]
     assert felt["nothing", "ours"][3].startswith("50.0 %")
 
 
 def test_distances_are_medians_by_side_and_speed_and_an_approach_along_another_axis_has_a_result(tmp_path):
     rows = [approached(distance_m_ours=d, undulations_per_cm=u) for d, u in ((0.01, 2.3), (0.05, 2.4))]
     rows += [approached(seen_ours=0, distance_m_ours=None), approached(speed_m_s=0.03, distance_m_ours=0.04)]
-    sides = section_of(aura, write(tmp_path, "aura", rows)).content["sides"]
-    slow, fast = (list(map(str, row.values())) for row in sides)
-    assert slow == ["normal", "x", "10", "3", "2.35", "3 of 3", "20", "2 of 3", "30"]
-    assert fast[2:4] == ["30", "1"]
+    sides = section_of(aura, write(tmp_path, "aura", rows)).content["by_side"]
+    _, slow, _, fast = (list(map(str, row.values())) for row in sides)
+    assert slow[:8] == ["normal", "x", "10", "2.35", "ours", "3", "66.7 % (20.8 to 93.9)", "30"]
+    assert (fast[2], fast[5]) == ("30", "1")
     rows = [approached(axis="y", touches=0, seen_ours=seen, distance_m_ours=0.02) for seen in (1, 0)]
     found = section_of(aura, write(tmp_path, "aura", rows)).summary
     assert "seen in 1 of 2 approaches; 20 mm of the way left" in found[1].text
@@ -242,8 +244,8 @@ def test_a_trial_that_does_not_vary_a_factor_has_the_behaviors_default(tmp_path)
     rows = [{"method": "paper", "speed_m_s": 0.03, "object": "paper_cylinder"}, {"method": None}]
     default = SearchFactors()
     section = section_of(centering, write(tmp_path, "centering", rows))
-    assert {(row["object"], row["method"], row["speed, mm/s"]) for row in section.content["errors"]} == {
-        ("paper cylinder", "the paper's", "30"),
+    assert {(row["object"], row["method"], row["speed, mm/s"]) for row in section.content["searches"]} == {
+        ("paper cylinder", "paper", "30"),
         (default.object, default.method, f"{1000 * default.speed_m_s:g}"),
     }
 
@@ -257,9 +259,11 @@ def test_errors_searches_and_stops_are_counted(tmp_path):
         centred(None, touched=1),
     ]
     section = section_of(centering, write(tmp_path, "centering", rows))
-    assert table(section, "errors") == {("pipe", "ours"): ["10", "3", "1", "3.00", "−1.00", "2.83", "2.00"]}
-    assert table(section, "grasps") == {("pipe", "ours"): ["10", "4.0", "2", "1 of 2 (50 %)"]}
-    assert table(section, "stops") == {("mock", "ours"): ["4", "25.0", "39.7", "40.0", "7"]}
+    (line,) = ([*row.values()][1:] for row in section.content["searches"])
+    assert line[:6] == ["pipe", "ours", "10", 3, "−1 ± 2.8 (2)", "4 ± 1.4 (2)"]
+    assert line[6:] == ["0.6667 ± 0.58", "1 ± 0 (2)", "0.4 ± 0 (2)", "0.5 (1)", "3.00"]
+    stops = [[*row.values()][1:] for row in section.content["stops"]]
+    assert stops == [[2, "20", "30", "30"], [2, "30", "40", "40"]]
     text = "Pipe, ours, 10 mm/s: worst error 3.00 mm in 2 trials, 2.5 mm aimed at; 1 of 3 found no middle."
     assert section.summary == [Result(Kind.PREDICTED, text, False, goal=True)]
 
@@ -322,6 +326,7 @@ def test_several_objects_are_judged_together_and_unknown_touches_and_grasps_are_
     (result,) = found.summary
     assert result.text.startswith("2 objects, ours, 10 mm/s: worst error 1.00 mm in 30 trials, 2.5 mm aimed")
     assert result.mark == "met", "of 15 each object alone decides nothing"
-    assert [row["object"] for row in found.content["errors"]] == ["mug", "pipe"]
+    assert [row["object"] for row in found.content["searches"]] == ["mug", "pipe"]
     section = section_of(centering, write(tmp_path, "centering", [centred(0.001)], bench="hardware"))
-    assert table(section, "grasps") == {("pipe", "ours"): ["10", "–", "unknown", "not requested"]}
+    (line,) = section.content["searches"]
+    assert not {"touched", "gripped"} & line.keys(), "nothing is known of them"
