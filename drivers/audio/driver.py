@@ -26,13 +26,10 @@ from drivers.core.messages import (
     Tone,
 )
 from drivers.core.numbering import ENDLESS, StreamTrack
-from drivers.core.wire import WireDriver
+from drivers.core.wire import TURN_S, WireDriver
 
 BITS_MIN: Final = 24
 """Of a sample: the fingers' sound moves by less than 16 bits resolve (III.B: a 24-bit converter)."""
-
-TURN_S: Final = 0.005
-"""Pause between two looks at a source while opening (assumption)."""
 
 TURN_MAX_S: Final = 0.05
 """A turn that comes later counts as this: a host that was away must not blame the source (assumption)."""
@@ -41,7 +38,7 @@ MENDING: Final = "see docs/reference/sensors.md"
 
 
 class Audio(WireDriver[SoundSource]):
-    """The fingers' sound; implements `drivers.core.protocols.Device`. It moves nothing.
+    """The fingers' sound. It moves nothing.
 
     The stream `<name>.fingers` has raw 24-bit counts of the right and the left finger. Its `seq` counts the frames of
     the converter, which also drives: a tone's phase is zero at frame 0 (`level * cos(2 pi f seq / rate)`, but for
@@ -57,7 +54,7 @@ class Audio(WireDriver[SoundSource]):
 
     def _prepare(self) -> None:
         self._info = fingers_info(self.name)
-        self._closed_account: Mapping[str, object] = {}
+        self._source: SoundSource | None = None  # the latest, whose counts outlive it
         self._forget()
 
     def _forget(self) -> None:
@@ -76,7 +73,7 @@ class Audio(WireDriver[SoundSource]):
 
     def _identify(self, source: SoundSource) -> DeviceInfo:
         """Check the source and a sample of its sound; clipped, silent or 16-bit sound is refused."""
-        found = source.open()
+        self._source, found = source, source.open()
         self._check(found)
         if self._settings.look_s > 0.0:
             self._look(source, found)
@@ -95,11 +92,6 @@ class Audio(WireDriver[SoundSource]):
                 **found.details,
             },
         )
-
-    def close(self) -> None:
-        """Silence the drive, close the source. Never raises; may be called twice."""
-        self._closed_account = self.account()
-        super().close()
 
     def _valid(self, command: Command) -> Command:
         return checked(self.name, command)
@@ -128,14 +120,14 @@ class Audio(WireDriver[SoundSource]):
 
     def account(self) -> Mapping[str, object]:
         """Frames taken and lost, excursions to full scale, the drift of the converter's clock: also after `close`."""
-        if self._link is None:
-            return self._closed_account
+        if self._source is None:
+            return {}
         return {
             "frames": self._taken,
             "frames_lost": self._missing,
             "saturations": self._saturations,
             "drift_ppm": self._converter.drift_ppm,
-            **self._link.account(),
+            **self._source.account(),
         }
 
     # at open

@@ -1,42 +1,22 @@
 """A recorder on the network: sound and messages over one TCP connection."""
 
 import math
-import socket
-import threading
-from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.audio.codec import FrameDecoder, SoundMessage, encode_line
 from drivers.audio.settings import AudioSettings
-from drivers.audio.source import Drive, SourceEvent, SourceFound, Swept
+from drivers.audio.source import Drive, SoundSource, SourceEvent, SourceFound, Swept
 from drivers.core.clock import Clock
 from drivers.core.errors import CodecError, DeviceError, PortError, ProtocolError, SilentError
-from drivers.core.links import drained
+from drivers.core.links import SerialLink, SerialPort, open_serial
 from drivers.core.messages import Chirp, Refused, Tone
-from drivers.core.wire import OPENING_S
+from drivers.core.wire import OPENING_S, TURN_S
 
-CHUNK_BYTES: Final = 1 << 16
-
-WAITING_BYTES: Final = 8 << 20
-"""Of sound that was not taken (14 s): beyond, the network holds the rest back, and the recorder's counter shows
-what it had to drop (assumption)."""
-
-PAUSE_S: Final = 0.002
-"""Between two looks at what has come while opening, and at a queue that is full (assumption)."""
-
-CLOSE_S: Final = 0.5
-"""Longest wait at close: for the recorder to hang up, for the thread (assumption)."""
-
-HUNG_UP: Final = "the recorder has hung up"
-
-ADVICE: Final = "is it switched on, and the address right?"
+PORTS: Final = range(1, 1 << 16)
 
 
 class Greeting(BaseModel):
@@ -66,7 +46,7 @@ class _Asked(NamedTuple):
     due_s: float
 
 
-class NetworkRecorder:
+class NetworkRecorder(SoundSource):
     """A client of a recorder; protocol: docs/reference/sensors.md.
 
     Args:
@@ -74,34 +54,26 @@ class NetworkRecorder:
     """
 
     def __init__(self, device: str, settings: AudioSettings, clock: Clock, address: str) -> None:
-        self._device = device
-        self._settings = settings
-        self._clock = clock
-        self._address = address
-        self._link: _Link | None = None
+        super().__init__(device, settings, clock, address)
+        self._link: SerialLink | None = None
         self._decoder = FrameDecoder()
         self._tag = 0
         self._asked: dict[int, _Asked] = {}
         self._greeting: Greeting | None = None
         self._sounding = False
         self._events: list[SourceEvent] = []
-        self.fault: str | None = None
 
     def open(self) -> SourceFound:
-        """See `Source.open`."""
+        """See `SoundSource.open`."""
         doing = f"connecting to {self._address}"
         patience_s = max(self._settings.reply_timeout_s, OPENING_S)
         host, _, port = self._address.rpartition(":")
-        if not host or not port.isdecimal():
+        if not host or not port.isdecimal() or int(port) not in PORTS:
             raise PortError(
                 self._device, doing, "it is no address", 'write port = "tcp:HOST:PORT", tcp:10.0.0.7:9640'
             )
-        try:
-            connection = socket.create_connection((host, int(port)), patience_s)
-        except (OSError, OverflowError) as error:
-            reason = f"it does not answer ({getattr(error, 'strerror', None) or error})"
-            raise PortError(self._device, doing, reason, ADVICE) from error
-        self._link = _Link(self._device, connection, self._clock)
+        where = SerialPort(port=f"socket://{self._address}")
+        self._link = open_serial(self._device, where, self._clock)
         greeting = self._greet(doing, patience_s)
         # An earlier host may have left it driving.
         self._ask({"do": "silence"})
@@ -127,7 +99,7 @@ class NetworkRecorder:
         self._ask({"do": "hello"})
         until_s = self._clock.monotonic_s() + patience_s
         while self._clock.monotonic_s() < until_s and self.fault is None and self._greeting is None:
-            self._clock.rest(PAUSE_S)
+            self._clock.rest(TURN_S)
             self.receive()
         if self._greeting is not None:
             return self._greeting
@@ -140,17 +112,13 @@ class NetworkRecorder:
             "is a recorder there, and no other host connected to it?",
         )
 
-    def peek(self, seconds: float) -> NDArray[np.int32] | None:
-        """See `Source.peek`: it has to be waited for."""
-        return None
-
     def listen(self, on: bool) -> None:
-        """See `Source.listen`; sound that is still under way from before is dropped."""
+        """See `SoundSource.listen`; sound that is still under way from before is dropped."""
         self._sounding = False
         self._ask({"do": "start" if on else "stop"})
 
     def drive(self, command: Drive) -> None:
-        """See `Source.drive`."""
+        """See `SoundSource.drive`."""
         match command:
             case Tone():
                 request = {"do": "tone", "frequency_hz": command.frequency_hz, "level": command.level}
@@ -162,7 +130,7 @@ class NetworkRecorder:
         self._ask(request, command)
 
     def receive(self) -> Sequence[SourceEvent]:
-        """See `Source.receive`."""
+        """See `SoundSource.receive`."""
         link = self._link
         if link is None or self.fault is not None:
             return self._take()
@@ -178,12 +146,8 @@ class NetworkRecorder:
         self.fault = self.fault or link.fault or self._overdue()
         return self._take()
 
-    def account(self) -> Mapping[str, object]:
-        """See `Source.account`."""
-        return {}
-
     def close(self) -> None:
-        """See `Source.close`."""
+        """See `SoundSource.close`."""
         link, self._link = self._link, None
         if link is not None:
             link.send(encode_line({"do": "stop"}) + encode_line({"do": "silence"}))
@@ -234,76 +198,3 @@ class NetworkRecorder:
             if now_s > asked.due_s:
                 return f"no reply to {asked.do} in {self._settings.reply_timeout_s:g} s"
         return None
-
-
-class _Link:
-    """A connection with its reader thread, which fills a queue and does nothing else.
-
-    Attributes:
-        fault: Why the link is gone, or None while it stands.
-    """
-
-    def __init__(self, device: str, connection: socket.socket, clock: Clock) -> None:
-        self.fault: str | None = None
-        self._connection = connection
-        self._clock = clock
-        self._arrived: deque[tuple[float, bytes]] = deque()
-        self._taken_bytes = 0
-        self._closing = False
-        connection.settimeout(None)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._reader = threading.Thread(target=self._fill, name=f"{device}-reader", daemon=True)
-        self._reader.start()
-
-    def send(self, data: bytes) -> None:
-        """Hand bytes to the kernel, without waiting."""
-        if self.fault is not None:
-            return
-        try:
-            if self._connection.send(data, socket.MSG_DONTWAIT) < len(data):
-                self.fault = self.fault or "the network takes no more bytes"
-        except OSError as error:
-            self.fault = self.fault or _gone(error)
-
-    def receive(self) -> list[tuple[float, bytes]]:
-        """What has arrived since the last call: (monotonic arrival in seconds, bytes), in order."""
-        chunks = drained(self._arrived)
-        self._taken_bytes += sum(len(data) for _, data in chunks)
-        return chunks
-
-    def close(self) -> None:
-        """Hang up and wait for the thread. Never raises."""
-        self._closing = True
-        with suppress(OSError):
-            # What was sent last still goes out; the end of file wakes the recorder, and its own the thread.
-            self._connection.shutdown(socket.SHUT_WR)
-        self._reader.join(CLOSE_S)
-        with suppress(OSError):
-            self._connection.shutdown(socket.SHUT_RD)
-        self._reader.join(CLOSE_S)
-        self._connection.close()
-
-    def _fill(self) -> None:
-        came_bytes = 0
-        try:
-            while True:
-                while came_bytes - self._taken_bytes > WAITING_BYTES and not self._closing:
-                    self._clock.rest(PAUSE_S)
-                data = self._connection.recv(CHUNK_BYTES)
-                if not data:
-                    break
-                if not self._closing:
-                    self._arrived.append((self._clock.monotonic_s(), data))
-                    came_bytes += len(data)
-            reason = HUNG_UP
-        except OSError as error:
-            reason = _gone(error)
-        if not self._closing:
-            self.fault = self.fault or reason
-
-
-def _gone(error: OSError) -> str:
-    """Why the connection ended; a recorder that closes before it has read all resets it."""
-    if isinstance(error, ConnectionResetError | BrokenPipeError):
-        return HUNG_UP
-    return f"the connection is gone ({error.strerror or error})"

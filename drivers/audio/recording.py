@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.audio.codec import Sound
 from drivers.audio.settings import FULL_SCALE, AudioSettings
-from drivers.audio.source import Drive, SourceEvent, SourceFound, Swept
+from drivers.audio.source import Drive, SoundSource, SourceEvent, SourceFound, Swept
 from drivers.core.clock import Clock
 from drivers.core.errors import PortError, ProtocolError, lacking
 from drivers.core.messages import Chirp
@@ -33,7 +33,7 @@ BITS: Final[Mapping[str, int]] = {"PCM_S8": 8, "PCM_U8": 8, "PCM_16": 16, "PCM_2
 MENDING: Final = "record it again, or save what is left of it with an editor"
 
 
-class Recording:
+class Recording(SoundSource):
     """Plays a file as if it were live: it runs from the first subscription on, subscribed or not.
 
     It holds the drive as recorded: a new drive is accepted, and changes nothing. A packet is handed out when its last
@@ -44,9 +44,7 @@ class Recording:
     """
 
     def __init__(self, device: str, settings: AudioSettings, clock: Clock, address: str) -> None:
-        self._device = device
-        self._settings = settings
-        self._clock = clock
+        super().__init__(device, settings, clock, address)
         self._path = Path(address).expanduser()
         self._file: soundfile.SoundFile | None = None
         self._frames = 0
@@ -55,10 +53,9 @@ class Recording:
         self._begun_s: float | None = None
         self._next = 0
         self._sweep: int | None = None
-        self.fault: str | None = None
 
     def open(self) -> SourceFound:
-        """See `Source.open`."""
+        """See `SoundSource.open`."""
         doing = f"opening {self._path}"
         try:
             import soundfile
@@ -104,27 +101,27 @@ class Recording:
             raise ProtocolError(self._device, doing, reason, MENDING)
 
     def peek(self, seconds: float) -> NDArray[np.int32] | None:
-        """See `Source.peek`."""
+        """See `SoundSource.peek`."""
         assert self._file is not None, "it is not open"
         counts = self._read(round(seconds * self._rate_hz))
         self._file.seek(0)
         return counts
 
     def listen(self, on: bool) -> None:
-        """See `Source.listen`."""
+        """See `SoundSource.listen`."""
         self._listening = on
         if on and self._begun_s is None:
             self._begun_s = self._clock.monotonic_s()
 
     def drive(self, command: Drive) -> None:
-        """See `Source.drive`: the recording holds the drive."""
+        """See `SoundSource.drive`: the recording holds the drive."""
         self._sweep = None
         if isinstance(command, Chirp):
             now = self._next if not self._settings.paced else self._due()
             self._sweep = now + round(command.duration_s * self._rate_hz)
 
     def receive(self) -> Sequence[SourceEvent]:
-        """See `Source.receive`."""
+        """See `SoundSource.receive`."""
         if self._file is None or self._begun_s is None or self.fault is not None:
             return ()
         events: list[SourceEvent] = []
@@ -178,11 +175,11 @@ class Recording:
         return np.asarray(counts.astype(np.int32))
 
     def account(self) -> Mapping[str, object]:
-        """See `Source.account`."""
+        """See `SoundSource.account`."""
         return {"frames_of_recording": self._frames}
 
     def close(self) -> None:
-        """See `Source.close`."""
+        """See `SoundSource.close`."""
         opened, self._file = self._file, None
         if opened is not None:
             opened.close()

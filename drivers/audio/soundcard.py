@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drivers.audio.codec import Sound
 from drivers.audio.oscillator import chirp, tone
 from drivers.audio.settings import FULL_SCALE, RATE_HZ, AudioSettings
-from drivers.audio.source import Drive, SourceEvent, SourceFound, Swept
+from drivers.audio.source import Drive, SoundSource, SourceEvent, SourceFound, Swept
 from drivers.core.clock import Clock
 from drivers.core.errors import PortError, first_line, lacking
 from drivers.core.links import drained
@@ -36,7 +36,7 @@ SERVER_LATENCY_S: Final = 0.1
 """Least buffering of a sound server (PulseAudio: measured, no gap)."""
 
 
-class SoundCard:
+class SoundCard(SoundSource):
     """A sound card's input channels, and the drive on the output channels that the profile names.
 
     Input and output are one stream on one clock: the drive is generated for the frames that its buffer is handed over
@@ -50,19 +50,15 @@ class SoundCard:
     """
 
     def __init__(self, device: str, settings: AudioSettings, clock: Clock, address: str) -> None:
-        self._device = device
-        self._settings = settings
-        self._clock = clock
-        self._address = address
+        super().__init__(device, settings, clock, address)
         self._stream: Any = None
         self._has_output = False
         self._callback: _Callback | None = None
         self._listening = False
         self._declined: list[Refused] = []
-        self.fault: str | None = None
 
     def open(self) -> SourceFound:
-        """See `Source.open`."""
+        """See `SoundSource.open`."""
         sounddevice = self._library()
         chosen = self._choose(sounddevice)
         channels = int(chosen["max_input_channels"])
@@ -154,18 +150,14 @@ class SoundCard:
         chosen: Mapping[str, Any] = matching[0]
         return chosen
 
-    def peek(self, seconds: float) -> NDArray[np.int32] | None:
-        """See `Source.peek`: it has to be waited for."""
-        return None
-
     def listen(self, on: bool) -> None:
-        """See `Source.listen`: the card runs on without a subscriber."""
+        """See `SoundSource.listen`: the card runs on without a subscriber."""
         if self._callback is not None:
             self._callback.take()
         self._listening = on
 
     def drive(self, command: Drive) -> None:
-        """See `Source.drive`; it begins with the next buffer."""
+        """See `SoundSource.drive`; it begins with the next buffer."""
         if self._callback is None:
             return
         if not self._has_output and isinstance(command, Tone | Chirp):
@@ -175,7 +167,7 @@ class SoundCard:
             self._callback.play(command)
 
     def receive(self) -> Sequence[SourceEvent]:
-        """See `Source.receive`."""
+        """See `SoundSource.receive`."""
         callback = self._callback
         if callback is None:
             return ()
@@ -189,12 +181,12 @@ class SoundCard:
         return events
 
     def account(self) -> Mapping[str, object]:
-        """See `Source.account`."""
+        """See `SoundSource.account`."""
         callback = self._callback
         return {} if callback is None else {"overruns": callback.overruns, "underruns": callback.underruns}
 
     def close(self) -> None:
-        """See `Source.close`."""
+        """See `SoundSource.close`."""
         stream, self._stream = self._stream, None
         if stream is not None:
             if self._callback is not None:

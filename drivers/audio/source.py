@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,12 +58,22 @@ SourceEvent = Sound | Swept | Refused
 """What a source reports; `Refused` is of a drive that was not taken."""
 
 
-class SoundSource(Protocol):
-    """Where sound comes from. Nothing here waits but `open` and `close`."""
+class SoundSource:
+    """Where sound comes from. Nothing here waits but `open` and `close`.
 
-    @property
-    def fault(self) -> str | None:
-        """Why there will be no more sound; None while there may be."""
+    Args:
+        address: What the profile's port has behind the kind of the source.
+
+    Attributes:
+        fault: Why there will be no more sound; None while there may be.
+    """
+
+    def __init__(self, device: str, settings: AudioSettings, clock: Clock, address: str) -> None:
+        self._device = device
+        self._settings = settings
+        self._clock = clock
+        self._address = address
+        self.fault: str | None = None
 
     def open(self) -> SourceFound:
         """Connect; no sound is handed out yet, and the drive is silent.
@@ -71,24 +81,31 @@ class SoundSource(Protocol):
         Raises:
             PortError, SilentError, ProtocolError: one line, with what to do.
         """
+        raise NotImplementedError
 
     def peek(self, seconds: float) -> NDArray[np.int32] | None:
         """The first sound, left where it is, shape (n, channels); None where it has to be waited for."""
+        return None
 
     def listen(self, on: bool) -> None:
         """Start or stop handing out sound."""
+        raise NotImplementedError
 
     def drive(self, command: Drive) -> None:
         """Drive the transducers; a newer drive replaces an older one."""
+        raise NotImplementedError
 
     def receive(self) -> Sequence[SourceEvent]:
         """Events since the last call, in order."""
+        raise NotImplementedError
 
     def account(self) -> Mapping[str, object]:
         """Counts so far, for the manifest."""
+        return {}
 
     def close(self) -> None:
         """Silence the drive, close the source. Never raises; may be called twice."""
+        raise NotImplementedError
 
 
 def make_source(device: str, settings: AudioSettings, clock: Clock) -> SoundSource:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import socket
 import threading
 import warnings
 from collections import deque
@@ -98,12 +99,15 @@ def open_serial(device: str, where: SerialPort, clock: Clock) -> SerialLink:
         local = "://" not in port
         configured = local and isinstance(error, serial.SerialException) and error.errno is None
         number = errno.ENOTTY if configured else getattr(error, "errno", None)
-        remedy = "is that host up, and its serial server?" if "://" in port else "see: ls /dev/serial/by-id"
+        remedy = "is that host up, and its server?" if "://" in port else "see: ls /dev/serial/by-id"
         reason, advice = _ADVICE.get(number or 0, (f"cannot be opened ({error})", remedy))
         raise PortError(device, "opening its port", f"{port} {reason}", advice.format(port=port)) from error
     # An FTDI adapter holds bytes back for 16 ms by default (its data sheet); ptys refuse, the network has none.
     with suppress(AttributeError, OSError, ValueError, NotImplementedError):
         opened.set_low_latency_mode(True)
+    # A short line does not wait until the one before it is acknowledged.
+    if (connected := getattr(opened, "_socket", None)) is not None:
+        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return SerialLink(device, opened, clock)
 
 

@@ -187,7 +187,7 @@ def test_a_stage_behind_a_serial_server_of_bare_bytes_is_opened_and_its_end_is_n
 
 @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
 def test_a_serial_server_that_is_not_there_is_a_port_error(scheme: str) -> None:
-    with refused(PortError, "stage", f"{scheme}://127.0.0.1:1", "refused", "serial server"):
+    with refused(PortError, "stage", f"{scheme}://127.0.0.1:1", "refused", "its server"):
         open_serial("stage", SerialPort(port=f"{scheme}://127.0.0.1:1"), WallClock())
 
 
