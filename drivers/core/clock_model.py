@@ -1,4 +1,4 @@
-"""From a device's clock to the host's: the line under the arrivals, and times that follow it without a step.
+"""From a device's clock to the host's: the line under the arrivals.
 
 A block is in hand when its last sample was taken, plus a delay that is never negative, mostly tiny and sometimes
 long. A least-squares line through arrivals leans on the long ones. With delays of an exponential distribution the
@@ -15,7 +15,6 @@ Error, with the delays measured on a pty (22 us p50, 3.6 ms p99, 16 ms max), 100
 of the time. The tests hold it to these.
 """
 
-import math
 from typing import Final
 
 Point = tuple[float, float]
@@ -28,16 +27,6 @@ FIT_S: Final = 0.1
 
 SETTLING_S: Final = 1.0
 """For so long the line has few arrivals to rest on; times may step to follow it (assumption)."""
-
-STEP_MAX_S: Final = 40e-6
-"""Later no two blocks of a stream are put closer together or further apart than they were by more than this: with what
-is not yet known of the drift, 50 us."""
-
-SLEW: Final = 4e-3
-"""Nor by more than this for each second between them, which is 40 us for blocks of 10 ms (assumption)."""
-
-GAP: Final = 0.1
-"""Of a period stays between two samples, however late the line finds the first of them to have been (assumption)."""
 
 DELAY_S: Final = 0.01
 """Delay assumed before any is known, with the weight of one arrival (assumption)."""
@@ -255,41 +244,3 @@ class HostClock(DeviceClock):
     def host_s(self, device_s: float) -> float:
         """What it shows."""
         return device_s
-
-
-class Timeline:
-    """Host times of one stream: they ascend, and follow the model of its clock by steps too small to see.
-
-    Within a block, samples keep the device's spacing. Between two blocks the stream's distance from the
-    line shrinks by `SLEW` and `STEP_MAX_S` at most; only while the model settles it vanishes at once.
-
-    Args:
-        period_s: Between two samples; None where each has its own time.
-    """
-
-    def __init__(self, period_s: float | None) -> None:
-        self._gap_s = GAP * (period_s or 0.0)
-        self._first: Point = (0.0, 0.0)
-        self._last_s = -math.inf
-
-    def date(self, clock: DeviceClock, first_s: float, goes_on: bool) -> float:
-        """Monotonic host time in seconds of a block's first sample, at extended device time `first_s`.
-
-        Args:
-            first_s: In seconds.
-            goes_on: The stream does, by the same clock; else, and after a gap of `SETTLING_S`, nothing but the order
-                of times binds it to the block before.
-        """
-        host_s = clock.host_s(first_s)
-        since_s = first_s - self._first[0]
-        if goes_on and clock.settled and since_s < SETTLING_S:
-            carried_s = self._first[1] + since_s * clock.pace
-            limit_s = min(STEP_MAX_S, SLEW * since_s)
-            host_s = min(max(host_s, carried_s - limit_s), carried_s + limit_s)
-        host_s = max(host_s, self._last_s + self._gap_s)
-        self._first = (first_s, host_s)
-        return host_s
-
-    def hold(self, last_s: float) -> None:
-        """Times up to monotonic host time `last_s` have been given out."""
-        self._last_s = last_s

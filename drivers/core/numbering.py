@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from drivers.core.clock import Clock
-from drivers.core.clock_model import DeviceClock, Timeline
+from drivers.core.clock_model import SETTLING_S, DeviceClock
 from drivers.core.messages import SampleBlock, StreamInfo
 
 ENDLESS: Final = 1 << 64
@@ -33,6 +33,16 @@ STEADY: Final = 0.25
 
 ASTRAY_S: Final = 5.0
 """A device time this far from its arrival is another clock's. Assumption: no first frame is so late."""
+
+STEP_MAX_S: Final = 40e-6
+"""Later no two blocks of a stream are put closer together or further apart than they were by more than this: with what
+is not yet known of the drift, 50 us."""
+
+SLEW: Final = 4e-3
+"""Nor by more than this for each second between them, which is 40 us for blocks of 10 ms (assumption)."""
+
+GAP: Final = 0.1
+"""Of a period stays between two samples, however late the line finds the first of them to have been (assumption)."""
 
 
 class Placed(NamedTuple):
@@ -71,13 +81,14 @@ class StreamTrack:
         self._modulus = counter_modulus
         self._rate_hz = rate_hz
         self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
-        self._timeline = Timeline(self._period_s)
         self._restarts = 0
         self._begins = True
         self._seq: int | None = None
         # What the next sample has if nothing is missing.
         self._counter = 0
-        self._due_s = self._host_s = 0.0
+        self._due_s = 0.0
+        self._last_s = -math.inf  # host time of the last sample
+        self._dated = (0.0, 0.0)  # device and host time of the last that was dated by the line
 
     def begin(self) -> None:
         """The stream was subscribed again: what is missing before the next sample is not lost."""
@@ -91,6 +102,7 @@ class StreamTrack:
         span_s: float = 0.0,
         counter: int | None = None,
         joins: bool = False,
+        missing: int | None = None,
     ) -> Placed:
         """Number and date samples that were in hand at monotonic time `arrival_s`.
 
@@ -100,6 +112,7 @@ class StreamTrack:
             span_s: Device time from the first to the last; of a regular stream it is known.
             counter: Number of the first by the device; None where it has none.
             joins: They may become part of the block of those before, whose times then go on.
+            missing: How many are missing before them, where that is known better than by device time.
 
         Raises:
             ValueError: a counter, and no `counter_modulus`: each of its wraps would be a loss.
@@ -111,20 +124,20 @@ class StreamTrack:
             span_s = (n - 1) * self._period_s
         first_s, ahead_s = clock.extended(shown_s, arrival_s)
         goes_on = not self._begins and self._restarts == clock.restarts
-        missing = self._missing(first_s, counter) if goes_on else None
+        found = self._missing(first_s, counter) if goes_on else None
+        missing = found if found is None or missing is None else missing
         if self._restarted(goes_on, missing, first_s, ahead_s + span_s):
             clock.restart()
             first_s, missing, goes_on = shown_s, None, False
         clock.observe(first_s + span_s, arrival_s)
         joined = missing == 0 and joins
-        host_s = self._host_s if joined else self._timeline.date(clock, first_s, goes_on)
+        host_s = self._last_s + self._period_s if joined else self._date(first_s, goes_on)
         seq = self._number(counter, missing, host_s)
         lost = None if self._begins else 0 if missing is None else missing or None
-        last_s = host_s + span_s * (1.0 if self._rate_hz else clock.pace)
-        self._timeline.hold(last_s)
+        self._last_s = host_s + span_s * (1.0 if self._rate_hz else clock.pace)
         self._begins, self._restarts = False, clock.restarts
         self._seq, self._counter = seq + n, (counter or 0) + n
-        self._due_s, self._host_s = first_s + span_s + self._period_s, last_s + self._period_s
+        self._due_s = first_s + span_s + self._period_s
         return Placed(seq, host_s, first_s, lost)
 
     def _missing(self, first_s: float, counter: int | None) -> int | None:
@@ -154,7 +167,25 @@ class StreamTrack:
             return counter or 0
         if missing is not None:
             return self._seq + missing
-        return self._seq + max(1, round((host_s - self._host_s) * (self._rate_hz or 0.0)))
+        return self._seq + max(1, round((host_s - (self._last_s + self._period_s)) * (self._rate_hz or 0.0)))
+
+    def _date(self, first_s: float, goes_on: bool) -> float:
+        """Host time of a block's first sample, at extended device time `first_s`: times ascend, and follow the line by
+        steps too small to see.
+
+        Between two blocks the stream's distance from the line shrinks by `SLEW` and `STEP_MAX_S` at most. At once it
+        vanishes only while the line settles, after a gap of `SETTLING_S`, and where the stream does not go on by the
+        same clock.
+        """
+        host_s = self._clock.host_s(first_s)
+        since_s = first_s - self._dated[0]
+        if goes_on and self._clock.settled and since_s < SETTLING_S:
+            carried_s = self._dated[1] + since_s * self._clock.pace
+            limit_s = min(STEP_MAX_S, SLEW * since_s)
+            host_s = min(max(host_s, carried_s - limit_s), carried_s + limit_s)
+        host_s = max(host_s, self._last_s + GAP * self._period_s)
+        self._dated = (first_s, host_s)
+        return host_s
 
 
 class Samples:
@@ -241,8 +272,8 @@ class SampleStream:
         self._samples = Samples(info, dtype)
         self._rate_hz = info.rate_hz or 0.0
         self._restarts = clock.restarts
-        # Without a counter: device time at which the next sample is due by all stamps, and by the last one alone.
-        self._grid_s = self._due_s = math.nan
+        # Without a counter: device time at which the next sample is due, by all stamps.
+        self._grid_s = math.nan
         self._kept: _Stamped | None = None
 
     def begin(self) -> None:
@@ -264,8 +295,7 @@ class SampleStream:
             self._grid_s, self._kept = math.nan, None
         now = _Stamped(values, self._clock.extended(shown_s, arrival_s)[0], shown_s, arrival_s)
         if counter is not None or not self._rate_hz:
-            placed = self._place(now, counter)
-            return self._bench.from_monotonic(placed.t0_s), placed.lost
+            return self._told(self._place(now, counter))
         told = None
         if (kept := self._kept) is not None:
             before, lasts = self._behind(kept), self._behind(now) - 1.0
@@ -287,26 +317,26 @@ class SampleStream:
         return 0.0 if math.isnan(self._grid_s) else (sample.first_s - self._grid_s) * self._rate_hz
 
     def _settle(self, sample: _Stamped, skipped: float) -> tuple[float, int | None]:
-        """Place a sample before which so many periods were skipped, stamped so that the track, which knows the last
-        stamp alone, finds as many; returns as `push`."""
+        """Place a sample before which so many periods were skipped; stamped later than that by more than half a period,
+        it counts as stamped when it was due. Returns as `push`."""
         missing = max(0, round(skipped))
-        rest = self._behind(sample) - missing
-        seen = elapsed = (sample.first_s - self._due_s) * self._rate_hz
-        if rest > 0.5:
-            seen, rest = float(missing), 0.0
-        elif not math.isnan(self._grid_s):
-            seen = min(max(elapsed, missing - 0.49) if missing else elapsed, missing + 0.49)
-        moved_s = 0.0 if seen == elapsed or math.isnan(elapsed) else (seen - elapsed) / self._rate_hz
-        placed = self._place(sample._replace(shown_s=sample.shown_s + moved_s))
-        self._due_s = placed.device_s + 1.0 / self._rate_hz
-        self._grid_s += (missing + 1.0 + FOLLOW * rest) / self._rate_hz
+        late = self._behind(sample) - missing
+        if late > 0.5:
+            sample, late = sample._replace(shown_s=sample.shown_s - late / self._rate_hz), 0.0
+        placed = self._place(sample, missing=missing)
+        self._grid_s += (missing + 1.0 + FOLLOW * late) / self._rate_hz
         if math.isnan(self._grid_s) or placed.lost == 0:
-            self._grid_s = self._due_s
-        return self._bench.from_monotonic(placed.t0_s), placed.lost
+            self._grid_s = placed.device_s + 1.0 / self._rate_hz
+        return self._told(placed)
 
-    def _place(self, sample: _Stamped, counter: int | None = None) -> Placed:
+    def _place(self, sample: _Stamped, counter: int | None = None, missing: int | None = None) -> Placed:
         joins = bool(self._samples) and self.info.rate_hz is not None  # else each has its own time
-        placed = self._track.place(sample.shown_s, sample.arrival_s, counter=counter, joins=joins)
+        placed = self._track.place(
+            sample.shown_s, sample.arrival_s, counter=counter, joins=joins, missing=missing
+        )
         self._restarts = self._clock.restarts
         self._samples.push(placed.seq, placed.t0_s, sample.arrival_s, sample.values, placed.device_s)
         return placed
+
+    def _told(self, placed: Placed) -> tuple[float, int | None]:
+        return self._bench.from_monotonic(placed.t0_s), placed.lost

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.core.clock_model import GAP, PATIENCE_S, SETTLING_S, WINDOW_S, DeviceClock, Timeline
+from drivers.core.clock_model import PATIENCE_S, SETTLING_S, WINDOW_S, DeviceClock
+from drivers.core.numbering import GAP, StreamTrack
 
 Floats = NDArray[np.float64]
 
@@ -47,13 +48,11 @@ def errors_s(model: DeviceClock, device_s: Floats, true_s: Floats) -> Floats:
 
 def dated(device_s: Floats, arrivals_s: Floats) -> Floats:
     """Host times of frames of ten samples, by the last of which the arrivals are: of each frame's first."""
-    model, timeline = DeviceClock(), Timeline(PERIOD_S)
-    times_s = []
-    for at, (shown_s, arrival_s) in enumerate(zip(device_s.tolist(), arrivals_s.tolist(), strict=True)):
-        model.observe(shown_s, arrival_s)
-        times_s.append(timeline.date(model, shown_s - 9 * PERIOD_S, goes_on=at > 0))
-        timeline.hold(times_s[-1] + 9 * PERIOD_S)
-    return np.array(times_s)
+    track = StreamTrack(DeviceClock(), 1.0 / PERIOD_S)
+    arrived = zip(device_s.tolist(), arrivals_s.tolist(), strict=True)
+    return np.array(
+        [track.place(shown_s - 9 * PERIOD_S, arrival_s, n=10).t0_s for shown_s, arrival_s in arrived]
+    )
 
 
 def test_the_simulated_delays_have_the_measured_quantiles() -> None:
