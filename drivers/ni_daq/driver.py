@@ -21,7 +21,7 @@ FULL: Final = 0.99
 
 
 class NiDaq(WireDriver[DaqLink]):
-    """Inputs and an output; implements `drivers.core.protocols.Device`. It moves nothing.
+    """Inputs and an output. It moves nothing.
 
     The device samples all inputs by its own clock, from `open` on; a thread fetches them. Samples are numbered by the
     device and dated by its clock (`clock_model`), never by their arrival. The device loses none: where they are not
@@ -97,6 +97,7 @@ class NiDaq(WireDriver[DaqLink]):
 
     def _carry_out(self, command: Command) -> None:
         assert self._link is not None
+        output = self._link.output
         match command:
             case Listen(streams=streams):
                 for stream in streams - self._listening:
@@ -111,10 +112,10 @@ class NiDaq(WireDriver[DaqLink]):
                     self._sent(command)
                 else:
                     self._refuse(command, "no samples of it yet; listen to it first")
-            case Tone() if self._link.least_v >= 0.0:
+            case Tone() if output is not None and output.least_v >= 0.0:
                 self._refuse(command, "its output has no negative voltage, and a sine needs it")
-            case Excite() | Tone():
-                self._link.drive(command)
+            case Excite() | Tone() if output is not None:
+                output.order(command)
 
     def zero_setting(self, stream: str) -> str:
         """See `OwnZero.zero_setting`."""
@@ -126,7 +127,7 @@ class NiDaq(WireDriver[DaqLink]):
         return {**found, **self._own_clock.account(self.name)}
 
     def _update(self, link: DaqLink) -> str | None:
-        for command, at_s in link.driven():
+        for command, at_s in link.output.done() if link.output is not None else ():
             self._sent(command, at_s)
         for block in link.receive():
             self._received_s = block.arrival_s

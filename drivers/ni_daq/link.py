@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from drivers.core.clock import Clock
 from drivers.core.errors import DeviceError, PortError, RefusedError, first_line, lacking
 from drivers.core.links import JOIN_TIMEOUT_S, drained
-from drivers.core.messages import Command
 from drivers.ni_daq.output import DaqOutput
 from drivers.ni_daq.settings import NiDaqSettings
 
@@ -193,9 +192,9 @@ class DaqLink:
         range_v: tuple[float, float],
         output: DaqOutput | None,
     ) -> None:
-        self.found, self.range_v = found, range_v
+        self.found, self.range_v, self.output = found, range_v, output
         self._fault: str | None = None
-        self._ending, self._reads, self._clock, self._output = ending, reads, clock, output
+        self._ending, self._reads, self._clock = ending, reads, clock
         self._samples = settings.block
         self._wait_s = READ_S + settings.block / settings.rate_hz
         self._arrived: deque[DaqBlock] = deque()
@@ -206,26 +205,12 @@ class DaqLink:
     @property
     def fault(self) -> str | None:
         """Why a task has ended, or None while all run."""
-        return self._fault or (self._output.fault if self._output else None)
-
-    @property
-    def least_v(self) -> float:
-        """Least voltage of its output; 0 of none."""
-        return self._output.least_v if self._output else 0.0
-
-    def drive(self, command: Command) -> None:
-        """Order something from the output, which the profile has."""
-        assert self._output is not None
-        self._output.order(command)
-
-    def driven(self) -> list[tuple[Command, float]]:
-        """See `DaqOutput.done`."""
-        return self._output.done() if self._output else []
+        return self._fault or (self.output.fault if self.output else None)
 
     def off(self) -> None:
         """0 V, soon."""
-        if self._output is not None:
-            self._output.order("off")
+        if self.output is not None:
+            self.output.order("off")
 
     def receive(self) -> list[DaqBlock]:
         """What has been read since the last call, in order."""

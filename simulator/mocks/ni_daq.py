@@ -10,7 +10,7 @@ from simulator.mocks.base import MemoryLine, OverMemory
 
 
 class DaqMemory(MemoryLine):
-    """What `drivers.ni_daq.link.DaqLink` is, to an emulated device in the process."""
+    """What `drivers.ni_daq.link.DaqLink` and its `DaqOutput` are, to an emulated device in the process."""
 
     found = ("simulated analog inputs", "")
 
@@ -21,13 +21,23 @@ class DaqMemory(MemoryLine):
         self.range_v = -device.range_v, device.range_v
         self._done: list[tuple[Command, float]] = []
 
-    def drive(self, command: Command) -> None:
-        """See `DaqLink.drive`."""
-        self._volts(command)
+    @property
+    def output(self) -> Any:
+        """See `DaqLink.output`."""
+        return self if self._settings.drive else None
+
+    def order(self, command: Command) -> None:
+        """See `DaqOutput.order`."""
+        drive, now_s = self._settings.drive, self._clock.now()
+        match command:
+            case Excite(on=on):
+                self._device.drive(drive.on_v if on else 0.0, now_s)
+            case Tone(level=level):
+                self._device.drive(drive.limit_v * level, now_s)
         self._done.append((command, self._clock.monotonic_s()))
 
-    def driven(self) -> list[tuple[Command, float]]:
-        """See `DaqLink.driven`."""
+    def done(self) -> list[tuple[Command, float]]:
+        """See `DaqOutput.done`."""
         done, self._done = self._done, []
         return done
 
@@ -49,14 +59,6 @@ class DaqMemory(MemoryLine):
             if not self.faults.active(t_s, "silent", "lose", "corrupt"):
                 blocks.append(DaqBlock(first, values, self._clock.monotonic_s() - (t_s - due_s)))
         return blocks
-
-    def _volts(self, command: Command) -> None:
-        drive = self._settings.drive
-        match command:
-            case Excite(on=on):
-                self._device.drive(drive.on_v if on else 0.0, self._clock.now())
-            case Tone(level=level):
-                self._device.drive(drive.limit_v * level, self._clock.now())
 
 
 class MockNiDaq(OverMemory, NiDaq):
