@@ -52,7 +52,7 @@ class LineSample(NamedTuple):
 
 
 class LineSensor(WireDriver[SerialLink]):
-    """A sensor that sends a line for each sample; with `read` it implements `drivers.core.protocols.Device`.
+    """A sensor that sends a line for each sample.
 
     A subclass names its stream, three orders, and reads its lines.
 
@@ -86,7 +86,7 @@ class LineSensor(WireDriver[SerialLink]):
 
     def _forget(self) -> None:
         self._lines = LineBuffer(LONGEST_LINE)
-        self._malformed = 0
+        self._malformed, self._wrong = 0, ""  # lines that made no sense, and why the latest made none
         self._streams: dict[str, SampleStream] = {}
         self._own_clock: DeviceClock = HostClock()
         self._listening = frozenset[str]()
@@ -168,6 +168,6 @@ class LineSensor(WireDriver[SerialLink]):
         """See `parse`; a line that makes no sense is counted."""
         try:
             return self.parse(line)
-        except ValueError:  # `CodecError` is one, and so is what `float` says of a garbled number
-            self._malformed += 1
+        except ValueError as error:  # `CodecError` is one, and so is what `float` says of a garbled number
+            self._malformed, self._wrong = self._malformed + 1, str(error)
             return None

@@ -4,6 +4,7 @@ Source: docs/reference/sensors.md, and the command set as the maker's public lib
 little-endian; a packet without a payload has no CRC.
 """
 
+import binascii
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -19,19 +20,8 @@ CRC_INIT: Final = 0xFFFF
 MAX_PAYLOAD_BYTES: Final = 2053
 """Longest payload that is read. Assumption: a frame of 1,024 texels."""
 
-
-def _table() -> tuple[int, ...]:
-    """Table of the polynomial 0x1021, most significant bit first."""
-    table = []
-    for byte in range(256):
-        crc = byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ (0x1021 if crc & 0x8000 else 0)) & 0xFFFF
-        table.append(crc)
-    return tuple(table)
-
-
-_TABLE: Final = _table()
+_TABLE: Final = [binascii.crc_hqx(bytes([byte]), 0) for byte in range(256)]
+"""Of the polynomial 0x1021, most significant bit first."""
 
 
 def checksum(data: bytes) -> bytes:

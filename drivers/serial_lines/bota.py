@@ -4,6 +4,7 @@ Status, six forces and torques, the sensor's time, its temperature, CRC-16/X-25:
 frames of the tests are those that its own library, bota-driver 1.1.16, read as the numbers beside them.
 """
 
+import binascii
 import math
 import struct
 from collections.abc import Iterable
@@ -26,25 +27,14 @@ NUMBERS = 9
 NO_VALUE = 0b1110
 """Bits of the status: beyond the range, invalid, raw. Bit 0, a late program in the sensor, leaves the values sound."""
 
-
-def _table() -> tuple[int, ...]:
-    def entry(value: int) -> int:
-        for _ in range(8):
-            value = (value >> 1) ^ (0x8408 if value & 1 else 0)
-        return value
-
-    return tuple(map(entry, range(256)))
-
-
-TABLE = _table()
+MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+"""Each byte with its bits in the opposite order."""
 
 
 def crc(body: bytes) -> bytes:
-    """CRC-16/X-25 (ISO/IEC 13239), least byte first."""
-    value = 0xFFFF
-    for byte in body:
-        value = (value >> 8) ^ TABLE[(value ^ byte) & 0xFF]
-    return struct.pack("<H", value ^ 0xFFFF)
+    """CRC-16/X-25 (ISO/IEC 13239), least byte first: that of `crc_hqx` with all bits in the opposite order."""
+    mirrored = binascii.crc_hqx(body.translate(MIRRORED), 0xFFFF) ^ 0xFFFF
+    return mirrored.to_bytes(2, "big").translate(MIRRORED)
 
 
 class BotaBuffer(LineBuffer):

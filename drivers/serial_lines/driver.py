@@ -28,7 +28,7 @@ APART_S = 1e-6
 
 
 class SerialLines(LineSensor):
-    """A board that prints lines; with `read` it implements `drivers.core.protocols.Device`.
+    """A board that prints lines.
 
     Nothing is sent to it. A port that is opened resets most boards: it is open once the board prints sound lines
     without a break, whatever its boot loader and its sketch print before that.
@@ -46,7 +46,8 @@ class SerialLines(LineSensor):
         self._seen += 1
         numbers = self._format.decode(line)
         if len(numbers) != (self._width or max(len(numbers), s.fields)):
-            raise CodecError(f"{line[:SHOWN]!r} has {len(numbers)} numbers")
+            wanted = self._width or f"{s.fields} or more"
+            raise CodecError(f"{line[:SHOWN]!r} has {len(numbers)} numbers, not {wanted}")
         return LineSample(numbers, *self._clocked(numbers))
 
     def _clocked(self, numbers: Sequence[float]) -> tuple[float, int | None]:
@@ -144,50 +145,16 @@ class SerialLines(LineSensor):
                 f"nothing came in {s.reply_timeout_s:g} s",
                 f"is it powered, is this its port, and does it print at {s.baud} baud?",
             )
-        if not self._seen:
-            return ProtocolError(
-                self.name,
-                doing,
-                f"{self._bytes} bytes came and no {self._format.ending}",
-                f"is {s.baud} the baud rate that it sends at?",
-            )
-        if sound:
-            return ProtocolError(
-                self.name,
-                doing,
-                f"sound lines came, but not without a break in {s.reply_timeout_s:g} s",
-                "does it print all the time? reply_timeout_s is how long to wait",
-            )
-        if wrong := self._no_clock():
-            return ProtocolError(
-                self.name,
-                doing,
-                f"{wrong}; the latest line is {self._latest[:SHOWN]!r}",
-                'correct time_column or counter_column; "none" where it prints none',
-            )
-        sort = (
-            f"{s.fields} numbers or more (12.5, not 12,5) with {s.separator!r} between"
-            + f", *{s.checksum}" * (s.checksum != "none")
-        )
+        found = f"no {self._format.ending}"
+        if self._seen:
+            found = self._wrong if self._wrong and not sound else "sound ones have a break"
         return ProtocolError(
             self.name,
             doing,
-            f"{self._seen} lines came, but none of {sort}; the latest is {self._latest[:SHOWN]!r}",
-            "compare baud, separator, checksum and columns with its sketch",
+            f"{self._bytes} bytes and {self._seen} lines came: {found}",
+            f"compare baud ({s.baud}) and, of lines, separator ({s.separator!r}; 12.5, not 12,5), columns and checksum"
+            f" ({s.checksum}) with what it sends; one that sends seldom needs a greater reply_timeout_s",
         )
-
-    def _no_clock(self) -> str:
-        """What is wrong with the column of its time or counter, in a line that has all its numbers; "" of another."""
-        try:
-            numbers = self._format.decode(self._latest)
-        except CodecError:
-            return ""
-        try:
-            if len(numbers) >= self._settings.fields:
-                self._clocked(numbers)
-        except CodecError as error:
-            return str(error)
-        return ""
 
     def _check_rate(self, sound: list[tuple[float, LineSample]]) -> float | None:
         """The rate that its first lines have, Hz; None of too few lines. Raises `ProtocolError`: not the profile's."""
