@@ -396,7 +396,7 @@ class Certifier:
         self._settings, self._consent, self._stopped = settings, consent, stopped
         self.abandoned = abandoned
         self._seams = {name: Seam(device, made.rig.clock) for name, device in made.rig.devices.items()}
-        made.rig = replace(made.rig, devices=self._seams, ahead=None)
+        made.rig = replace(made.rig, devices=dict[str, Any](self._seams), ahead=None)
         fresh = made.make_signals
         made.make_signals = lambda: [SignalSeam(signal, self._wrong) for signal in fresh()]
         self._limits, self._guarded = made.limits, sorted(Guard(made.limits).inputs)

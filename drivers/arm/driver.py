@@ -14,10 +14,7 @@ from drivers.arm.stream import Streams
 from drivers.core.clock import Clock
 from drivers.core.errors import RefusedError, SilentError, lacking
 from drivers.core.messages import Command, DeviceInfo, Stalled, Standstill, Status, Stop
-from drivers.core.wire import NOT_OPEN, Driver
-
-OPEN_TURN_S = 0.005
-"""Pause between two looks at the arm's process while opening (assumption)."""
+from drivers.core.wire import NOT_OPEN, TURN_S, Driver
 
 SILENCE_S = 0.3
 """How long an opened process may be silent, beyond its own time-out: rows come every 2 ms (assumption)."""
@@ -27,7 +24,7 @@ RETRY_S = 0.5
 
 
 class ArmDriver(Driver):
-    """An arm on an approach axis; implements `drivers.core.protocols.Device`.
+    """An arm on an approach axis.
 
     A client library can block for ever, and can crash: it lives in a process of its own, which moves the arm,
     keeps it inside its bounds, and is killed and replaced when it hangs. The link is judged by the progress of the
@@ -142,7 +139,7 @@ class ArmDriver(Driver):
                 raise SilentError(
                     self.name, "opening", exit_reason, "is anything else wrong with this installation?"
                 )
-            self._clock.rest(OPEN_TURN_S)
+            self._clock.rest(TURN_S)
         raise SilentError(
             self.name,
             "opening",

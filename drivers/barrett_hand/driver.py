@@ -30,7 +30,7 @@ class BarrettHandSettings(CanPort, FingerStrainSettings):
 
 
 class BarrettHand(WireDriver[CanLink]):
-    """The torques of a hand's fingers; implements `drivers.core.protocols.Device`. It moves nothing.
+    """The torques of a hand's fingers. It moves nothing.
 
     The link's thread polls periodically, all fingers with one query, or a single finger where only one is subscribed.
     Sample k is dated at the start of its cycle, k / `poll_hz`; it was polled then or up to half a period later.

@@ -70,7 +70,7 @@ class CanGripperSettings(CanPort, units.CanGripperLimits):
 
 
 class CanGripper(WireDriver[CanLink]):
-    """A gripper whose jaws open and close; implements `drivers.core.protocols.Device`.
+    """A gripper whose jaws open and close.
 
     `Home` clears faults and calibrates where that has not been done since power-up: the jaws open and close
     fully, so they must be empty. `Grip` is one frame, written before `apply` returns: a grip that tightens

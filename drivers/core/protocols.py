@@ -1,48 +1,11 @@
-"""The one interface that every device has, mock, emulated or real."""
+"""What every device is, and what some are besides."""
 
-from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
-from drivers.core.messages import Command, DeviceInfo, SampleBlock, Status
+from drivers.core.wire import Driver
 
-
-class Device(Protocol):
-    """A device on the bench.
-
-    Nothing here waits but `open` and `close`. A driver may own one reader thread, which fills a queue and
-    does nothing else. The loop calls `read` and `poll` at every turn.
-    """
-
-    name: str
-
-    def open(self) -> DeviceInfo:
-        """Connect, identify, set the device's own limits, move nothing.
-
-        Raises:
-            PortError, SilentError, ProtocolError: one line each, with what to do.
-        """
-
-    def close(self) -> None:
-        """Stop what moves, close the port. Never raises; may be called twice."""
-
-    def apply(self, command: Command) -> Command:
-        """Queue a command, within a millisecond; its outcome comes from `poll`, under the command's id.
-
-        Returns:
-            The command as it will be sent: too great a speed is clamped.
-
-        Raises:
-            CommandError: not for this device, not finite or out of range. Nothing was sent.
-        """
-
-    def read(self) -> Sequence[SampleBlock]:
-        """Blocks that have arrived since the last call, in order for each stream."""
-
-    def poll(self) -> Sequence[Status]:
-        """Statuses since the last call, in order."""
-
-    def account(self) -> Mapping[str, object]:
-        """How the link did so far (frames, losses, drift), for the manifest; empty where there is nothing to report."""
+Device = Driver
+"""Mock, emulated or real."""
 
 
 @runtime_checkable

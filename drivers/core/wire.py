@@ -76,7 +76,12 @@ LinkT = TypeVar("LinkT", bound=Link)
 
 
 class Driver:
-    """A device's name, its clock, and the blocks and statuses that the loop has not taken yet."""
+    """A device on the bench, mock, emulated or real: its name, its clock, and the blocks and statuses that the loop has
+    not taken yet.
+
+    Nothing here waits but `open` and `close`. A driver may own one reader thread, which fills a queue and
+    does nothing else. The loop calls `read` and `poll` at every turn.
+    """
 
     def __init__(self, name: str, clock: Clock) -> None:
         self.name = name
@@ -84,6 +89,18 @@ class Driver:
         self._failure: str | None = NOT_OPEN  # why it takes no commands
         self._blocks: list[SampleBlock] = []
         self._statuses: list[Status] = []
+
+    def open(self) -> DeviceInfo:
+        """Connect, identify, set the device's own limits, move nothing.
+
+        Raises:
+            PortError, SilentError, ProtocolError, RefusedError: one line each, with what to do.
+        """
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Stop what moves, close the port. Never raises; may be called twice."""
+        raise NotImplementedError
 
     def read(self) -> Sequence[SampleBlock]:
         """Blocks that have arrived since the last call, in order for each stream."""
@@ -98,11 +115,13 @@ class Driver:
         return statuses
 
     def account(self) -> Mapping[str, object]:
-        """See `Device.account`."""
+        """How the link did so far (frames, losses, drift), for the manifest; empty where there is nothing to report."""
         return {}
 
     def apply(self, command: Command) -> Command:
-        """Queue a command; its outcome comes from `poll`. Returns it as it will be sent: too great a speed is clamped.
+        """Queue a command, within a millisecond; its outcome comes from `poll`, under the command's id.
+
+        Returns it as it will be sent: too great a speed is clamped.
 
         A device that has failed is told nothing any more, but what ends a motion or takes energy away: a `Stop`, and
         `Excite` off, as long as its line stands.
@@ -174,7 +193,7 @@ def _calms(command: Command) -> bool:
 
 
 class WireDriver(Driver, Generic[LinkT]):
-    """A driver over a link; with `_valid` and `_carry_out` it implements `drivers.core.protocols.Device`.
+    """A driver over a link; a device's own adds `_identify`, `_valid`, `_carry_out` and `_update`.
 
     Args:
         settings: Of the device, and where it is: `XSettings` beside `X`.

@@ -45,7 +45,7 @@ T = TypeVar("T", bound=codec.Answer)
 
 
 class DsaMatrix(WireDriver[SerialLink]):
-    """The texels of tactile matrices; implements `drivers.core.protocols.Device`. It moves nothing.
+    """The texels of tactile matrices. It moves nothing.
 
     The controller reports its matrices and their cells. The stream `<name>.taxels` has one channel for each cell,
     `m<matrix>.r<row>.c<column>`, raw counts of about a millivolt; frames are dated by the controller's own clock

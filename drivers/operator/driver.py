@@ -75,7 +75,7 @@ def open_person(name: str, settings: PersonSettings, clock: Clock) -> SerialLink
 
 
 class Person(WireDriver[SerialLink | ConsolePerson]):
-    """Puts requests to a person; implements `drivers.core.protocols.Device` and `Asking`.
+    """Puts requests to a person; implements `drivers.core.protocols.Asking`.
 
     It answers when the person does; the behavior decides how long that may take. A newer request replaces one that is
     not answered yet. On the console the program itself reads the keyboard (`question`, `answer`), for there is only

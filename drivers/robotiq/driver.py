@@ -47,7 +47,7 @@ class _Asked(NamedTuple):
 
 
 class Robotiq(WireDriver[SerialLink]):
-    """A gripper whose jaws open and close; implements `drivers.core.protocols.Device`.
+    """A gripper whose jaws open and close.
 
     `Home` activates it where that has not been done since power-up, or a fault is to be cleared: the jaws open and
     close fully, so they must be empty. `Grip` is one line, written before `apply` returns. `Stop` stops the motor where

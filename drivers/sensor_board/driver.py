@@ -72,7 +72,7 @@ class SensorBoardSettings(SerialPort, BoardLimits):
 
 
 class SensorBoard(WireDriver[SerialLink]):
-    """A board of sensor streams; implements `drivers.core.protocols.Device`.
+    """A board of sensor streams.
 
     The board reports its streams. Blocks carry raw counts with their scale; their times come from the board's clock
     through the lower envelope of arrivals (`clock_model`), never from an arrival. Loss is found by the board's own

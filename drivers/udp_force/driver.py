@@ -128,7 +128,7 @@ def open_udp(device: str, where: UdpForceSettings, clock: Clock) -> UdpLink:
 
 
 class UdpForce(WireDriver[UdpLink]):
-    """A Net F/T box; with `read` it implements `drivers.core.protocols.Device`. It moves nothing.
+    """A Net F/T box. It moves nothing.
 
     Streams: `<name>.force` (x, y, z in N), `<name>.torque` (x, y, z in N m), `<name>.normal` (N).
     """

@@ -22,7 +22,7 @@ from drivers.core.messages import (
     StreamInfo,
 )
 from drivers.core.numbering import Samples
-from drivers.core.wire import OPENING_S, WireDriver
+from drivers.core.wire import OPENING_S, TURN_S, WireDriver
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.dialogue import StageDialogue, StageQuestion
 from drivers.zaber_stage.mounting import Mounting, ZaberStageSettings
@@ -30,12 +30,9 @@ from drivers.zaber_stage.procedures import SETS_OUT, Moving, Procedures, Rejecte
 
 T = TypeVar("T")
 
-OPEN_TURN_S = 0.0005
-"""Pause between two looks at the port while opening (assumption: a tenth of an exchange at 115,200 baud)."""
-
 
 class ZaberStage(WireDriver[SerialLink]):
-    """A stage on its approach axis; implements `drivers.core.protocols.Device`.
+    """A stage on its approach axis.
 
     A motion is a chain of absolute moves: the first goes as far as the command's `blind_travel_m`, the next ones are
     sent while the stage moves, each as far beyond its last known position, so that it never slows down before the end.
@@ -322,7 +319,7 @@ class ZaberStage(WireDriver[SerialLink]):
                 for answered in dialogue.turn():
                     if answered is question:
                         question = dialogue.ask(procedure.send(answered.reply))
-                self._clock.rest(OPEN_TURN_S)
+                self._clock.rest(TURN_S)
         except StopIteration as end:
             result: T = end.value
             return result

@@ -334,7 +334,7 @@ class FaultySamples:
             super().restart()  # type: ignore[misc]
 
     def apply(self, command: Command) -> Command:
-        """See `Device.apply`."""
+        """See `Driver.apply`."""
         t_s = self._clock.now()  # type: ignore[attr-defined]
         for what in ("write", type(command).__name__):
             self.shown_faults.count(what, [t_s])
@@ -342,7 +342,7 @@ class FaultySamples:
         return applied
 
     def read(self) -> Sequence[SampleBlock]:
-        """See `Device.read`."""
+        """See `Driver.read`."""
         blocks = []
         for block in super().read():  # type: ignore[misc]
             if len(block):
@@ -352,7 +352,7 @@ class FaultySamples:
         return self._later(blocks, SampleBlock)
 
     def poll(self) -> Sequence[Status]:
-        """See `Device.poll`."""
+        """See `Driver.poll`."""
         return self._later(super().poll(), Status)  # type: ignore[misc]
 
     def _later(self, come: Sequence[Any], what: Any) -> Sequence[Any]:
