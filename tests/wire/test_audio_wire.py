@@ -95,7 +95,9 @@ def test_a_refused_drive_is_reported(server: Server, bench: AudioTrial) -> None:
 
 
 def test_a_second_host_is_hung_up_on(server: Server, bench: AudioTrial) -> None:
-    with pytest.raises(ProtocolError, match=r"socket disconnected\) while connecting to .*no other host connected"):
+    with pytest.raises(
+        ProtocolError, match=r"socket disconnected\) while connecting to .*no other host connected"
+    ):
         Audio("audio", AudioSettings(port=server.port), server.clock).open()
     bench.listen(FINGERS)
     bench.record(4800)

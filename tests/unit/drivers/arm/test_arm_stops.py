@@ -28,6 +28,7 @@ START = (0.4, 0.1, 0.3, 0.0, 3.0, 0.0)
 REST = (0.0,) * 6
 AT = MoveAt("arm", 0.02, 0.04, id=3)
 TO = MoveTo("arm", 0.03, 0.01, id=3)
+LEAD = Lead("arm", id=3)
 STOP = Stop("arm", id=9)
 ESTOP = "the emergency stop is pressed"
 
@@ -108,7 +109,7 @@ def brought(state):
     arm = Arm()
     if state is not MotionState.STANDING:
         travels = state in (MotionState.TRAVELLING, MotionState.STOPPING)
-        arm.order(TO if travels else AT)
+        arm.order(TO if travels else LEAD if state is MotionState.LED else AT)
         arm.moves()
         arm.step(0.01)
     if state in (MotionState.BRAKING, MotionState.STOPPING):
@@ -133,6 +134,7 @@ BRAKE, END_MOVE, FEED = ("speed", REST, 3.0), ("end_move", 3.0), ("feed_watchdog
         (MotionState.BRAKING, [BRAKE], [BRAKE], [("end_speed",)]),
         (MotionState.TRAVELLING, [END_MOVE], [FEED], [FEED]),
         (MotionState.STOPPING, [], [FEED], [FEED]),
+        (MotionState.LED, [("lead", False)], [FEED], [FEED]),
     ],
 )
 def test_a_stop_in_every_state_is_sent_kept_up_and_ends_in_a_standstill(
@@ -194,9 +196,11 @@ def test_an_arm_that_does_not_stop_in_time_is_stopped_from_outside(state, kept, 
     assert arm.step(0.002) == ([*last, ("halt",)], [])
 
 
-@pytest.mark.parametrize("state", [MotionState.BRAKING, MotionState.STOPPING])
+@pytest.mark.parametrize("state", [MotionState.BRAKING, MotionState.STOPPING, MotionState.LED])
 def test_a_motion_that_waits_begins_when_the_last_has_come_to_rest(state):
     arm = brought(state)
+    if state is MotionState.LED:
+        assert arm.order(MoveTo("arm", 0.0, 0.01, id=4)) == ([("lead", False)], [])
     arm.stands()
     calls, statuses = arm.step(0.03)
     assert calls[-1][0] == "move" and calls[-1][2:] == (0.01, 0.5)
@@ -276,7 +280,7 @@ def test_a_move_that_has_not_begun_after_50_ms_and_stands_elsewhere_is_a_stall()
 
 
 @pytest.mark.parametrize(
-    ("command", "kept"), [(AT, [BRAKE]), (TO, [END_MOVE, FEED]), (Lead("arm", id=3), [("lead", False), FEED])]
+    ("command", "kept"), [(AT, [BRAKE]), (TO, [END_MOVE, FEED]), (LEAD, [("lead", False), FEED])]
 )
 def test_an_arm_unsupervised_for_half_a_second_stops(command, kept):
     arm = Arm()
@@ -309,6 +313,7 @@ BEGINNINGS = [
     (MovePose("arm", (0.02, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01, id=3), ("move", beside(0.02), 0.01, 0.5)),
     (Home("arm", id=3), ("move", START, 0.02, 0.5)),
     (Tare("arm", "arm.force", id=3), ("tare",)),
+    (LEAD, ("lead", True)),
 ]
 
 
@@ -327,7 +332,10 @@ def test_a_command_that_the_controller_does_not_take_is_refused(command, call):
     arm.client.takes = False
     calls, statuses = arm.order(command)
     assert [called[0] for called in calls] == [call[0]] * (2 if call[0] == "speed" else 1)
-    assert statuses == [Refused(arm.now_s, "arm", command, "the controller does not take it")]
+    reason = (
+        "a program cannot let it be led by hand" if command is LEAD else "the controller does not take it"
+    )
+    assert statuses == [Refused(arm.now_s, "arm", command, reason)]
 
 
 @pytest.mark.parametrize(

@@ -116,32 +116,6 @@ def test_the_position_is_the_way_along_the_axis(streams: Streams) -> None:
     assert block.unit == "m"
 
 
-def test_late_rows_do_not_make_late_samples(streams: Streams) -> None:
-    streams.take([row(cycle) for cycle in range(1, 10)])
-    streams.blocks()
-    streams.take([row(cycle, late_s=0.05) for cycle in range(10, 13)])
-    (block,) = streams.blocks()
-    assert block.t0_s == pytest.approx(0.020, abs=1e-4)
-
-
-def test_a_quick_row_never_turns_the_time_of_samples_back(streams: Streams) -> None:
-    streams.take([row(1, late_s=0.03), row(2, late_s=0.03)])
-    (slow,) = streams.blocks()
-    streams.take([row(3), row(4)])
-    (quick,) = streams.blocks()
-    assert quick.times[0] >= slow.times[-1]
-
-
-def test_a_controller_s_clock_that_drifts_is_followed(streams: Streams) -> None:
-    for cycle in range(20_000):
-        # 100 ppm slow, and every arrival 0.2 ms late but for one in ten.
-        late_s = cycle * 0.002 * 100e-6 + (0.0 if cycle % 10 == 0 else 2e-4)
-        streams.take([row(cycle, late_s)])
-        if cycle % 5 == 4:
-            (block,) = streams.blocks()
-    assert block.t0_s == pytest.approx(19_995 * 0.002 * (1 + 100e-6), abs=1e-5)
-
-
 @pytest.mark.parametrize("rate_hz", [500.0, 250.0, 125.0])
 def test_at_any_rate_what_follows_on_is_whole_and_what_was_skipped_is_counted(rate_hz: float) -> None:
     streams = listening(SETTINGS.model_copy(update={"rate_hz": rate_hz}))
