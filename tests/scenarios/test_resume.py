@@ -205,17 +205,17 @@ def test_a_manifest_that_lacks_what_it_has_today_is_refused_by_name(verb, whole,
     check_refusal(err, "'commit'", "another version", "run it anew")
 
 
-def test_a_recording_of_before_the_first_release_is_refused_by_name(verb, whole, tmp_path):
+def test_a_recording_that_lacks_what_it_has_today_is_damaged_and_refused_by_name(verb, whole, tmp_path):
     run = Path(shutil.copytree(whole, tmp_path / "run"))
     recording = run / "recording.mcap"
     recording.write_bytes(recording.read_bytes().replace(b"base_ns", b"else_ns"))
     code, _, err = verb("replay", run, "--detector", "resonance")
     assert code == 2
-    check_refusal(err, str(recording), "before the first release", "the commit of its manifest")
+    check_refusal(err, str(recording), "damaged", "base_ns")
     code, out, err = verb("export", run, "--to", "csv")
     assert code == 0
     assert out.splitlines() == [str(run / "csv" / "trials.csv")]
-    check_refusal(err, str(recording), "before the first release")
+    check_refusal(err, str(recording), "damaged")
 
 
 def test_a_run_that_goes_on_elsewhere_is_left_alone(verb, whole, tmp_path):
