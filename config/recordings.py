@@ -19,7 +19,6 @@ from controller.recording.tables import ReplayError
 from controller.registry import KINDS
 from controller.replay import (
     between,
-    check_encoder,
     enveloped,
     own_detectors,
     read_inputs,
@@ -90,7 +89,6 @@ def load(
     notes: list[str] = []
     blocks = read_inputs(recording, made.inputs, columns=columns, rate_hz=rate_hz, trial=trial, notes=notes)
     path = recording.folder.path if isinstance(recording, Run) else recording
-    check_encoder(path, made, blocks)
     envelope = envelope_of(made)
     if envelope is not None:
         blocks = enveloped(blocks, envelope, _chain_settings(made, chain))

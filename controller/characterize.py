@@ -13,6 +13,7 @@ from behaviors.events import Onset
 from controller.detectors.calibration import Statistic, calibrate_pieces, courses_of
 from controller.detectors.onset import OnsetDetector, OnsetSettings
 from controller.recording.run_folder import plain
+from controller.recording.series import joined
 from controller.replay import ALIKE, at_rail, between
 from controller.reports.counts import median_within, wilson
 from controller.reports.figures import FALSE, GOOD, OURS, RIVAL, Figures
@@ -106,7 +107,7 @@ class _Sensor:
                 "no quiet in it: name seconds in which nothing happens with --quiet T0:T1; its times go from"
                 f" {first.times[0]:.6g} to {last.times[-1]:.6g} s"
             )
-        self.rest = [_values(part) for part in self.quiet]
+        self.rest = [joined(part).values[:, 0] for part in self.quiet]
         self.finite = [part[np.isfinite(part)] for part in self.rest]
         self.longest = max(self.finite, key=len)
         self.touches = [onsets(each.reference) if each.reference else truth.touches for each in recordings]
@@ -181,14 +182,6 @@ def certificate(
         "rows": rows,
         "cannot_say": gaps + list(_unsaid(rows, sensor)),
     }
-
-
-def _values(blocks: Sequence[SampleBlock]) -> Floats:
-    return np.concatenate([block.physical[:, 0] for block in blocks])
-
-
-def _times(blocks: Sequence[SampleBlock]) -> Floats:
-    return np.concatenate([block.times for block in blocks])
 
 
 # --- at rest -------------------------------------------------------------------------------------
@@ -339,7 +332,8 @@ def _whose(sensor: _Sensor) -> str:
 
 def onsets(blocks: Sequence[SampleBlock]) -> Sequence[float]:
     """When a channel leaves its rest, s: each first sample beyond `REFERENCE_SIGMA`, `APART_S` after the last one."""
-    x, t_s = _values(blocks), _times(blocks)
+    series = joined(blocks)
+    x, t_s = series.values[:, 0], series.times_s
     rest = x[t_s < t_s[0] + REST_S]
     middle = float(np.median(rest))
     sigma = max(1.4826 * float(np.median(np.abs(rest - middle))), float(rest.std()), 1e-12)
@@ -395,7 +389,7 @@ def _spectrum_of_touches(sensor: _Sensor) -> Iterator[Row]:
     quiet = [power(rest[k : k + size]) for k in range(0, len(rest) - size, size)]
     seen = []
     for each, t_s in sensor.touched:
-        part = _values(between(each.blocks, t_s, t_s + 0.1) or each.blocks[:1])
+        part = joined(between(each.blocks, t_s, t_s + 0.1)).values[:, 0]
         if len(part) == size:
             seen.append(power(part))
     if len(seen) < 3:
@@ -525,7 +519,7 @@ def _unsaid(rows: Sequence[Row], sensor: _Sensor) -> Iterator[str]:
         yield "which part is quiet: all of it was taken for quiet, touches as well; name it with --quiet T0:T1"
     if heard:
         given = " ".join(f"--touch {t_s:.6g}" for t_s in heard[:MOST_PASTED])
-        begin_s = _times(recordings[0].blocks[:1])[0]
+        begin_s = recordings[0].blocks[0].times[0]
         yield (
             f"what onset hears in {recordings[0].name}: {len(heard)} knocks, releases too; paste what is a touch:"
             f" --quiet {begin_s:.4g}:{heard[0] - MARGIN_S:.4g} {given}"

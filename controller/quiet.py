@@ -11,6 +11,7 @@ from controller.by_hand import HandResult, HandSession, Script, scripted, unwatc
 from controller.detectors.calibration import Calibration, Statistic, calibrate_pieces, poisson_interval
 from controller.detectors.protocol import Detector
 from controller.guard import RELIEF, GuardSettings
+from controller.recording.series import joined
 from controller.replay import replay
 from drivers.core.errors import PROGRAM
 from drivers.core.messages import Command, Excite, SampleBlock, Saturated
@@ -125,9 +126,8 @@ def unrest(blocks: Sequence[SampleBlock], events: Sequence[Event], limits: Guard
     parts = [limits, *limits.movers.values()]
     places = {stream for each in parts for stream in (each.position_stream, each.pose_stream)}
     for stream in dict.fromkeys(block.stream for block in blocks):
-        own = [block for block in blocks if block.stream == stream and len(block)]
-        values = np.concatenate([each.physical for each in own])
-        times_s = np.concatenate([each.times for each in own])
+        series = joined([block for block in blocks if block.stream == stream])
+        values, times_s = series.values, series.times_s
         if stream in places:
             way_m = float(np.ptp(values[:, :3], axis=0).max())
             if way_m > MOVED_M:

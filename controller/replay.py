@@ -4,7 +4,6 @@ import math
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,10 +20,10 @@ from controller.detectors.calibration import (
     spans_of,
 )
 from controller.detectors.contract import part, trace
-from controller.detectors.protocol import Detector, envelope_of, quantity_of, readings_of
+from controller.detectors.protocol import Detector, quantity_of, readings_of
 from controller.recording.reader import Run, open_run
 from controller.recording.run_folder import plain
-from controller.recording.series import TrialRecording
+from controller.recording.series import TrialRecording, joined
 from controller.recording.tables import STEPS, Chosen, ReplayError, read_columns
 from controller.signals.iq import CARRIER_FROM_HZ, Iq, IqSettings
 from drivers.core.messages import Floats, SampleBlock, Saturated
@@ -228,17 +227,22 @@ def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) 
     """The same blocks, with a finger's sound made an envelope, as the chain of the bench does.
 
     Args:
-        stream: The one that holds the envelope. At 4 kHz and more it is sound, with frame 0 at the drive's
-            phase zero; below, an envelope already.
+        stream: The one that holds the envelope; any other is a mover's position. At 4 kHz and more it is sound, with
+            frame 0 at the drive's phase zero; below, an envelope already.
         settings: Of the chain; its channel is the first of what was read.
 
     Raises:
-        ReplayError: neither sound of one finger nor an envelope, or sound that does not hold the drive.
+        ReplayError: neither sound of one finger nor an envelope, or sound that does not hold the drive; a position in
+            another unit than metres.
     """
     chain = Iq(stream.removeprefix("signals."), settings)
     made: list[SampleBlock] = []
     for block in blocks:
         if block.stream != stream:
+            if block.unit not in ("m", ""):
+                raise ReplayError(
+                    f"{block.stream}: {block.unit} is no position; choose one in m (mm, cm and um are converted)"
+                )
             made.append(block)
             continue
         if block.unit not in ENVELOPES:
@@ -266,19 +270,6 @@ def enveloped(blocks: Sequence[SampleBlock], stream: str, settings: IqSettings) 
     if blocks and not any(block.stream == stream for block in made):
         raise ReplayError(f"{stream}: the sound is too short for an envelope; it takes some milliseconds")
     return sorted(made, key=lambda block: block.last_s)
-
-
-def check_encoder(path: Path, detector: Detector, blocks: Sequence[SampleBlock]) -> None:
-    """Refuse a mover's position beside an envelope that is in another unit than metres.
-
-    Raises:
-        ReplayError: it is; a file's column need not name one.
-    """
-    for block in blocks if envelope_of(detector) is not None else ():
-        if block.stream in detector.inputs[1:] and block.unit not in ("m", ""):
-            raise ReplayError(
-                f"{path}: {block.stream}: {block.unit} is no position; choose one in m (mm, cm and um are converted)"
-            )
 
 
 def own_detectors(manifest: Mapping[str, Any], recording: TrialRecording) -> Mapping[str, Mapping[str, Any]]:
@@ -437,14 +428,13 @@ def at_rail(blocks: Sequence[SampleBlock]) -> str:
     """
     if blocks[0].unit == "m":
         return ""
-    channels = np.concatenate([block.physical for block in blocks]).T
-    live = [x for x in channels if len(np.unique(x[:RAIL_LOOK])) > RAIL_LEVELS]
+    series = joined(blocks)
+    live = [x for x in series.values.T if len(np.unique(x[:RAIL_LOOK])) > RAIL_LEVELS]
     for x, end in ((each, float(end)) for each in live for end in (each.max(), each.min())):
         edges = np.flatnonzero(np.diff((x == end).astype(np.int8), prepend=0, append=0))
         begins, lengths = edges[::2], edges[1::2] - edges[::2]
         if (lengths >= RAIL).any():
-            times_s = np.concatenate([block.times for block in blocks])
-            first_s = float(times_s[begins[lengths >= RAIL][0]])
+            first_s = float(series.times_s[begins[lengths >= RAIL][0]])
             many = int(lengths[lengths >= RAIL].sum())
             return (
                 f"; the converter is at its rail ({end:.6g}) in {many} samples, the first at {first_s:.6g} s"
@@ -454,13 +444,12 @@ def at_rail(blocks: Sequence[SampleBlock]) -> str:
 
 def _summary(blocks: Sequence[SampleBlock]) -> str:
     """Samples, rate, duration, gaps and unit of a stream."""
-    count = sum(len(block) for block in blocks)
-    span_s = blocks[-1].last_s - float(blocks[0].times[0])
-    rate_hz, unit = blocks[0].rate_hz, blocks[0].unit or "no unit"
-    missing = [b.seq - a.seq - len(a) for a, b in pairwise(blocks) if b.seq > a.seq + len(a)]
+    series = joined(blocks)
+    span_s = float(series.times_s[-1] - series.times_s[0])
+    rate_hz, missing = blocks[0].rate_hz, [gap.samples for gap in series.gaps]
     rate = "irregular" if rate_hz is None else f"{rate_hz:.6g} Hz"
     gaps = f"{len(missing)} gaps ({sum(missing)} samples)" if missing else "no gaps"
-    return f"{count} samples, {rate}, {span_s:.6g} s, {gaps}, {unit}"
+    return f"{len(series)} samples, {rate}, {span_s:.6g} s, {gaps}, {series.unit or 'no unit'}"
 
 
 def _from_run(run: Run, stream: str, trial: int | None, column: str | None) -> Sequence[SampleBlock]:

@@ -164,15 +164,17 @@ class TrialRecording:
         blocks, skipped = self._blocks.get(name, ()), self._skipped.get(name, ())
         known = (name, len(blocks), len(skipped))
         if self._joined is None or self._joined[0] != known:
-            self._joined = known, _joined(name, [block for block in blocks if len(block)], tuple(skipped))
+            self._joined = known, joined(blocks, tuple(skipped), name)
         return self._joined[1]
 
 
-def _joined(name: str, blocks: Sequence[SampleBlock], skipped: tuple[Span, ...]) -> Series:
+def joined(blocks: Sequence[SampleBlock], skipped: tuple[Span, ...] = (), name: str = "") -> Series:
+    """Blocks of one stream as arrays, with a gap where the sequence jumps and no skipped span explains it."""
+    blocks = [block for block in blocks if len(block)]
     if not blocks:
         return Series(np.empty(0), np.empty((0, 1)), skipped=skipped, name=name)
     times = [block.times for block in blocks]
-    gaps = []  # jumps of the sequence that no skipped span explains
+    gaps = []
     for (before, last), (after, first) in pairwise(zip(blocks, times, strict=True)):
         missing, t0_s, t1_s = after.seq - before.seq - len(before), float(last[-1]), float(first[0])
         if missing > 0 and not any(span.t0_s < t1_s and span.t1_s > t0_s for span in skipped):

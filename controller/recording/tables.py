@@ -307,20 +307,9 @@ def _calendar_dates(clock: str, times: NDArray[Any]) -> Floats:
 # --- text ----------------------------------------------------------------------------------------
 
 
-class Laid(NamedTuple):
-    """A table of a text file.
-
-    Attributes:
-        names: Of its columns.
-        units: Below them.
-        rows: Of numbers, as text.
-        separator: Between two fields; "" for spaces.
-    """
-
-    names: list[str]
-    units: list[str]
-    rows: Sequence[str]
-    separator: str
+Laid = tuple[list[str], list[str], Sequence[str], str]
+"""Of a table in text: names of its columns, units below them, rows of numbers, what stands between two fields ("" for
+spaces)."""
 
 
 def _read_text(path: Path, column: str | None) -> Table:
@@ -394,7 +383,7 @@ def _laid(rows: Sequence[str], lines: Sequence[str]) -> Laid:
         names.pop()
     if body and separator and len(_fields(body[0], separator)) == len(names) + 1:
         body = [row.rstrip().removesuffix(separator) for row in body]  # a separator after each last field
-    return Laid(names, [unit.strip("()[] -") for unit in _split(units)], body, separator)
+    return names, [unit.strip("()[] -") for unit in _split(units)], body, separator
 
 
 def _begins(rows: Sequence[str]) -> tuple[str, str, int]:
@@ -448,7 +437,7 @@ def _labview(rows: Sequence[str], marks: Sequence[int]) -> Laid:
         raise ReplayError(f"{len(marks)} segments with {what}; save each as a file of its own")
     fields = slice(1 if timeless and cells else 0, len(cells[0]) if cells else None)  # "Comment" has no cells
     body = ["\t".join(row[fields]) for row in cells]
-    return Laid(names.pop().split("\t")[fields], [], body, "\t")
+    return names.pop().split("\t")[fields], [], body, "\t"
 
 
 def _separator(row: str) -> str:

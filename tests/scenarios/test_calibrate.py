@@ -124,7 +124,7 @@ def test_a_position_in_millimetres_gives_the_threshold_of_metres_and_what_is_non
         options = asked if name == "calibrate" else asked[:2]
         code, out, err = verb(name, *way, "--column", "x_rad", *options)
         assert (code, out) == (2, "")
-        check_refusal(err, "way.npz: arm.position: rad is no position", "in m")
+        check_refusal(err, "arm.position: rad is no position", "in m")
 
 
 def test_a_background_that_is_given_is_not_proposed(verb, way):
