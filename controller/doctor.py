@@ -4,7 +4,6 @@ import os
 import resource
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import chain
 from typing import Literal, NamedTuple
 
@@ -22,6 +21,7 @@ from drivers.core.errors import DeviceError
 from drivers.core.messages import (
     DeviceInfo,
     Failed,
+    Listen,
     Lost,
     Refused,
     SampleBlock,
@@ -98,6 +98,7 @@ def examine(
     trials: Iterable[TrialPlan] = (),
     named: Sequence[tuple[str, str]] = (),
     ports: Mapping[str, str] | None = None,
+    watchdogs: Mapping[str, float] | None = None,
     ask: bool = False,
 ) -> Iterator[Finding]:
     """Look at the computer, open every device, read each of its streams for a second, close all; nothing is moved or
@@ -111,6 +112,7 @@ def examine(
         trials: As `compare`; looked at where every device opens.
         named: Likewise.
         ports: Of a real bench: where each device is.
+        watchdogs: Devices whose own watchdog switches their streams off, and after how long without the host.
         ask: Whether the ports that the profile does not use are asked who is there.
     """
     infos: dict[str, DeviceInfo] = {}
@@ -140,6 +142,8 @@ def examine(
         whole = infos.keys() == rig.devices.keys()
         unknown = list(_unknown_streams(infos, trials, named)) if whole else []
         yield from unknown
+        for name in (watchdogs or {}).keys() & infos.keys():
+            yield _watchdog(rig, infos[name], (watchdogs or {})[name])
         if trials and whole and not unknown:
             yield from _uses(trials[0], blocks)  # last: devices are left alone while it computes
     finally:
@@ -220,18 +224,19 @@ def _listen(
     blocks: dict[str, list[SampleBlock]] = {}
     statuses: list[Status] = []
     late_s: list[float] = []
-    rig = replace(rig, devices={name: rig.devices[name] for name in infos})  # those that opened
     rig.clock.restart()
     rig.begin_trial(scene)
-    rig.listen(streams_of(infos))
+    for name, info in infos.items():
+        rig.devices[name].apply(Listen(name, frozenset(info.streams)))
     while (now_s := rig.clock.now()) < LISTEN_S:
         rig.clock.wait_until(now_s + TURN_S)
         late_s.append(rig.clock.now() - now_s - TURN_S)
-        come, told = rig.gathered()
-        for block in come:
-            blocks.setdefault(block.stream, []).append(block)
-        statuses += told
-    rig.listen(())
+        for name in infos:
+            for block in rig.devices[name].read():
+                blocks.setdefault(block.stream, []).append(block)
+            statuses += rig.devices[name].poll()
+    for name in infos:
+        rig.devices[name].apply(Listen(name, frozenset()))
     return blocks, statuses, late_s
 
 
@@ -321,6 +326,30 @@ def _troubles(statuses: Sequence[Status], read: Mapping[str, int]) -> Iterator[F
         yield Finding("warn" if few else "fail", f"    {stream}: {samples} samples lost{places}; {remedy}")
     for line, count in others.items():
         yield Finding("fail", f"    {line}" + (f" ({count} times)" if count > 1 else ""))
+
+
+def _watchdog(rig: Rig, info: DeviceInfo, watchdog_s: float) -> Finding:
+    """Leave a device alone for longer than its watchdog allows: it must have ceased to send by itself."""
+    name, device = info.device, rig.devices[info.device]
+    regular = frozenset(stream.name for stream in info.streams.values() if stream.rate_hz is not None)
+    device.apply(Listen(name, regular))
+    began_s, heard = rig.clock.now(), list[SampleBlock]()
+    while not heard:
+        if rig.clock.now() >= began_s + LISTEN_S:
+            unheard = f"    {name}: its watchdog of {watchdog_s:g} s is not shown, as it sends nothing"
+            return Finding("warn", f"{unheard}; is the sensor plugged in?")
+        rig.clock.wait_until(rig.clock.now() + TURN_S)
+        heard += filter(len, device.read())
+        device.poll()
+    left_s = rig.clock.now()
+    rig.clock.wait_until(left_s + watchdog_s + 1.0)
+    heard += filter(len, device.read())
+    device.poll()
+    sent_s = max(0.0, max(block.last_s for block in heard) - left_s)
+    line = f"    {name}: left alone for {watchdog_s + 1.0:g} s, it went on sending for {sent_s:.2f} s"
+    if sent_s <= watchdog_s + 0.5:
+        return Finding("ok", f"{line}: its watchdog of {watchdog_s:g} s acts")
+    return Finding("fail", f"{line}: its watchdog of {watchdog_s:g} s does not act; look at its firmware")
 
 
 # --- what the trials need of it ----------------------------------------------------------------------

@@ -157,9 +157,14 @@ def _tried(
     scene = scene_of(loaded)
     entries = {name: loaded.devices[name] for name in rig.devices}
     ports = {name: entry.port for name, entry in entries.items()}
+    watchdogs = {
+        name: getattr(entry.settings, key)
+        for name, entry in entries.items()
+        for key in entry.settings.keys_of("silences")
+    }
     looked = compare(rig, trials, named)
     if connect:
-        looked = examine(rig, scene, trials, named, ports, ask)
+        looked = examine(rig, scene, trials, named, ports, watchdogs, ask)
     own = own_kinds(loaded, rig.devices)
     code, findings = verbs.DONE, []
     for finding in chain(looked, tried(rig, scene, **own) if own else ()):

@@ -20,7 +20,9 @@ class Mark:
     """What a setting is, whatever its key: the name of something else in the profile, which must be there, or what
     others know it by."""
 
-    what: Literal["device", "stream", "detector", "address", "baseline", "drive", "home_speed", "limit"]
+    what: Literal[
+        "device", "stream", "detector", "address", "baseline", "drive", "home_speed", "limit", "silences"
+    ]
 
 
 DeviceName = Annotated[str, Mark("device")]
@@ -46,6 +48,9 @@ HomeSpeed = Annotated[float, Mark("home_speed")]
 
 LIMIT = Mark("limit")
 """A largest value that the lab has to know: where it is asked for and not given, nothing is held against another's."""
+
+SILENCES = Mark("silences")
+"""Time without a word from the host after which a device falls silent, and moves nothing: it may be tried at rest."""
 
 
 class Mismatch(NamedTuple):

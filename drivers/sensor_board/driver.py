@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from drivers.core.errors import CodecError, PortError, ProtocolError
 from drivers.core.links import SerialLink, SerialPort, open_serial
 from drivers.core.messages import Command, DeviceInfo, Excite, Listen, SetTendon, StreamInfo, Tare
+from drivers.core.settings import SILENCES
 from drivers.core.wire import OPENING_S, TURN_S, Inquiry, WireDriver
 from drivers.sensor_board.codec import (
     BoardCode,
@@ -55,7 +57,7 @@ class SensorBoardSettings(SerialPort, BoardLimits):
     boot_s: float = Field(default=3.0, ge=0.0, le=60.0)
     """How long the board may take for its first answer: opening the port restarts many, and their boot loaders wait
     (an Arduino's about 2 s)."""
-    watchdog_s: float = Field(default=1.0, ge=0.1, le=65.0)
+    watchdog_s: Annotated[float, SILENCES] = Field(default=1.0, ge=0.1, le=65.0)
     """The board switches excitation and streams off when the host is silent for this long (assumption)."""
     silence_timeout_s: float = Field(default=0.5, gt=0.0, le=60.0)
     """A regular stream that sends nothing for this long has failed. Assumption: 50 blocks of 10 ms."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.doctor import computer, examine, summary
+from controller.doctor import LISTEN_S, computer, examine, summary
 from controller.guard import GuardSettings
 from controller.quiet import unrest
 from controller.rig import Rig, TrialScene
@@ -22,11 +22,12 @@ class Sensor:
     """A device with one stream of what the test gives it, once a turn."""
 
     def __init__(
-        self, name, clock, value=1.0, rate_hz=100.0, error=None, noisy=False, details=None, found=None
+        self, name, clock, value=1.0, rate_hz=100.0, error=None, noisy=False, details=None, ends_s=99.0,
+        found=None,
     ):  # fmt: skip
         self.found = found or {}
         self.name, self.clock, self.value, self.rate_hz = name, clock, value, rate_hz
-        self.error, self.noisy, self.details = error, noisy, details or {}
+        self.error, self.noisy, self.details, self.ends_s = error, noisy, details or {}, ends_s
         self.commands, self.statuses, self.seq, self.closed = [], [], 0, False
 
     def open(self):
@@ -43,7 +44,7 @@ class Sensor:
 
     def read(self):
         now_s = self.clock.now()
-        if self.value is None:
+        if self.value is None or now_s > self.ends_s:
             return []
         self.seq += 1
         values = np.array([[self.value(self.seq) if callable(self.value) else self.value]])
@@ -132,6 +133,20 @@ def test_what_is_wrong_with_a_sensor_or_a_state_is_one_line_with_a_remedy(clock,
     (finding,) = [finding for finding in lines(Sensor("cell", clock, **sensor)) if finding.verdict != "ok"]
     assert finding.verdict == verdict
     check_refusal(finding.line, "cell", *named)
+
+
+def test_a_watchdog_is_left_to_act_and_one_that_does_not_is_a_failure(clock):
+    for ends_s, verdict in ((LISTEN_S + 1.0, "ok"), (99.0, "fail")):
+        finding = lines(Sensor("cell", clock, ends_s=ends_s), watchdogs={"cell": 1.0})[-1]
+        assert finding.verdict == verdict
+        check_refusal(finding.line, "cell", "watchdog of 1 s")
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, None])
+def test_of_a_device_that_sends_nothing_no_watchdog_is_said_to_act(clock, rate_hz):
+    finding = lines(Sensor("cell", clock, value=None, rate_hz=rate_hz), watchdogs={"cell": 1.0})[-1]
+    assert finding.verdict == "warn"
+    check_refusal(finding.line, "cell", "watchdog of 1 s is not shown")
 
 
 def test_a_port_that_this_user_may_not_open_is_named_with_what_to_do(monkeypatch, tmp_path):
