@@ -19,13 +19,21 @@ from tests.swarm.planted import DEFECTS, QUICK, source_of
 CORPUS = sorted((Path(__file__).parent / "corpus").glob("*.toml"))
 
 
+COMPARED = (
+    *("force_that_blocks_cut", "late_and_still_on_its_way", "row_that_merged_turns_cut"),
+    *("stuck_and_free_again_in_one_block", "stuck_twice_at_once", "tare_at_the_edge_of_the_baseline"),
+)
+"""Found beside a second story, the others by what they show alone."""
+
+
 @pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.stem)
 def test_what_was_found_once_holds_ever_since(path: Path) -> None:
-    assert replayed(path) == []
+    assert replayed(path, compared=path.stem in COMPARED) == []
 
 
-@pytest.mark.parametrize("first", range(0, 200, 20))
+@pytest.mark.parametrize("first", range(0, 80, 20))
 def test_fresh_seeds_hold(first: int) -> None:
+    """Forty have every check of two stories on every kind of plan once; `make swarm` plays a thousand."""
     hunt = Hunt()
     for seed in range(first, first + 20):
         plan = drawn(seed, QUICK)
