@@ -5,6 +5,8 @@ import gc
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.program import Verb
+
 # An example takes as long as the machine lets it, and the examples are the same on every machine: what is searched at
 # random belongs to a search, not to a verdict.
 settings.register_profile(
@@ -29,6 +31,21 @@ def pytest_runtestloop():
     """From here on there is garbage; not among what was imported."""
     gc.freeze()
     gc.enable()
+
+
+@pytest.fixture
+def verb(capsys: pytest.CaptureFixture[str]) -> Verb:
+    """Calls the program as `run.py …` does; gives exit code, output and errors."""
+    from run import cli
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            cli.main([str(argument) for argument in arguments], prog_name="run.py")
+        printed = capsys.readouterr()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, printed.out, printed.err
+
+    return call
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

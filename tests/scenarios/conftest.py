@@ -7,6 +7,7 @@ import pty
 import sys
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,17 @@ from simulator.devices.faults import Fault
 
 QUICK = {"behavior.settle_s": "2.0", "detectors.contact.threshold_sigma": "8.0"}
 """The loop locks within a second; at the paper's three sigma a third of these trials would end by false contact."""
+
+FEW = {
+    "behavior.settle_s": "2.0",
+    "detectors.contact.threshold_sigma": "8.0",
+    "trials.repeats": "1",
+    "trials.list": "["
+    '{ location = "a", speed_m_s = 0.003785 }, { location = "d", speed_m_s = 0.004487 },'
+    '{ location = "f", speed_m_s = 0.006435 }, { location = "f", speed_m_s = 0.00806 },'
+    '{ location = "f", speed_m_s = 0.010685 }, { location = "f", speed_m_s = 0.011997 }]',
+}
+"""Six trials of Table I, for what is asked of a campaign and not of a trial; the loop locks within a second."""
 
 STEPS = (
     '[{ do = "hold", duration_s = 0.2 }, { do = "load", duration_s = 0.2, speed_m_s = 0.0005 },'
@@ -62,6 +74,11 @@ SHORTER = {
     },
 }
 """Settings with which a trial of a shipped profile passes through all its states, and is short."""
+
+
+def options(settings):
+    """Settings as they are given on the command line."""
+    return tuple(part for key, value in settings.items() for part in ("--set", f"{key}={value}"))
 
 
 def run_of(out):
@@ -134,27 +151,28 @@ class Bench:
         return self.rig.devices["stage"]
 
 
+def run_campaign(
+    out, name="mock/transient", *, trials=(16,), seed=1, script=None, faults=(), wrap=None, **sets
+) -> Bench:
+    """Runs a profile, shortened, with `--set` like overrides; the trials are those with the given numbers."""
+    overrides = {**QUICK, **{key.replace("__", "."): value for key, value in sets.items()}}
+    profile = load_profile(name, overrides)
+    if faults:
+        profile = replace(profile, faults=tuple(Fault(**fault) for fault in faults))
+    rig = assemble.build_rig(profile)
+    if wrap is not None:
+        wrap(rig)
+    chosen = [trial for trial in profile.trials(seed) if not trials or trial.id in trials]
+    script = script or Script()
+    plan = assemble.plan_campaign(profile, chosen, seed)
+    outcome = Campaign(plan, rig, script, out).run()
+    return Bench(profile, rig, script, outcome)
+
+
 @pytest.fixture
 def run_profile(tmp_path):
-    """Runs a profile, shortened, with `--set` like overrides; the trials are those with the given numbers."""
-
-    def run(
-        name="mock/transient", *, trials=(16,), seed=1, script=None, faults=(), wrap=None, **sets
-    ) -> Bench:
-        overrides = {**QUICK, **{key.replace("__", "."): value for key, value in sets.items()}}
-        profile = load_profile(name, overrides)
-        if faults:
-            profile = replace(profile, faults=tuple(Fault(**fault) for fault in faults))
-        rig = assemble.build_rig(profile)
-        if wrap is not None:
-            wrap(rig)
-        chosen = [trial for trial in profile.trials(seed) if not trials or trial.id in trials]
-        script = script or Script()
-        plan = assemble.plan_campaign(profile, chosen, seed)
-        outcome = Campaign(plan, rig, script, tmp_path / "runs").run()
-        return Bench(profile, rig, script, outcome)
-
-    return run
+    """`run_campaign` into a folder of the test's own."""
+    return partial(run_campaign, tmp_path / "runs")
 
 
 @pytest.fixture
@@ -164,17 +182,10 @@ def script():
 
 
 @pytest.fixture
-def verb(capsys, monkeypatch):
-    """Calls the program as `run.py …` does; gives exit code, output and errors. Figures are drawn elsewhere."""
+def verb(verb, monkeypatch):
+    """As everywhere; figures are drawn elsewhere."""
     monkeypatch.setattr("controller.reports.figures.Figures.save", lambda *_: "<svg/>")
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(argument) for argument in arguments], prog_name="run.py")
-        output = capsys.readouterr()
-        return ended.value.code, output.out, output.err
-
-    return call
+    return verb
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ def block_of(values):
     return [SampleBlock("sensor", 0, 0.0, values[:, None], rate_hz=RATE_HZ, unit="N")]
 
 
+@cache
 def certified(name="cell", seed=1):
     _, force, hammer = load_cell(seed)
     detectors = {"force.threshold": lambda: make_detector("force.threshold", {})}

@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -21,33 +20,16 @@ from config.source import profile_names, read_source
 from config.trials import distinct
 from controller.holding import folder
 from run import cli
+from tests.program import PATIENCE_S, ROOT, Terminal, started
 from tests.refusals import check_refusal
 from tests.unit.config.conftest import lab_values
-from tests.wire.terminal import Terminal
 
-ROOT = Path(__file__).resolve().parents[2]
 QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
 """The loop locks within a second; at eight sigma no trial ends by a false contact."""
-
-PATIENCE_S = 200.0
-"""For a busy machine to start Python, run trials and draw a report: thirty times what an idle one takes."""
 
 
 def read_only(*_, **__):
     raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
-
-@contextmanager
-def started(*arguments, **extra):
-    """The program as a process of its own; it is gone afterwards."""
-    command = [sys.executable, str(ROOT / "run.py"), *(str(argument) for argument in arguments)]
-    process = subprocess.Popen(command, cwd=ROOT, text=True, **extra)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.wait()
 
 
 # --- list, check -------------------------------------------------------------------------------------
@@ -473,13 +455,13 @@ def test_a_folder_that_cannot_be_written_is_one_line_and_exit_code_1(verb, tmp_p
 
 # --- interrupting ------------------------------------------------------------------------------------
 
-ENDLESS = ["run", "mock/transient", "--set", "trials.repeats=2000", *QUICK]
+ENDLESS = ["run", "mock/transient", "--set", "trials.repeats=100", "--jobs", "1", "--no-report", *QUICK]
 """So many trials that no test sees the last one."""
 
 
 def test_without_a_terminal_the_first_signal_aborts_with_130(tmp_path):
     streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with started(*ENDLESS, "--jobs", "1", "--no-report", "--out", tmp_path, **streams) as process:
+    with started(*ENDLESS, "--out", tmp_path, **streams) as process:
         while not process.stdout.readline().startswith("[1/"):
             assert process.poll() is None, process.stderr.read()
         process.send_signal(signal.SIGINT)
@@ -491,8 +473,8 @@ def test_without_a_terminal_the_first_signal_aborts_with_130(tmp_path):
 
 
 def test_on_a_terminal_ctrl_c_pauses_enter_resumes_and_twice_aborts(tmp_path):
-    terminal = Terminal([*ENDLESS, "--no-report", "--out", str(tmp_path)])
-    terminal.until(" of 28000 trials", PATIENCE_S)
+    terminal = Terminal([*ENDLESS, "--out", str(tmp_path)])
+    terminal.until(" of 1400 trials", PATIENCE_S)
     terminal.until("contact", PATIENCE_S)
     for key, answer in ((b"\x03", "Enter goes on"), (b"\n", "Ctrl+C pauses"), (b"\x03", "Enter goes on")):
         terminal.press(key)

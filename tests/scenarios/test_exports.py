@@ -20,13 +20,20 @@ from controller.recording.tables import read_columns
 from controller.reports.counts import pairs_of
 from drivers.core.messages import SampleBlock
 from tests.refusals import refused
+from tests.scenarios.conftest import run_campaign
 
 TRIALS = (2, 16)
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Of a run that is only read."""
+    return run_campaign(tmp_path_factory.mktemp("runs"), trials=TRIALS).outcome.folder
+
+
 @pytest.fixture
-def run(run_profile):
-    return run_profile(trials=TRIALS).run
+def run(folder):
+    return open_run(folder)
 
 
 def test_parquet_holds_every_row_and_every_sample(run, tmp_path):
@@ -75,20 +82,17 @@ def test_csv_holds_the_same(run, tmp_path):
     np.testing.assert_allclose(table[table["stream"] == "board.load_cell"]["value"], force.values[:, 0])
 
 
-@pytest.mark.parametrize(
-    ("column", "stream"),
-    [
+def test_a_bag_is_read_by_the_reader_of_ros_2_messages(run, tmp_path):
+    bag = next(path for path in export(run, "rosbag2", tmp_path) if path.name == "trial_16.mcap")
+    for column, stream in (
         ("/board/load_cell:wrench.force.x", "board.load_cell"),
         ("/stage/position:position.0", "stage.position"),
-    ],
-)
-def test_a_bag_is_read_by_the_reader_of_ros_2_messages(run, tmp_path, column, stream):
-    bag = next(path for path in export(run, "rosbag2", tmp_path) if path.name == "trial_16.mcap")
-    series = run.trial(16).stream(stream)
-    found = read_columns(bag, column, 1)
-    np.testing.assert_allclose(found.values[:, 0], series.values[:, 0])
-    assert found.times_s is not None
-    np.testing.assert_allclose(np.diff(found.times_s), np.diff(series.times_s), atol=2e-9)
+    ):
+        series = run.trial(16).stream(stream)
+        found = read_columns(bag, column, 1)
+        np.testing.assert_allclose(found.values[:, 0], series.values[:, 0])
+        assert found.times_s is not None
+        np.testing.assert_allclose(np.diff(found.times_s), np.diff(series.times_s), atol=2e-9)
 
 
 def test_a_lerobot_dataset_holds_every_sample_at_its_own_time(run, tmp_path):

@@ -28,12 +28,9 @@ from controller.recording.reader import open_run
 from controller.recording.run_folder import RecordingError, RunFolderError
 from controller.recording.stream_writer import StreamWriter
 from tests.refusals import check_refusal, refused
-from tests.scenarios.conftest import InTurn, Script, change_manifest, run_of, run_once
+from tests.scenarios.conftest import FEW, InTurn, Script, change_manifest, options, run_of, run_once
 
-SETS = {"behavior.settle_s": "2.0", "trials.repeats": "1", "detectors.contact.threshold_sigma": "3.0"}
-"""Fourteen trials; the loop locks within a second."""
-
-SHORT = (*(part for key, value in SETS.items() for part in ("--set", f"{key}={value}")), "--no-report")
+SHORT = (*options(FEW), "--no-report")
 
 
 @pytest.fixture(scope="module")
@@ -82,10 +79,11 @@ def assert_same(folder, other):
     assert {path.name for path in folder.iterdir()} == {path.name for path in other.iterdir()}
 
 
-def test_two_cores_write_the_folder_that_one_writes(verb, one, tmp_path):
+def test_two_cores_write_the_folder_that_one_writes(verb, one, tmp_path, monkeypatch):
+    monkeypatch.setattr("config.jobs.ProcessPoolExecutor", lambda *_, **__: InTurn())
     code, out, err = verb("run", "mock/transient", *SHORT, "--jobs", "2", "--out", tmp_path)
     assert (code, err) == (0, ""), out
-    assert "[14/14]" in out
+    assert "[6/6]" in out
     assert_same(run_of(tmp_path), one)
 
 
@@ -112,7 +110,7 @@ def test_three_shards_are_merged_into_the_folder_that_one_run_writes(verb, one, 
 
 
 def test_shards_of_different_runs_are_not_merged(verb, one, tmp_path):
-    verb("run", "mock/transient", *SHORT, "--shard", "1/14", "--seed", "1", "--out", tmp_path)
+    verb("run", "mock/transient", *SHORT, "--shard", "1/6", "--seed", "1", "--out", tmp_path)
     code, _, err = verb("merge", one, run_of(tmp_path))
     assert code == 2
     assert "not of the same run" in err
@@ -214,7 +212,7 @@ def in_turn():
 
 def in_two(tmp_path, console, crew=in_turn, **sets):
     """A short campaign by two workers, in this process where a test does not ask for others."""
-    profile = load_profile("mock/transient", {**SETS, **sets})
+    profile = load_profile("mock/transient", {**FEW, **sets})
     plan = plan_campaign(profile, profile.trials(0), 0)
     with closing(crew()) as workers:
         return in_batches(workers, profile, plan, console, tmp_path).run()
@@ -240,11 +238,11 @@ def test_a_commit_while_a_campaign_runs_does_not_end_it(tmp_path, monkeypatch):
             super().trial_ended(trial, outcome, row)
 
     outcome = in_two(tmp_path, console := Committer())
-    assert (outcome.exit_code, len(console.rows)) == (0, 14), outcome.line
+    assert (outcome.exit_code, len(console.rows)) == (0, 6), outcome.line
 
 
 def test_the_guard_ends_a_campaign_in_parts_where_it_ends_one_on_one_core(run_profile, tmp_path):
-    whole = run_profile(trials=(), seed=0, **SETS, **{"limits.force_n": "0.3"})
+    whole = run_profile(trials=(), seed=0, **FEW, **{"limits.force_n": "0.3"})
     outcome = in_two(tmp_path, Script(), **{"limits.force_n": "0.3"})
     assert outcome.exit_code == whole.outcome.exit_code == 4
     assert outcome.line == whole.outcome.line
@@ -276,7 +274,7 @@ def test_of_a_batch_whose_samples_cannot_be_taken_over_no_row_is(one, tmp_path, 
     assert outcome.exit_code == 1
     assert "No space left on device" in outcome.line
     run = open_run(outcome.folder)
-    assert 0 < len(run.trials) < 14
+    assert 0 < len(run.trials) < 6
     assert not broken_off(run.folder).unrecorded
 
 
@@ -313,7 +311,7 @@ def test_what_a_worker_reports_of_its_disk_comes_back_from_it():
 
 
 def test_a_result_goes_through_a_pipe_in_one_piece_that_no_kill_cuts(tmp_path):
-    profile = load_profile("mock/transient", SETS)
+    profile = load_profile("mock/transient", FEW)
     plan = plan_campaign(profile, profile.trials(0), 0)
     batch = jobs.run_batch(order_of(profile, plan), plan.left[:2], tmp_path)
     assert len(pickle.dumps(batch)) < select.PIPE_BUF

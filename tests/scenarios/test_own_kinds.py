@@ -4,13 +4,12 @@ import json
 import re
 import shutil
 import sys
-from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from config.assemble import plan_campaign
-from config.jobs import Crew, Order, cores, in_batches, order_of, run_batch
+from config.jobs import Crew, Order, in_batches, order_of, run_batch
 from config.profile import load_profile
 from controller.console import Console
 from controller.own_modules import forget_own
@@ -214,24 +213,6 @@ def run_of(verb, lab):
 SOON = "behavior.settle_s=2.0"
 
 
-def test_a_detector_and_a_driver_of_the_users_own_are_checked_run_replayed_and_reported(verb, lab, run_of):
-    code, out, err = verb("check", lab / "touch.toml")
-    assert (code, err) == (0, "")
-    assert 'kind = "my_lab.edge:Edge"' in out
-    assert "threshold_n = 0.2" in out
-    run = run_of("touch.toml", SOON)
-    assert verb("report", run)[0] == 0
-    own = json.loads((run / "manifest.json").read_text())["profile"]["own"]
-    assert own["my_lab"]["folder"] == str(lab)
-    assert len(own["my_lab"]["sha256"]) == 64
-    assert "contact" in (run / "trials.csv").read_text()
-    assert "my_lab.edge:Edge" in (run / "report.html").read_text()
-    for asked in ("contact", "my_lab.edge:Edge"):
-        code, out, err = verb("replay", run, "--detector", asked)
-        assert code == 0, err
-        assert [json.loads(line)["event"] for line in out.splitlines()] == ["BaselineReady", "Contact"]
-
-
 def test_a_signal_of_the_users_own_is_what_its_detector_gets(run_of):
     twice = ("detectors.contact.input=signals.twice", "signals.twice.kind=my_lab.double:Double")
     run = run_of("touch.toml", SOON, *twice)
@@ -241,10 +222,9 @@ def test_a_signal_of_the_users_own_is_what_its_detector_gets(run_of):
     assert contact["state"] == "APPROACH"
 
 
-@pytest.mark.parametrize("bench", ["mock", "emulated"])
-def test_a_plant_of_the_users_own_is_what_is_touched(lab, run_of, bench):
+def test_a_plant_of_the_users_own_is_what_is_touched_over_the_wire(lab, run_of):
     trial = '[trials]\nrepeats = 1\nlist = [ { location = "f", speed_m_s = 0.004 } ]\n'
-    edge = f'extends = "{bench}/transient"\n[detectors.contact]\nkind = "my_lab.edge:Edge"\n'
+    edge = 'extends = "emulated/transient"\n[detectors.contact]\nkind = "my_lab.edge:Edge"\n'
     (lab / "sponge.toml").write_text(edge + trial + '[plant]\nkind = "my_lab.sponge:Sponge"\n')
     run = run_of("sponge.toml", SOON, "plant.depth_m=0.02")
     assert json.loads((run / "manifest.json").read_text())["profile"]["resolved"]["plant"]["depth_m"] == 0.02
@@ -334,8 +314,8 @@ def test_a_worker_finds_what_the_profile_names(lab, run_of):
     alone = run_of("rest.toml", out="alone")
     profile = load_profile(lab / "rest.toml")
     plan = plan_campaign(profile, profile.trials(0), 0)
-    with closing(cores(1)) as crew:
-        shared = in_batches(crew, profile, plan, Console(), lab.parent / "shared").run().folder
+    crew = Crew(1, InTurn, lambda _: None)
+    shared = in_batches(crew, profile, plan, Console(), lab.parent / "shared").run().folder
     assert (shared / "trials.csv").read_bytes() == (alone / "trials.csv").read_bytes()
 
 

@@ -80,15 +80,6 @@ def test_without_a_table_there_is_no_contact(tmp_path):
     assert run.trials[0]["touches"] == 0
 
 
-def test_a_fingertip_that_falls_silent_while_it_turns_in_the_air_stops_the_arm(tmp_path):
-    fault = '[{ device = "board", kind = "silent", at_s = 1.0 }]'
-    outcome, run = run_pointer(tmp_path, faults=fault, behavior__angles_rad="[-1.2, 0.0]")
-    assert outcome.exit_code == 3
-    assert "board failed: signals.tip (of board.fingertip) is silent" in outcome.line
-    (stopped,) = [event for event in run.events if event["event"] == "Failed"]
-    assert stopped["state"] == "TURNING", "1.2 rad at 0.3 rad/s take four seconds"
-
-
 PAUSED_ANGLES = (0.0, 0.3)
 """Enough to pause in a touch that has others before and after it."""
 

@@ -6,12 +6,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from config.profile import load_profile
 from drivers.core.clock import VirtualClock
 from drivers.core.messages import Lost
 from simulator.devices.faults import FaultSchedule
+from simulator.devices.serial_lines import WRAPS_S
 from simulator.mocks.ni_daq import MockNiDaq
 from simulator.mocks.serial_lines import MockSerialLines
 from tests.contracts.crank import Crank
@@ -116,6 +118,41 @@ def test_no_sample_of_a_stream_is_lost_where_another_is_no_longer_listened_to(
     assert not crank.of(Lost)
     blocks = crank.blocks_of(kept)
     assert all(after.seq == before.seq + len(before) for before, after in pairwise(blocks))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {
+            "checksum": "xor",
+            "separator": ";",
+            "counter_column": 3,
+            "counter_modulus": 256,
+            "time_unit_s": 1e-3,
+        },
+        {"rate_hz": None, "time_column": None},
+    ],
+)
+def test_what_the_twin_prints_is_read_through_a_wrap_of_its_clock(given: dict[str, Any]) -> None:
+    loaded, clock = load_profile(PROFILE, {}), VirtualClock()
+    settings = loaded.devices["uno"].settings.model_copy(update=given)
+    plant = loaded.plant.made(loaded.plant.settings)
+    crank = Crank(MockSerialLines("uno", settings, clock, plant, FaultSchedule(())), clock)
+    crank.listen(*crank.info.streams)
+    crank.turn(WRAPS_S + 0.5)
+    crank.device.close()
+    hz = given.get("rate_hz", 1000.0) or 100.0
+    # lines without a time are dated when the machine reads them
+    typical = np.median if given.get("rate_hz", 1000.0) else np.mean
+    for stream in crank.info.streams:
+        times_s = crank.times(stream)
+        assert len(times_s) == pytest.approx((WRAPS_S + 0.5) * hz, rel=0.02)
+        assert (np.diff(times_s) > 0.0).all()
+        assert typical(np.diff(times_s)) == pytest.approx(1.0 / hz, rel=0.05)
+    assert not crank.of(Lost)
+    assert crank.device.account()["malformed"] == 0
+    assert crank.info.details["columns"] == (4 if "counter_column" in given else 3)
 
 
 def test_static_contacts_are_told_apart(rows: Any, tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import random
 import shutil
 import signal
 import subprocess
-import sys
 import time
 import weakref
 from pathlib import Path
@@ -26,16 +25,12 @@ from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
 from drivers.core.messages import Failed
 from simulator.mocks.zaber_stage import MockZaberStage
+from tests.program import PATIENCE_S, program
 from tests.refusals import check_refusal
-from tests.scenarios.conftest import change_manifest, run_of, run_once
+from tests.scenarios.conftest import FEW, change_manifest, options, run_of, run_once
 from touchbench import run_trials
 
-ROOT = Path(__file__).resolve().parents[2]
-SHORT = ("--set", "behavior.settle_s=2.0", "--set", "trials.repeats=1", "--no-report")
-"""Fourteen trials; the loop locks within a second."""
-
-PATIENCE_S = 200.0
-"""For a busy machine to start Python and run two trials: thirty times what an idle one takes."""
+SHORT = (*options(FEW), "--no-report")
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +60,7 @@ def broken(whole, tmp_path, rows, rng=None):
 @pytest.mark.parametrize("seed", range(2))
 def test_a_run_cut_at_any_byte_goes_on_to_the_same_rows(verb, whole, tmp_path, seed):
     rng = random.Random(seed)
-    run = broken(whole, tmp_path, rng.randint(0, 12), rng)
+    run = broken(whole, tmp_path, rng.randint(0, 4), rng)
     code, out, err = verb("resume", run, "--no-report")
     assert (code, err) == (0, ""), out
     assert (run / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
@@ -81,8 +76,8 @@ def unnumbered(event):
 
 
 def test_a_killed_run_goes_on_to_the_same_rows_and_events(verb, whole, tmp_path):
-    command = [sys.executable, "run.py", "run", "mock/transient", *SHORT, "--out", str(tmp_path)]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    where = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    process = program("run", "mock/transient", *SHORT, "--out", tmp_path, **where)
     give_up_s = time.monotonic() + PATIENCE_S
     while not any(path.read_bytes().count(b"\n") > 2 for path in tmp_path.glob("*/trials.csv")):
         assert process.poll() is None, process.stdout.read()
@@ -133,7 +128,7 @@ def test_a_run_that_is_done_reports_it(verb, whole):
     before = (whole / "manifest.json").read_bytes()
     code, out, _ = verb("resume", whole)
     assert code == 0
-    assert "all 14 trials are done" in out
+    assert "all 6 trials are done" in out
     assert (whole / "manifest.json").read_bytes() == before
 
 
@@ -267,7 +262,7 @@ def test_a_trial_whose_samples_are_not_whole_is_run_again_and_the_run_is_merged_
 def test_the_rows_of_a_run_whose_recording_was_taken_away_stay(whole, tmp_path):
     run = Path(shutil.copytree(whole, tmp_path / "run"))
     (run / "recording.mcap").unlink()
-    assert len(broken_off(RunFolder(run)).done) == 14
+    assert len(broken_off(RunFolder(run)).done) == 6
 
 
 def test_a_file_system_without_locks_is_no_other_program(whole, monkeypatch):
@@ -301,7 +296,7 @@ def failing(monkeypatch, times):
     monkeypatch.setattr(MockZaberStage, "poll", polled)
 
 
-RECONNECTING = ("--set", "trials.order=listed", "--jobs", "1")
+RECONNECTING = ("--set", "trials.order=listed", "--jobs", "1", "--only", "1", "--only", "2", "--only", "3")
 
 
 def test_a_trial_whose_device_failed_is_repeated_with_devices_opened_anew(verb, tmp_path, monkeypatch):

@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from config import assemble
-from config.profile import load_profile
 from config.script import run_trials
 from config.source import ProfileError
-from controller.campaign import EXIT_DEVICE, EXIT_DONE, EXIT_GUARD, Campaign
-from controller.recording.reader import open_run
+from controller.campaign import EXIT_DONE, EXIT_GUARD
 from tests.scenarios.conftest import SENSORS, SHORTER
 
 SHORT = SHORTER["mock/slip"]
@@ -156,33 +153,6 @@ def test_an_overload_stops_the_arm_in_states_in_which_no_detector_listens_too(tm
     (stopped,) = [event for event in run.events if event["event"] == "GuardStopped"]
     assert stopped["state"] == state
     assert stopped["t_s"] < entered_s + 0.1
-
-
-def test_a_pause_in_the_descent_lifts_before_the_tip_turns_and_the_trial_is_run_all_the_same(
-    tmp_path, script
-):
-    script.requests = {"DESCENDING": ["pause"], "PAUSED": ["resume"]}
-    profile = load_profile(
-        "mock/slip", {"trials.list": '[{ sensor = "fingertip" }]', "trials.repeats": "1", **SHORT}
-    )
-    plan = assemble.plan_campaign(profile, profile.trials(1), 1)
-    outcome = Campaign(plan, assemble.build_rig(profile), script, tmp_path).run()
-    assert outcome.exit_code == EXIT_DONE
-    names = [name for name, _ in script.seen]
-    paused = names.index("PAUSED")
-    assert names[paused + 1 : paused + 5] == ["DESCENDING", "LIFTING", "HOMING", "ZEROING"]
-    assert open_run(outcome.folder).trials[0]["outcome"] == "contact"
-
-
-def test_a_fault_while_it_slides_ends_the_run_in_one_line_with_the_arm_still(tmp_path, short):
-    at_s = row_of(short, "fingertip")["slide_s"] + 0.2
-    fault = f'[{{ device = "board", kind = "unplug", at_s = {at_s} }}]'
-    outcome, run = run_slip(tmp_path, ("fingertip", "dsa"), faults=fault, **SHORT)
-    assert outcome.exit_code in (EXIT_DEVICE, EXIT_GUARD)
-    assert "\n" not in outcome.line
-    assert len(run.trials) == 1
-    position = stream_of(run, "fingertip", "arm.pose")
-    assert np.ptp(position.values[-3:, 0]) < 1e-4
 
 
 def test_bumps_raise_the_papers_alarms_and_not_ours(tmp_path):

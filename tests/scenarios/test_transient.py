@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.core.messages import Listen
+from tests.scenarios.conftest import run_campaign
 
 
 def row_of(bench):
@@ -11,8 +12,30 @@ def row_of(bench):
     return row
 
 
-def test_a_trial_ends_by_contact_with_a_stop_certificate(run_profile):
-    row = row_of(run_profile(trials=(1,)))
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    """A trial, and what the board was told to send in it."""
+    told = []
+
+    def spy(rig):
+        board = rig.devices["board"]
+        apply = board.apply
+        board.apply = lambda command: (
+            told.append(command) if isinstance(command, Listen) else None,
+            apply(command),
+        )[1]
+
+    return run_campaign(tmp_path_factory.mktemp("runs"), trials=(1,), wrap=spy), told
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory):
+    """Three trials, in the order of the profile, which is shuffled."""
+    return run_campaign(tmp_path_factory.mktemp("runs"), trials=(2, 9, 33))
+
+
+def test_a_trial_ends_by_contact_with_a_stop_certificate(first):
+    row = row_of(first[0])
     assert row["outcome"] == "contact"
     assert row["truth_contact_s"] <= row["onset_s"] + 1e-9
     assert row["onset_s"] < row["detect_s"] <= row["command_s"] < row["standstill_s"]
@@ -27,45 +50,22 @@ def test_a_trial_ends_by_contact_with_a_stop_certificate(run_profile):
     assert row["extent_m"] == pytest.approx(0.003785 * row["delay_s"], abs=7e-6)
 
 
-def test_one_seed_gives_one_file_to_the_last_byte(run_profile):
-    first = run_profile(trials=(2, 9, 33))
-    second = run_profile(trials=(2, 9, 33))
-    other = run_profile(trials=(2, 9, 33), seed=2)
-    assert first.csv == second.csv
-    assert first.csv != other.csv
+def test_another_seed_gives_another_row(three, run_profile):
+    """The same one the same, however the board cuts its blocks: the swarm."""
+    assert run_profile(trials=(9,), seed=2).csv.splitlines()[1] not in three.csv
 
 
-def test_block_sizes_change_no_row(run_profile):
-    usual = run_profile(trials=(2, 33))
-    other = run_profile(trials=(2, 33), devices__board__block_samples="7")
-    assert usual.csv == other.csv
-
-
-def test_the_order_of_trials_changes_no_row(run_profile):
+def test_the_order_of_trials_changes_no_row(three, run_profile):
     forward = run_profile(trials=(2, 9, 33), trials__order="listed")
-    shuffled = run_profile(trials=(2, 9, 33))
-    alone = run_profile(trials=(9,))
-    lines = forward.csv.splitlines()
-    assert [line.partition(",")[0] for line in shuffled.csv.splitlines()] != [
-        line.partition(",")[0] for line in lines
-    ]
-    assert sorted(lines) == sorted(shuffled.csv.splitlines())
-    assert alone.csv.splitlines()[1] in lines
+    lines, shuffled = forward.csv.splitlines(), three.csv.splitlines()
+    assert [line.partition(",")[0] for line in shuffled] != [line.partition(",")[0] for line in lines]
+    assert sorted(lines) == sorted(shuffled)
+    assert run_profile(trials=(9,)).csv.splitlines()[1] in lines
 
 
-def test_a_stream_without_a_subscriber_is_neither_sent_nor_recorded(run_profile):
-    subscriptions = []
-
-    def spy(rig):
-        board = rig.devices["board"]
-        apply = board.apply
-        board.apply = lambda command: (
-            subscriptions.append(command) if isinstance(command, Listen) else None,
-            apply(command),
-        )[1]
-
-    bench = run_profile(trials=(1,), wrap=spy)
-    streams = {stream for command in subscriptions for stream in command.streams}
+def test_a_stream_without_a_subscriber_is_neither_sent_nor_recorded(first):
+    bench, told = first
+    streams = {stream for command in told for stream in command.streams}
     assert streams == {"board.accelerometer", "board.load_cell", "board.period"}
     recording = bench.run.trial(1)
     entered_s = dict(bench.script.seen)
@@ -95,9 +95,9 @@ def test_an_approach_that_meets_nothing_reports_it(run_profile):
     assert bench.stage.axis.target_m == 0.0
 
 
-def test_a_recording_holds_what_the_row_was_measured_from(run_profile):
+def test_a_recording_holds_what_the_row_was_measured_from(first):
     """The row again, from the file alone."""
-    bench = run_profile(trials=(1,))
+    bench, _ = first
     row, recording = row_of(bench), bench.run.trial(1)
     force = recording.stream("board.load_cell")
     position = recording.stream("stage.position")

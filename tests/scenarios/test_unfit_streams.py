@@ -13,12 +13,11 @@ from config.costs import planned
 from config.profile import load_profile
 from config.source import ProfileError
 from config.trials import distinct
-from controller.campaign import EXIT_FAILED, EXIT_GUARD, EXIT_USAGE, Campaign
+from controller.campaign import EXIT_GUARD, EXIT_USAGE, Campaign
 from controller.loop import Loop
 from controller.recording.reader import open_run
 from controller.registry import EXPERIMENTS
 from controller.reports.report import build_report
-from run import cli
 from tests.scenarios.conftest import SHORTER
 
 
@@ -101,20 +100,6 @@ def test_signals_that_are_made_of_each_other_are_a_mistake_of_the_profile():
     circle = {"signals.right.input": "signals.left", "signals.left.input": "signals.right"}
     with pytest.raises(ProfileError, match="goes in a circle, right → left → right"):
         load_profile("mock/pretouch", circle)
-
-
-def test_a_fault_of_the_program_is_called_one_and_debug_shows_where(tmp_path, monkeypatch, capsys):
-    def broken(*_):
-        raise RuntimeError("a bug")
-
-    monkeypatch.setattr("controller.loop.Loop.run", broken)
-    asked = ["run", "mock/pretouch", "--only", "1", "--no-report", "--out", str(tmp_path)]
-    with pytest.raises(SystemExit) as ended:
-        cli(asked)
-    assert ended.value.code == EXIT_FAILED
-    assert "unexpected RuntimeError: a bug; run again with --debug" in capsys.readouterr().err
-    with pytest.raises(RuntimeError, match="a bug"):
-        cli([*asked, "--debug"])
 
 
 PROFILES = [

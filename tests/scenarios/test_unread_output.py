@@ -1,9 +1,8 @@
-"""Output that nobody reads, and a disk that hangs or is full."""
+"""Output that nobody reads, and a disk that hangs; one that is full: tests/swarm."""
 
 import fcntl
 import os
 import subprocess
-import sys
 import threading
 import time
 from contextlib import suppress
@@ -11,19 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from controller.campaign import EXIT_FAILED
-from controller.recording.disk import DiskThread
 from controller.recording.reader import open_run
 from controller.recording.run_folder import RunFolder
+from tests.program import program
 
-ROOT = Path(__file__).resolve().parents[2]
 QUICK = ["--set", "behavior.settle_s=2.0", "--set", "detectors.contact.threshold_sigma=8"]
 
 
 def run(out, stdout, **extra):
     trials = ["run", "mock/transient", "--only", "16", "--only", "17", "--no-report"]
-    command = [sys.executable, "run.py", *trials, *QUICK, "--out", str(out)]
-    return subprocess.Popen(command, cwd=ROOT, stdout=stdout, stderr=subprocess.PIPE, text=True, **extra)
+    return program(*trials, *QUICK, "--out", out, stdout=stdout, stderr=subprocess.PIPE, **extra)
 
 
 def ended_well(process, out):
@@ -164,34 +160,3 @@ def test_a_trial_goes_to_its_end_while_the_disk_hangs_and_then_all_of_it_is_writ
     assert script.rows[0][2] == "contact"
     assert b'"event": "Contact"' in pipe.read
     assert b'"event": "Standstill"' in pipe.read
-
-
-def test_a_disk_that_fills_up_in_a_trial_ends_it_with_the_bench_still(run_profile, monkeypatch, script):
-    def full(self, **_):
-        raise OSError(28, "No space left on device")
-
-    def wrap(rig):
-        board = rig.devices["board"]
-        read = board.read
-
-        def filled():
-            if script.seen and script.seen[-1][0] == "APPROACH":
-                monkeypatch.setattr("controller.recording.mcap_file.McapWriter.flush", full)
-            return read()
-
-        board.read = filled
-
-    room = DiskThread.room
-
-    def written(self):
-        self.flush(sync=False)  # at every turn, for virtual time is over before the thread would by itself
-        return room(self)
-
-    monkeypatch.setattr(DiskThread, "room", written)
-    bench = run_profile(trials=(1, 2), script=script, wrap=wrap)
-    assert bench.outcome.exit_code == EXIT_FAILED
-    assert "No space left on device while writing" in bench.outcome.line
-    assert script.seen[-1][0] == "APPROACH"
-    assert not bench.stage.axis.moving(bench.rig.clock.now())
-    assert [row["outcome"] for row in bench.run.trials] == ["fault"]
-    assert bench.run.manifest["exit"]["status"] == "failed"

@@ -11,6 +11,7 @@ from config.profile import load_profile
 from controller.reports.hero import hero_of
 from controller.reports.report import build_report
 from controller.reports.trial_signals import payload
+from tests.scenarios.conftest import run_campaign
 from tests.unit.controller.reports.synthetic_runs import text_of
 
 
@@ -22,10 +23,11 @@ def drawn(curve):
     return t0 + times_s * (t1 - t0), low + values * (high - low)
 
 
-@pytest.fixture
-def bench(run_profile):
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
     """Three approaches that our detector stops, beside the paper's that only listens."""
-    return run_profile(trials=(1, 2, 3), behavior__detector="ours", detectors__ours__baseline_s="5.0")
+    sets = {"behavior.detector": "ours", "detectors.ours.baseline_s": "5.0"}
+    return run_campaign(tmp_path_factory.mktemp("runs"), trials=(1, 2, 3), **sets)
 
 
 def test_the_first_drawn_point_above_the_threshold_is_the_decision(bench):

@@ -3,29 +3,21 @@
 import json
 import queue
 import select
-import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from controller.campaign import Campaign, Outcome
-from run import cli
 from simulator.devices.faults import FaultSchedule
 from simulator.wiring.bench_clock import BenchClock, Pace
 from simulator.wiring.emulator import STEP_S
 from simulator.wiring.far_ends import EmulatedDevice, FarEnd, Line
 from tests.wire.emulated_ur import EmulatedUr
-from tests.wire.terminal import ROOT
 from tests.wire.ur_hand import Hand
-
-Verb = Callable[..., tuple[int, str, str]]
 
 LIFE_S = 250.0
 """A bench stops by itself after this long, whatever its test does. Assumption: a busy machine takes ten times as long
@@ -168,21 +160,6 @@ def hand(emulated: EmulatedUr) -> Iterator[Callable[..., Hand]]:
         one.arm.close()
 
 
-@pytest.fixture
-def bench_json(tmp_path: Path) -> Iterator[Path]:
-    """Devices of emulated/transient that outlive the program which moves them: the file with their addresses."""
-    path = tmp_path / "bench.json"
-    command = [sys.executable, "run.py", "emulate", "emulated/transient"]
-    with path.open("w") as out:
-        process = subprocess.Popen(command, cwd=ROOT, stdout=out)
-    while not path.read_text().endswith("\n"):
-        assert process.poll() is None
-        time.sleep(0.05)
-    yield path
-    process.send_signal(signal.SIGINT)
-    process.wait(100.0)
-
-
 EVENTS = 12
 """How many of a run's last events are shown where its test fails."""
 
@@ -216,17 +193,3 @@ def last_events(outcome: Outcome) -> list[str]:
     file = outcome.folder / "events.jsonl"
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     return [line for line in lines if json.loads(line).get("event") != "Lost"][-EVENTS:]
-
-
-@pytest.fixture
-def verb(capsys: pytest.CaptureFixture[str]) -> Verb:
-    """Calls the program as `run.py …` does; gives exit code, output and errors."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(argument) for argument in arguments], prog_name="run.py")
-        printed = capsys.readouterr()
-        assert isinstance(ended.value.code, int)
-        return ended.value.code, printed.out, printed.err
-
-    return call

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tests.wire.conftest import Verb
+from tests.program import Verb
 
 PROFILE = """
 title = "A sweep"

@@ -2,16 +2,27 @@
 
 import json
 import re
+from contextlib import closing
 from typing import Any
 
 import pytest
 
+from config.assemble import start_emulator
 from config.profile import load_profile
 from config.verbs.by_hand import session_on
+from tests.program import Terminal
 from tests.scenarios.test_by_hand import Hand
-from tests.wire.terminal import Terminal
 
 READY = "q ends"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Devices that outlive the program which moves them: the file with their addresses."""
+    with closing(start_emulator(load_profile("emulated/transient"))) as emulator:
+        path = tmp_path_factory.mktemp("bench") / "bench.json"
+        path.write_text(json.dumps(emulator.endpoints))
+        yield path
 
 
 def stage_now(endpoints):
@@ -27,8 +38,8 @@ def stage_now(endpoints):
     raise AssertionError("it ended")
 
 
-def test_a_stage_goes_home_and_forward_by_keys_and_tells_where_it_stands(bench_json):
-    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(bench_json)])
+def test_a_stage_goes_home_and_forward_by_keys_and_tells_where_it_stands(bench):
+    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(bench)])
     terminal.until(READY)
     terminal.hold(b"h", "by hand: stands still", 1.0)
     terminal.hold(b"\x1b[C", "by hand: forward", 0.5)
@@ -40,16 +51,16 @@ def test_a_stage_goes_home_and_forward_by_keys_and_tells_where_it_stands(bench_j
     place_m = float(shown)
     # keys for a second or so at 2 mm/s, as long as the screen takes to show it
     assert 0.0003 < place_m < 0.01
-    assert stage_now(bench_json) == pytest.approx([place_m, place_m], abs=1e-6)
+    assert stage_now(bench) == pytest.approx([place_m, place_m], abs=1e-6)
 
 
-def test_a_terminal_that_goes_away_leaves_a_stage_that_stands(bench_json):
-    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(bench_json)])
+def test_a_terminal_that_goes_away_leaves_a_stage_that_stands(bench):
+    terminal = Terminal(["jog", "emulated/transient", "stage", "--endpoints", str(bench)])
     terminal.until(READY)
     terminal.hold(b"h", "by hand: stands still", 1.0)
     terminal.hold(b"f", "by hand: forward", 0.3)
     assert terminal.hang_up() in (130, 1)
-    first_m, second_m = stage_now(bench_json)
+    first_m, second_m = stage_now(bench)
     assert first_m == pytest.approx(second_m, abs=1e-6)
     assert 0.0 < first_m < 0.01
 

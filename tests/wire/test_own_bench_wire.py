@@ -16,9 +16,8 @@ import pytest
 from config.assemble import start_emulator
 from config.profile import load_profile
 from simulator.wiring.emulator_process import EmulatorProcess
+from tests.program import ROOT, Verb
 from tests.refusals import check_refusal
-
-ROOT = Path(__file__).parents[2]
 
 STAGE = {
     "devices.board": "none",
@@ -70,7 +69,7 @@ def arduino(stage: EmulatorProcess) -> Iterator[str]:
 
 
 def test_a_stage_and_a_printing_board_are_a_bench_by_the_page(
-    stage: EmulatorProcess, arduino: str, tmp_path: Path
+    stage: EmulatorProcess, arduino: str, tmp_path: Path, verb: Verb
 ) -> None:
     page = (ROOT / "docs" / "tutorial" / "first_run.md").read_text()
     (text,) = re.findall(r"```toml\n# my_bench/stage_and_cell\.toml\n(.*?)```", page, re.DOTALL)
@@ -78,33 +77,28 @@ def test_a_stage_and_a_printing_board_are_a_bench_by_the_page(
     text = text.replace("/dev/serial/by-id/usb-MY_STAGE", stage.endpoints["devices"]["stage"]["port"])
     (tmp_path / "bench.toml").write_text(text.replace("/dev/serial/by-id/usb-MY_ARDUINO", arduino))
 
-    def program(*words: str) -> subprocess.CompletedProcess[str]:
-        # the machine may be busy: what is late here is no sensor's silence
-        patient = ["limits.stale_s=5.0", "limits.late_s=5.0", "devices.cell.silence_timeout_s=5.0"]
-        options = [*words, *(part for each in patient for part in ("--set", each))]
-        return subprocess.run(
-            [sys.executable, str(ROOT / "run.py"), *options],
-            cwd=tmp_path,
-            input="\n" * 20,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-
-    other = program("check", "bench.toml", "--connect")
-    assert other.returncode == 3
-    (line,) = [
-        line for line in other.stdout.splitlines() if " stage: " in f" {line}" and "limit.max of" in line
-    ]
+    # the machine may be busy: what is late here is no sensor's silence
+    patient = ["limits.stale_s=5.0", "limits.late_s=5.0", "devices.cell.silence_timeout_s=5.0"]
+    options = [tmp_path / "bench.toml", *(part for each in patient for part in ("--set", each))]
+    code, out, _ = verb("check", *options, "--connect")
+    assert code == 3
+    (line,) = [line for line in out.splitlines() if " stage: " in f" {line}" and "limit.max of" in line]
     check_refusal(line, "limit.max", "microstep_m = 4.96094e-07", "4.763e-08", "data sheet")
-    right = ["--set", "devices.stage.microstep_m=0.047625e-6"]
-    agreed = program("check", "bench.toml", "--connect", *right)
+    options += ["--set", "devices.stage.microstep_m=0.047625e-6"]
+    code, out, err = verb("check", *options, "--connect")
     # a busy machine asks the stage for its position less often, which is told as lost samples
-    fails = [line for line in agreed.stdout.splitlines() if line.startswith("fail")]
-    assert [line for line in fails if "samples lost" not in line] == [], agreed.stdout + agreed.stderr
-    assert agreed.returncode == (3 if fails else 0)
-    assert "stage: Zaber device 1" in agreed.stdout
-    run = program("run", "bench.toml", *right)
+    fails = [line for line in out.splitlines() if line.startswith("fail")]
+    assert [line for line in fails if "samples lost" not in line] == [], out + err
+    assert code == (3 if fails else 0)
+    assert "stage: Zaber device 1" in out
+    run = subprocess.run(
+        [sys.executable, str(ROOT / "run.py"), "run", *map(str, options)],
+        cwd=tmp_path,
+        input="\n" * 20,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert run.returncode == 0, run.stderr
     (folder,) = (tmp_path / "runs").iterdir()
     assert (folder / "trials.csv").read_text().splitlines()[1].startswith("1,contact,0.001,")

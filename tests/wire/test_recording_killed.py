@@ -3,7 +3,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 from mcap.reader import NonSeekingReader, make_reader
 
 from controller.recording.reader import close_recordings, open_run
@@ -32,15 +31,14 @@ while time.monotonic() - start < 20:
 """
 
 
-@pytest.mark.parametrize("lived_s", [1.3, 2.1])
-def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
+def test_a_kill_costs_less_than_the_last_second(tmp_path):
     root = Path(__file__).parents[2]
     child = subprocess.Popen(
         [sys.executable, "-c", RECORD_FOR_EVER, tmp_path], stdout=subprocess.PIPE, cwd=root
     )
     try:
         reported_s = 0.0
-        while reported_s < lived_s:
+        while reported_s < 2.1:
             reported_s = float(child.stdout.readline())
         child.send_signal(signal.SIGKILL)
         child.wait(100.0)
@@ -52,8 +50,6 @@ def test_a_kill_costs_less_than_the_last_second(tmp_path, lived_s):
     assert [row["trial"] for row in run.trials] == [0]
     last_s = run.trial(1).stream("board.load_cell").times_s[-1]
     assert last_s > reported_s - 1.0
-    if lived_s < 2.0:
-        return
     (path,) = run.folder.recordings
     close_recordings(run.folder)
     with path.open("rb") as file:

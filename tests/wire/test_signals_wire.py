@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,14 +14,10 @@ import pytest
 from config.assemble import start_emulator
 from config.profile import load_profile
 from controller.recording.reader import open_run
+from tests.program import PATIENCE_S, program
 from tests.wire.wire_campaign import QUICK
 
-ROOT = Path(__file__).resolve().parents[2]
-
 SETTINGS = [option for key, value in QUICK.items() for option in ("--set", f"{key}={value}")]
-
-PATIENCE_S = 200.0
-"""How long a machine that is busy with others may take for what takes some seconds."""
 
 
 class Started:
@@ -37,13 +32,11 @@ class Started:
         self.hand, keyboard = os.openpty()
         files = ["--endpoints", folder / "bench.json", "--trials", folder / "trials.csv", "--out", self.out]
         options = ["--no-report", *SETTINGS, *map(str, files)]
-        self.process = subprocess.Popen(
-            [sys.executable, "run.py", "run", "emulated/transient", *options],
-            cwd=ROOT,
+        self.process = program(
+            *("run", "emulated/transient", *options),
             stdin=keyboard,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
             process_group=0,  # it is suspended and continued by no other process
         )
         os.close(keyboard)

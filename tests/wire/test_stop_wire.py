@@ -1,30 +1,22 @@
 """`stop` from a fresh process, beside a run of an emulated bench that moves, hangs or has gone."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
 import time
-from typing import Any, NamedTuple
 
 import pytest
 
-from controller import holding, stopping
 from drivers.core.messages import MoveAt, Stalled
 from drivers.ur_arm.aside import stop_beside
 from drivers.ur_arm.settings import UrArmSettings
+from tests.program import ROOT, program
 from tests.refusals import check_refusal
 from tests.wire.emulated_ur import resting
-from tests.wire.terminal import ROOT
 from tests.wire.ur_hand import settings
 
-
-def program(*arguments, **how):
-    command = [sys.executable, "run.py", *map(str, arguments)]
-    return subprocess.Popen(
-        command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **how
-    )
+SAID = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
 
 
 @pytest.fixture
@@ -43,7 +35,8 @@ def running(notes, tmp_path):
 
     def until(state, *arguments):
         out = tmp_path / f"runs{len(runs)}"
-        run = program("run", *arguments, "--set", "behavior.settle_s=0.5", "--no-report", "--out", out)
+        short = ("--set", "behavior.settle_s=0.5", "--no-report", "--out", out)
+        run = program("run", *arguments, *short, **SAID)
         runs.append(run)
         end_s = time.monotonic() + 120.0
         while not any(f'"{state}"' in path.read_text() for path in out.glob("*/events.jsonl")):
@@ -59,8 +52,22 @@ def running(notes, tmp_path):
         run.communicate(timeout=100.0)
 
 
+@pytest.fixture
+def bench_json(tmp_path):
+    """Devices of emulated/transient that outlive the program which moves them: the file with their addresses."""
+    path = tmp_path / "bench.json"
+    with path.open("w") as out:
+        process = program("emulate", "emulated/transient", stdout=out)
+    while not path.read_text().endswith("\n"):
+        assert process.poll() is None
+        time.sleep(0.05)
+    yield path
+    process.send_signal(signal.SIGINT)
+    process.wait(100.0)
+
+
 def stop(*arguments):
-    stopped = program("stop", *arguments)
+    stopped = program("stop", *arguments, **SAID)
     said, _ = stopped.communicate(timeout=100.0)
     return stopped.returncode, said
 
@@ -84,7 +91,6 @@ def test_a_bench_that_outlives_its_run_is_opened_and_seen_to_stand(running, benc
     assert "stage: stopped, and stands still" in said
     assert "board: does not move by itself" in said
     assert run.wait(100.0) == 130
-    assert stop("emulated/transient", "--endpoints", bench_json)[0] == 0, "nothing runs, and it stands"
 
 
 def test_a_stage_whose_program_hangs_cannot_be_reached_and_says_what_to_press(running):
@@ -94,6 +100,11 @@ def test_a_stage_whose_program_hangs_cannot_be_reached_and_says_what_to_press(ru
     assert code == 3, said
     (line,) = [line for line in said.splitlines() if line.startswith("stage:")]
     check_refusal(line, "NOT seen standing still", str(run.pid), "emergency stop", f"kill -9 {run.pid}")
+    run.kill()
+    run.wait(100.0)
+    code, said = stop("emulated/transient")
+    assert code == 0
+    assert "no program has this bench" in said
 
 
 ASIDE = """
@@ -120,55 +131,3 @@ def test_an_arm_is_stopped_beside_the_program_that_holds_it(hand):
 def test_an_arm_that_is_not_there_is_not_said_to_stand():
     nowhere = UrArmSettings(host="127.9.9.9", start_pose=(0.4, 0.0, 0.3, 0.0, 3.14, 0.0))
     check_refusal(stop_beside(nowhere), "127.9.9.9", "is the controller on")
-
-
-class Hanging:
-    """A program that has an arm and a stage open, and does not end."""
-
-    pid, devices = 4711, {"arm": {"host": "127.0.0.9"}, "stage": {"port": "/dev/ttyUSB0"}}
-
-    def ask(self):
-        """It does not hear."""
-
-    def ended(self, patience_s):
-        return False
-
-    def __str__(self):
-        return "run of hardware/mine (process 4711)"
-
-
-@pytest.mark.parametrize("reason", ["", "it still moves"])
-def test_what_hangs_leaves_the_arm_alone_to_be_stopped_beside_it(monkeypatch, reason):
-    told = []
-
-    class Arm:
-        @staticmethod
-        def stop_beside(settings):
-            told.append(settings.host)
-            return reason
-
-    class Entry(NamedTuple):
-        made: type
-        settings: Any = UrArmSettings(host="127.0.0.1", start_pose=(0.4, 0.0, 0.3, 0.0, 3.14, 0.0))
-
-    monkeypatch.setattr(stopping, "holders", lambda profile, where: [Hanging()])
-    lines = []
-    entries = {"stage": Entry(type(None)), "arm": Entry(Arm)}
-    assert not stopping.Stopping("hardware/mine", {}, entries, lines.append, None).run()
-    assert told == ["127.0.0.9"], "where the program has it"
-    _, stage, arm = lines
-    check_refusal(stage, "stage", "NOT seen standing still", "/dev/ttyUSB0", "emergency stop", "kill -9 4711")
-    check_refusal(
-        arm, *(("NOT seen", reason, "emergency stop") if reason else ("stands still", "kill -9 4711"))
-    )
-
-
-def test_a_note_of_a_program_that_was_killed_says_nothing(running, notes):
-    run, _ = running("APPROACH", "emulated/transient")
-    assert [holder.pid for holder in holding.holders("emulated/transient", {})] == [run.pid]
-    os.kill(run.pid, signal.SIGKILL)
-    run.wait(100.0)
-    assert list(holding.holders("emulated/transient", {})) == []
-    code, said = stop("emulated/transient")
-    assert code == 0
-    assert "no program has this bench" in said

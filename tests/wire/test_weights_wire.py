@@ -8,7 +8,7 @@ from config.script import run_trials
 from config.verbs.quiet import quiet
 from controller.campaign import EXIT_DONE
 from controller.recording.reader import open_run
-from tests.wire.terminal import Terminal
+from tests.program import Terminal
 
 SHORT = {
     "behavior.weights_t_n": "[0.5, 1.0]",
@@ -70,7 +70,7 @@ ours.threshold = "? run.py quiet"
 def test_an_emulated_bench_at_rest_sets_the_threshold_of_its_finger(tmp_path, capsys):
     lab = tmp_path / "lab.toml"
     lab.write_text(LAB)
-    code = quiet.main([str(lab), "--seconds", "6"], standalone_mode=False)
+    code = quiet.main([str(lab), "--seconds", "5", "--set", "behavior.settle_s=1"], standalone_mode=False)
     out, _ = capsys.readouterr()
     assert code == 0
     assert "contact: no threshold from rest" in out

@@ -9,6 +9,7 @@ import pytest
 from config.assemble import build_rig, start_emulator
 from config.profile import load_profile
 from controller.campaign import EXIT_DEVICE, EXIT_DONE
+from controller.contracts import tried
 from controller.doctor import examine
 from controller.recording.reader import open_run
 from controller.rig import TrialScene
@@ -19,22 +20,41 @@ from tests.wire.wire_campaign import QUICK, run
 STAGE, ARM = "emulated/transient", "emulated/transient_arm"
 
 
+def settings_of(name):
+    return {} if name == "emulated/centering" else QUICK
+
+
 @pytest.fixture
 def emulated(request):
     """A profile and an emulator of it that outlives the run, so that one can look at the bench afterwards."""
-    name = getattr(request, "param", ARM)
-    profile = load_profile(name, {} if name == "emulated/centering" else QUICK)
+    profile = load_profile(request.param, settings_of(request.param))
     with closing(start_emulator(profile)) as emulator:
         yield profile, emulator
+
+
+@pytest.fixture(scope="module")
+def lasting():
+    """The same for tests that leave the bench as they found it: each emulator is started once."""
+    started = {}
+
+    def get(name):
+        if name not in started:
+            profile = load_profile(name, settings_of(name))
+            started[name] = profile, start_emulator(profile)
+        return started[name]
+
+    yield get
+    for _, emulator in started.values():
+        emulator.close()
 
 
 def scene_of(profile):
     return TrialScene(1, 1, {}, profile.plant.settings.model_dump(mode="json"))
 
 
-@pytest.mark.parametrize("emulated", [STAGE, ARM], indirect=True)
-def test_an_approach_over_the_wire_ends_by_contact(emulated, tmp_path):
-    profile, emulator = emulated
+@pytest.mark.parametrize("name", [STAGE, ARM])
+def test_an_approach_over_the_wire_ends_by_contact(lasting, tmp_path, name):
+    profile, emulator = lasting(name)
     outcome, hand = run(profile, emulator, tmp_path)
     assert outcome.exit_code == EXIT_DONE, outcome.line
     assert hand.seen[-1] == "DONE"
@@ -85,19 +105,18 @@ def test_a_stall_ends_the_run(emulated, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("emulated", "named", "there"),
+    ("name", "named"),
     [
-        (STAGE, ("board.load_cell", "stage.position"), {"probe_m": 0.0, "probe_m_s": 0.0}),
+        (STAGE, ("board.load_cell", "stage.position")),
         (
             "emulated/centering",
             ("UR5", "SSG-48", "emulated recorder", "arm.position", "gripper.width", "audio.fingers"),
-            {"tool_x_m": -0.005, "width_m": 0.063},
         ),
     ],
-    indirect=["emulated"],
 )
-def test_the_doctor_reads_every_sensor_and_moves_nothing(emulated, named, there):
-    profile, emulator = emulated
+def test_the_doctor_reads_every_sensor_and_moves_nothing(lasting, name, named):
+    profile, emulator = lasting(name)
+    before = emulator.scene()
     with closing(build_rig(profile, emulator.endpoints)) as rig:
         findings = list(examine(rig, scene_of(profile)))
     lines = "\n".join(finding.line for finding in findings)
@@ -108,24 +127,35 @@ def test_the_doctor_reads_every_sensor_and_moves_nothing(emulated, named, there)
         if finding.verdict == "fail" and not ("samples lost" in finding.line and "arm." in finding.line)
     ]
     assert not failed, lines
-    assert [name for name in named if name not in lines] == []
-    scene = emulator.scene()
-    assert {name: scene[name] for name in there} == pytest.approx(there, abs=1e-9)
+    assert [each for each in named if each not in lines] == []
+    after = emulator.scene()
+    places = [key for key in ("probe_m", "probe_m_s", "tool_x_m", "width_m") if key in before]
+    assert len(places) == 2
+    assert {key: after[key] for key in places} == pytest.approx(
+        {key: before[key] for key in places}, abs=1e-9
+    )
+
+
+def test_stage_and_board_keep_their_contract(lasting):
+    profile, emulator = lasting(STAGE)
+    with closing(build_rig(profile, emulator.endpoints)) as rig:
+        lines = [each.line for each in tried(rig, scene_of(profile), ["stage", "board"], {}, {}, {}, {})]
+    assert ["keeps the contract" in line for line in lines] == [True, True], lines
 
 
 @pytest.fixture
-def bench(emulated):
-    """The arm's, at the beginning of a trial; with its rig."""
-    profile, emulator = emulated
+def bench(lasting):
+    """The arm's, at the beginning of a trial; with its profile, its emulator and its rig."""
+    profile, emulator = lasting(ARM)
     with closing(build_rig(profile, emulator.endpoints)) as rig:
         rig.begin_trial(scene_of(profile))
-        yield Bench(rig), rig
+        yield Bench(rig), profile, emulator, rig
         for device in rig.devices.values():
             device.close()
 
 
 def test_the_arm_feels_what_the_load_cell_feels(bench):
-    bench, _ = bench
+    bench, *_ = bench
     for command in (Home("arm"), MoveTo("arm", 0.010, 0.015)):
         bench.apply(command)
         bench.until(Reached, "arm")
@@ -138,8 +168,8 @@ def test_the_arm_feels_what_the_load_cell_feels(bench):
     assert felt[:3] == pytest.approx([0.0, 0.0, pressed_n], abs=0.12)
 
 
-def test_a_loop_that_hangs_is_caught_by_the_arm_s_process_for_the_bench_goes_on_without_it(emulated, bench):
-    (profile, emulator), (bench, rig) = emulated, bench
+def test_a_loop_that_hangs_is_caught_by_the_arm_s_process_for_the_bench_goes_on_without_it(bench):
+    bench, profile, emulator, rig = bench
     bench.apply(Home("arm"))
     bench.until(Reached, "arm")
     bench.apply(MoveAt("arm", 0.001, 0.012))

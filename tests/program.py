@@ -1,15 +1,42 @@
-"""A program on a terminal, and the person at it."""
+"""The program as a process of its own, and on a terminal with a person at it."""
 
 import contextlib
 import os
 import pty
 import re
 import select
+import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).resolve().parents[1]
+
+PATIENCE_S = 200.0
+"""For a busy machine to start Python, run trials and draw a report: thirty times what an idle one takes."""
+
+
+Verb = Callable[..., tuple[int, str, str]]
+"""As the fixture `verb` calls the program in this process; gives exit code, output and errors."""
+
+
+def program(*arguments, **how):
+    """`run.py` with these arguments."""
+    command = [sys.executable, "run.py", *map(str, arguments)]
+    return subprocess.Popen(command, cwd=ROOT, text=True, **how)
+
+
+@contextlib.contextmanager
+def started(*arguments, **how):
+    """The same; it is gone afterwards."""
+    process = program(*arguments, **how)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
 
 
 class Terminal:
