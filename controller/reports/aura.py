@@ -153,12 +153,11 @@ def _counted(groups: Iterable[tuple[Row, Trials]], touch: bool) -> Iterator[Row]
             line = {**named, "detector": whose, "approaches": of}
             if any(row["object"] != "none" for row in own):
                 line |= {"seen": rate(n["seen"], of), **under("distance_m", n["distance_m"], "from", 0)}
-            line["without an alarm"] = rate(of - n["alarms"], of)
+            line["alarms"] = n["alarms"]
             if touch and own.values("touches"):
                 line |= {"touches": n["touches"], "detected": rate(n["felt"], n["touches"])}
                 line |= under("delay_s", n["delay_s"], digits=3)
-                line |= {"persistence": n["held"], "end": n["ended"]}
-                line["without a false contact"] = rate(of - n["false"], of)
+                line |= {"persistence": n["held"], "end": n["ended"], "false": n["false"]}
             elif touch:
                 line |= {"reported": n["reported"], "times": n["reports"], "persistence": n["reported_held"]}
                 line |= {"end": n["reported_ended"], "where nothing can": n["reported_of_nothing"]}

@@ -39,11 +39,6 @@ class Found(NamedTuple):
     found_m: float
     contact_n_m: float | None
 
-    @property
-    def off_m(self) -> float:
-        """Found minus true."""
-        return self.found_m - self.true_m
-
 
 def section(runs: Sequence[Run], figures: Figures) -> Section:
     """Errors of location by method, where the contact is as stiff as the line knows, and where it is not."""
@@ -115,7 +110,7 @@ def _holds(row: Row) -> bool:
 
 
 def _worst_m(found: Sequence[Found]) -> float:
-    return max((abs(each.off_m) for each in found), default=math.nan)
+    return max((abs(each.found_m - each.true_m) for each in found), default=math.nan)
 
 
 def _draw(figures: Figures, rows: Trials, usual: Sequence[Found], other: Sequence[Found]) -> str:
