@@ -9,6 +9,7 @@ the blows, which chose nothing.
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,9 +44,17 @@ NUISANCES: Mapping[str, Mapping[str, Any]] = {
     "rolling, 1 N": {"rolling_n": 1.0},
     "rolling, 2 N": {"rolling_n": 2.0},
     "table moves": {"nuisances": SlipNuisances(table_m_s=0.01)},
+    "noise of 0.1 steps": {"nuisances": SlipNuisances(converter=10.0)},
+    "noise of 0.2 steps": {"nuisances": SlipNuisances(converter=5.0)},
+    "noise of 0.3 steps": {"nuisances": SlipNuisances(converter=1.0 / 0.3)},
 }
 """What is different from rolling on a smooth table under the sensor's noise. Bumps are exponential, 1.5 slip events in
-the mean, load steps of 0.3 to 1 V."""
+the mean, load steps of 0.3 to 1 V; steps are those of the converter."""
+
+COARSE = tuple(name for name in NUISANCES if name.endswith("steps"))
+
+DRIFTS_HZ = (0.02, 0.1, 0.5)
+"""Of a coarse sensor at rest, steps of its converter a second."""
 
 SPEED_M_S = 0.01
 """Of the slip. Assumption: the paper prints none."""
@@ -94,6 +103,34 @@ def recordings(settings: SlipPlantSettings, hours: float, seed: int) -> Iterator
         if np.ptp(plant.slid_m) != 0.0:
             raise RuntimeError("a recording without slip slipped: press harder")
         yield values
+
+
+def drifting(settings: SlipPlantSettings, hours: float, seed: int) -> Iterator[Floats]:
+    """Recordings of a sensor at rest that drifts slowly over the codes of its converter, shape (n, 1) each."""
+    noise, t_s = (
+        settings.bridges[-1].noise,
+        np.arange(round(RECORDING_S * settings.rate_hz)) / settings.rate_hz,
+    )
+    step = settings.nuisances.converter * noise
+    for number in range(round(hours * 3600.0 / RECORDING_S)):
+        rng = np.random.default_rng((seed, number))
+        place = rng.uniform() + DRIFTS_HZ[number % len(DRIFTS_HZ)] * t_s
+        yield step * np.round(place + noise / step * rng.standard_normal(t_s.size))[:, None]
+
+
+def thinned(values: Floats, lost: float, seed: int) -> Floats:
+    """Samples, shape (n,), of which this share is lost at random: NaN."""
+    found: Floats = np.where(
+        np.random.default_rng((seed, len(values))).random(len(values)) < lost, np.nan, values
+    )
+    return found
+
+
+def joined(values: Floats) -> Floats:
+    """Lost samples lie on a straight line between their neighbours: what a filter that takes no gap is given."""
+    known = np.flatnonzero(np.isfinite(values))
+    found: Floats = np.interp(np.arange(len(values)), known, values[known])
+    return found
 
 
 STEP_S = 4.0
@@ -470,18 +507,57 @@ def in_contact(sensor: str, nuisance: str, thresholds: Thresholds) -> Iterator[d
             yield {**about, "threshold": threshold, "share": float(np.mean(slipping))}
 
 
-def simulated(sensor: str, nuisance: str, hours: float, count: int) -> list[dict[str, Any]]:
-    """Every detector on one sensor under one nuisance: one false alarm an hour, the first seconds included."""
-    plants, chosen = [sensor_off(sensor, nuisance, *factors) for factors in OFF], judges()
+def at_simulated_reset(sensor: str, thresholds: Thresholds) -> Iterator[dict[str, Any]]:
+    """A table that moves under the tip while a detector starts, and goes on: how many it then detects. Ours as well
+    with the quiet level of the air stored."""
+    quiet, slipping = [], []
+    for number, factors in enumerate(OFF * 5):
+        settings = sensor_off(sensor, "table moves", *factors)
+        values, touch, _ = contact(settings, SEED_SLIP + number, LIGHT_M, rolls=False)
+        begin = touch + round(0.5 * settings.rate_hz)
+        quiet.append(values[:touch])
+        slipping.append(values[begin : begin + touch])
+    for name, judge in judges().items():
+        detected = sum(
+            math.isfinite(first_above(judge(each, settings.rate_hz), thresholds[name]["clean"]))
+            for each in slipping
+        )
+        about = {"sensor": sensor, "detector": name, "stored": False}
+        yield {**about, **share_of(detected, len(slipping))}
+    yield {"sensor": sensor, "detector": OURS, **refusals(quiet, slipping, settings.rate_hz)}
+
+
+SOME = (OURS, "high-pass RMS, 10 ms", "high-pass RMS, 10 ms, over own quiet", "AR(16) residual, GLR")
+"""Of the detectors on coarse converters and where samples are lost."""
+
+
+def simulated(
+    sensor: str, nuisance: str, hours: float, count: int, lost: float = 0.0
+) -> list[dict[str, Any]]:
+    """Every detector on one sensor under one nuisance: one false alarm an hour, the first seconds included. Of lost
+    samples ours knows."""
+    plants = [sensor_off(sensor, nuisance, *factors) for factors in OFF]
     rate_hz = plants[0].rate_hz
+    chosen = {
+        name: judge for name, judge in judges().items() if name in SOME or not (lost or nuisance in COARSE)
+    }
+
+    def judged(name: str, values: Floats, seed: int) -> Floats:
+        heard = thinned(values[:, 0], lost, seed) if lost else values[:, 0]
+        return chosen[name](heard if name == OURS or not lost else joined(heard), rate_hz)
+
     maxima: dict[str, list[Floats]] = {name: [] for name in chosen}
     for number, plant in enumerate(plants):
-        for values in recordings(plant, hours / len(plants), SEED_QUIET + number):
-            for name, judge in chosen.items():
-                maxima[name].append(span_maxima(judge(values[:, 0], rate_hz), rate_hz))
+        quiet = [recordings(plant, hours / len(plants), SEED_QUIET + number)]
+        if nuisance in COARSE:
+            quiet.append(drifting(plant, hours / len(plants), SEED_QUIET + number))
+        for place, values in enumerate(chain(*quiet)):
+            for name in chosen:
+                maxima[name].append(span_maxima(judged(name, values, place), rate_hz))
     found = {name: threshold_for(np.concatenate(parts), INTERVAL_S) for name, parts in maxima.items()}
     rows = []
-    for ramp in (False, True) if nuisance == "clean" else (False,):
+    about_lost = f", {100.0 * lost:g} % lost" if lost else ""
+    for ramp in (False, True) if nuisance == "clean" and not lost else (False,):
         trials = [
             trial
             for number, plant in enumerate(plants)
@@ -490,14 +566,15 @@ def simulated(sensor: str, nuisance: str, hours: float, count: int) -> list[dict
         ]
         for name, equal in found.items():
             delays, early = [], 0
-            for trial in trials:
+            for place, trial in enumerate(trials):
                 assert trial.onset is not None
-                statistic = chosen[name](trial.values[:, 0], rate_hz)
+                statistic = judged(name, trial.values, place)
                 if math.isfinite(first_above(statistic[trial.start : trial.onset], equal.threshold)):
                     early += 1
                 delay_s = first_above(statistic[trial.onset :], equal.threshold) / rate_hz
                 delays.append(delay_s if delay_s <= MISSED_S else math.inf)
-            about = {"sensor": sensor, "nuisance": "ramp" if ramp else nuisance, "detector": name}
+            what = "ramp" if ramp else nuisance + about_lost
+            about = {"sensor": sensor, "nuisance": what, "detector": name}
             limit = {"threshold": equal.threshold, "extrapolated": equal.extrapolated}
             rows.append({**about, **limit, "early": early, "delays_s": delays})
     return rows
@@ -511,7 +588,10 @@ HOURS, TRIALS = 4.0 / 3.0, 400
 
 BASIC = ("clean", "bumps", "loads")
 MORE = ("tails", "tremor", "smooth", "bouncing")
-"""On the fingertip alone."""
+"""On the fingertip alone, as are coarse converters."""
+
+LOST = (0.1, 0.2)
+"""Shares of the samples that are lost, in calm and among bumps."""
 
 
 def _beside_ours(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -553,9 +633,16 @@ def main(quick: bool = False) -> None:
 
     count, known = 8 if quick else TRIALS, bool(drags("judging"))
     parts = [(sensor, nuisance) for nuisance in BASIC for sensor in SENSORS]
-    parts += [(SENSORS[0], nuisance) for nuisance in MORE]
+    parts += [(SENSORS[0], nuisance) for nuisance in (*MORE, *COARSE)]
     rows = [
         row for part in parts for row in _kept(f"{part[0]}_{part[1]}_{count}", simulated, *part, HOURS, count)
+    ]
+    rows += [
+        row
+        for sensor, nuisance, lost in product(SENSORS, BASIC[:2], LOST)
+        for row in _kept(
+            f"{sensor}_{nuisance}_{lost:g}_{count}", simulated, sensor, nuisance, HOURS, count, lost
+        )
     ]
     dragged = [{"detector": name, **on_drags(judge)} for name, judge in judges().items()] if known else []
     minute = {row["detector"]: row["threshold"] for row in dragged}
@@ -570,6 +657,7 @@ def main(quick: bool = False) -> None:
             for row in on_blows(judge, given)
         ],
         "at_reset": [row for name in minute for row in at_reset(name, judges()[name], minute[name])],
+        "at_simulated_reset": [row for sensor in SENSORS for row in at_simulated_reset(sensor, hour[sensor])],
         "steps": [
             row
             for kind in ("white", "hum", "converter")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.slip import called, refusals, sensor_off, slips
+from benchmarks.slip import called, drifting, joined, refusals, sensor_off, slips, thinned
 
 RATE_HZ = 100.0
 
@@ -33,3 +33,16 @@ def test_a_slip_at_reset_is_refused_where_the_quiet_is_known():
     quiet = np.random.default_rng(1).normal(0.0, 1.0, (2, 3000))
     found = refusals(list(quiet), [quiet[0], 30.0 * quiet[1]], 1000.0)
     assert (found["slips"], found["detected"], found["something_reported"]) == (2, 1, 2)
+
+
+def test_a_coarse_sensor_drifts_from_code_to_code_and_lost_samples_lie_on_a_line():
+    plant = sensor_off("fingertip", "noise of 0.2 steps")
+    step = 5.0 * plant.bridges[-1].noise
+    codes = [(x / step)[:, 0] for x in drifting(plant, 0.5, 1)]
+    assert all(np.allclose(x, np.round(x)) for x in codes)
+    # 0.02, 0.1 and 0.5 steps a second, for ten minutes
+    assert [x[-5000:].mean() - x[:5000].mean() for x in codes] == pytest.approx([12.0, 60.0, 300.0], abs=3.0)
+    x = np.arange(100_000.0)
+    lost = thinned(x, 0.2, 3)
+    assert np.isnan(lost).mean() == pytest.approx(0.2, abs=0.01)
+    assert joined(lost)[10:-10] == pytest.approx(x[10:-10])
