@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
+from controller.by_hand import sources
 from controller.campaign import TrialPlan
 
 Cell = tuple[str, str, str, str]
@@ -37,7 +38,7 @@ def had(trials: Sequence[TrialPlan]) -> Mapping[tuple[str, str], frozenset[str]]
     """By state and device, what it has of `NEEDS` in any of these trials, as their behaviors foresee them."""
     found: dict[tuple[str, str], set[str]] = {}
     for trial in trials:
-        sources = {signal.info.name: signal.inputs for signal in trial.signals}
+        made = {signal.info.name: signal for signal in trial.signals}
         for state, plans in trial.behavior.foreseen.items():
             commands = trial.behavior.rehearse(state)
             for command in commands:
@@ -47,19 +48,9 @@ def had(trials: Sequence[TrialPlan]) -> Mapping[tuple[str, str], frozenset[str]]
                 streams |= frozenset(trial.detectors[name].inputs)
             if streams or commands or state in MOVING:
                 streams |= trial.guard.inputs
-            for device in _devices(streams, sources):
+            for device in sources(streams, made):
                 found.setdefault((state, device), set()).add(SAMPLES)
             if state in MOVING:  # what is commanded there may follow from what the trial sees
                 mover = trial.behavior.answering
                 found.setdefault((state, mover), set()).update((ANSWERS, "MoveAt", "Grip"))
     return {place: frozenset(each) for place, each in found.items()}
-
-
-def _devices(streams: set[str], sources: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    waiting = list(streams)
-    while waiting:
-        stream = waiting.pop()
-        if stream in sources:
-            waiting += sources[stream]
-        else:
-            yield stream.partition(".")[0]

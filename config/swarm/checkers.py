@@ -5,7 +5,6 @@ Nothing of the program is imported here, least of all of its guard: a checker th
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,9 +16,6 @@ from typing import Any, NamedTuple
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.exceptions import EndOfFile, McapError
 from mcap.stream_reader import StreamReader
-
-ENDS = ("CRASH", "SAFETY", "DATA", "LIVENESS", "NONDETERMINISM")
-"""Classes of failures, the gravest first in the sense that it hides the others."""
 
 BRAKING_S = 0.35
 """How long after a stop a mover may still move: an arm at 0.25 m/s brakes with 1 m/s2; and two turns of the loop."""
@@ -923,8 +919,3 @@ def _difference(one: bytes, other: bytes) -> str:
             begin = max(0, place - 60)
             return f"line {number}: …{a[begin : place + 40]!r} and …{b[begin : place + 40]!r}"
     return f"{len(one)} bytes and {len(other)}"
-
-
-def dumps(findings: Sequence[Violation]) -> str:
-    """Findings, one a line."""
-    return "\n".join(json.dumps(finding._asdict()) for finding in findings)

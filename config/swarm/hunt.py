@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
-from config.profile import load_profile
+from config.profile import Profile, load_profile
 from config.source import flatten
 from config.swarm import checkers
 from config.swarm.cells import Cell
 from config.swarm.checkers import Violation
-from config.swarm.plan import SCENES, Plan, drawn, known, possible
+from config.swarm.plan import SCENES, Plan, drawn, possible
 from config.swarm.play import Story, memory, play
 from drivers.core.clock import monotonic_s
 from simulator.devices.faults import Fault
@@ -31,9 +31,6 @@ the same in all."""
 
 KILLED_BEFORE = 60
 """Turn before which a program is killed: a short trial has some forty of its own."""
-
-OFTEN = 100
-"""Seeds between two looks at the memory: in the first of them everything is loaded."""
 
 TOLD = ("lose", "corrupt")
 """Faults of which each block that is lost is told by itself: as many events as blocks."""
@@ -52,29 +49,22 @@ class Hunt:
 
     Attributes:
         seen: Cells in which a fault took effect, and how often.
-        memory_mb: Of this process, resident, after each `OFTEN` seeds.
         met: Cells whose fault was on from the entry of the state for good, and how often.
         findings: By seed.
     """
 
     seeds: int = 0
     seen: Counter[Cell] = field(default_factory=Counter)
-    memory_mb: list[float] = field(default_factory=list)
     met: Counter[Cell] = field(default_factory=Counter)
     findings: dict[int, Sequence[Violation]] = field(default_factory=dict)
-    outcomes: Counter[str] = field(default_factory=Counter)
 
     def summary(self) -> str:
         """One line: how many seeds, cells and findings."""
         ends = Counter(findings[0].end for findings in self.findings.values())
         failed = ", ".join(f"{count} {end}" for end, count in sorted(ends.items())) or "nothing failed"
         seen, never = len(set(self.seen) & set(possible())), len(self.never)
-        of, memory = len(possible()) - never, ""
-        if len(self.memory_mb) > 1:
-            memory = f"; memory {self.memory_mb[0]:.0f} MB after {OFTEN} seeds, {self.memory_mb[-1]:.0f} at the end"
-        return (
-            f"{self.seeds} seeds: {failed}; {seen} of {of} cells seen with effect, {never} cannot be{memory}"
-        )
+        of = len(possible()) - never
+        return f"{self.seeds} seeds: {failed}; {seen} of {of} cells seen with effect, {never} cannot be"
 
     @property
     def never(self) -> set[Cell]:
@@ -120,7 +110,6 @@ class Hunt:
                         and fault.get("trial", trial.number) == trial.number
                     ):
                         self.met[name, fault["after"], fault["device"], fault["kind"]] += 1
-        self.outcomes.update(row["outcome"] for row in story.rows)
 
 
 def examined(plan: Plan, deep: str = "", hunt: Hunt | None = None) -> Sequence[Violation]:
@@ -131,38 +120,55 @@ def examined(plan: Plan, deep: str = "", hunt: Hunt | None = None) -> Sequence[V
         hunt: Gets what was seen.
     """
     with memory() as folder:
-        story = play(plan, folder, kill_at=1 + plan.seed % KILLED_BEFORE if deep == "killed" else None)
-        if hunt is not None:
-            hunt.note(story)
-        findings = list(checkers.check(story))
-        if story.error is None and not findings:
-            findings += _deep(plan, story, deep, folder)
+        return _examined(plan, plan.profile(folder), folder, [deep], hunt)
+
+
+def replayed(path: Path, compared: bool = True) -> Sequence[Violation]:
+    """What does not hold of a plan in a file, as the corpus keeps it.
+
+    Args:
+        compared: Whether all checks of two stories but of a kill are made, too.
+    """
+    profile, drawn_there = load_profile(path), flatten(tomllib.loads(path.read_text(encoding="utf-8")))
+    with memory() as folder:
+        plan = Plan(0, profile.experiment, dict(drawn_there), [], [])
+        return _examined(plan, profile, folder, ["idle", "split", "resumed"] if compared else [])
+
+
+def _examined(
+    plan: Plan, profile: Profile, folder: Path, deep: Sequence[str], hunt: Hunt | None = None
+) -> Sequence[Violation]:
+    kill_at = 1 + plan.seed % KILLED_BEFORE if "killed" in deep else None
+    story = play(plan, folder, profile, kill_at=kill_at)
+    if hunt is not None:
+        hunt.note(story)
+    findings = list(checkers.check(story))
+    for each in deep if story.error is None and not findings else ():
+        findings += _deep(story, profile, each, folder)
     return findings
 
 
-def _deep(plan: Plan, story: Story, deep: str, folder: Path) -> Iterator[Violation]:
+def _deep(story: Story, profile: Profile, deep: str, folder: Path) -> Iterator[Violation]:
     """Another story beside the first, equal in what must be equal."""
-    healthy = replace(plan, faults=())
+    again, healthy = partial(play, story.plan, folder), replace(profile, faults=())
+    broken = {"resumed": story.folder if story.exit_code not in (0, 1) else None, "killed": story.killed}
     if deep == "twice":
-        yield from checkers.same(story, play(plan, folder), "the same plan twice")
-    elif deep == "resumed" and story.exit_code not in (0, 1):
-        going_on = play(healthy, folder, resumed=story.folder)
-        yield from checkers.healed(story, going_on, play(healthy, folder))
-    elif deep == "killed" and story.killed is not None:
-        going_on = play(healthy, folder, resumed=story.killed)
-        yield from checkers.healed(story, going_on, play(healthy, folder))
+        yield from checkers.same(story, again(profile), "the same plan twice")
+    elif broken_off := broken.get(deep):
+        yield from checkers.healed(story, again(healthy, broken_off), again(healthy))
     elif deep == "idle":
-        device, kind = (plan.faults[0]["device"], "late") if plan.faults else ("loop", "hang")
-        kind = {"loop": "hang", "keys": "pause", "disk": "full"}.get(device, kind)
+        device = profile.faults[0].device if profile.faults else "loop"
+        kind = {"loop": "hang", "keys": "pause", "disk": "full"}.get(device, "late")
         idle = {"device": device, "kind": kind, "at_s": 1e6}
-        same = play(replace(plan, faults=[*plan.faults, idle, SLOW]), folder)
-        yield from checkers.same(story, same, "a fault after the end, and a slow disk")
-    elif deep == "split" and "board" in known(plan.experiment).profile.devices:
-        told = any(fault["kind"] in TOLD for fault in plan.faults)
-        one = healthy if told else plan
-        other = replace(one, settings={**plan.settings, "devices.board.block_samples": 3})
-        first = play(one, folder) if told else story
-        yield from checkers.same(first, play(other, folder), "other block splits")
+        more = [Fault.model_validate(each) for each in (idle, SLOW)]
+        slow = replace(profile, faults=(*profile.faults, *more))
+        yield from checkers.same(story, again(slow), "a fault after the end, and a slow disk")
+    elif deep == "split" and (board := profile.devices.get("board")):
+        told = any(fault.kind in TOLD for fault in profile.faults)
+        one = healthy if told else profile
+        cut = board.settings.model_copy(update={"block_samples": 3})
+        split = replace(one, devices={**one.devices, "board": replace(board, settings=cut)})
+        yield from checkers.same(again(one) if told else story, again(split), "other block splits")
 
 
 def shrunk(plan: Plan, deep: str, end: str) -> tuple[Plan, int]:
@@ -227,16 +233,9 @@ def hunted(
         deep = deep_of(plan)
         findings = examined(plan, deep, hunt)
         hunt.seeds += 1
-        if hunt.seeds % OFTEN == 0:
-            hunt.memory_mb.append(_resident_mb())
         if findings:
             hunt.findings[seed] = findings
             yield seed, plan, deep, findings
-
-
-def _resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def deep_of(plan: Plan) -> str:
@@ -245,31 +244,3 @@ def deep_of(plan: Plan) -> str:
     if SCENES[plan.experiment].weight == 1 and turn // len(DEEP) % DEAR:
         return ""
     return DEEP[turn % len(DEEP)]
-
-
-def replayed(path: Path, compared: bool = True) -> Sequence[Violation]:
-    """What does not hold of a plan in a file, as the corpus keeps it.
-
-    Args:
-        compared: Whether all checks of two stories are made, too.
-    """
-    from config.swarm.play import played
-
-    profile = load_profile(path)
-    seen: list[Violation] = []
-    drawn_there = dict(flatten(tomllib.loads(path.read_text(encoding="utf-8"))))
-    plan = Plan(0, profile.experiment, drawn_there, [], [])
-    with memory() as folder:
-        story = played(plan, profile, folder)
-        seen += checkers.check(story)
-        if compared and story.error is None:
-            slow = replace(profile, faults=(*profile.faults, Fault.model_validate(SLOW)))
-            seen += checkers.same(story, played(plan, slow, folder), "the same plan on a slow disk")
-            if "board" in profile.devices and not any(each.kind in TOLD for each in profile.faults):
-                cut = load_profile(path, {"devices.board.block_samples": "3"})
-                seen += checkers.same(story, played(plan, cut, folder), "other block splits")
-            if story.exit_code not in (0, 1):
-                healthy = replace(profile, faults=())
-                going_on = played(plan, healthy, folder, resumed=story.folder)
-                seen += checkers.healed(story, going_on, played(plan, healthy, folder))
-    return seen

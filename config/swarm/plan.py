@@ -7,11 +7,16 @@ import random
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
+from config.assemble import plan_campaign, used_by
 from config.profile import Profile, load_profile
 from config.source import flatten, nest, toml_value
 from config.swarm.cells import MOVING, NEEDS, PLANS, Cell, had
+from controller.own_modules import found
+from controller.registry import experiment_of, row
+from simulator.devices.faults import OF_THE_BENCH
 
 Settings = Mapping[str, Any]
 
@@ -216,8 +221,14 @@ class Plan:
     trials: Sequence[Mapping[str, Any]]
     faults: Sequence[Mapping[str, Any]]
 
+    def profile(self, folder: Path) -> Profile:
+        """Its profile, written into a folder."""
+        path = folder / f"{self.experiment}.toml"
+        path.write_text(self.toml())
+        return load_profile(path)
+
     def toml(self, comment: str = "") -> str:
-        """As a profile."""
+        """The text of its profile."""
         grid = {key: [self.trials[0][key]] for key in known(self.experiment).grid}
         scene = SCENES[self.experiment]
         rows = ", ".join(
@@ -263,11 +274,6 @@ class Known(NamedTuple):
 @cache
 def known(experiment: str) -> Known:
     """What is drawn from, of an experiment."""
-    from config.assemble import plan_campaign, used_by
-    from controller.own_modules import found
-    from controller.registry import experiment_of, row
-    from simulator.devices.faults import OF_THE_BENCH
-
     scene = SCENES[experiment]
     own = {"experiment": scene.behavior} if scene.behavior else {}
     profile = load_profile(f"mock/{scene.extends or experiment}", own)

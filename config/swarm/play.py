@@ -18,10 +18,13 @@ from typing import Any
 import numpy as np
 
 from config.assemble import build_rig, plan_campaign
-from config.profile import Profile, load_profile
+from config.profile import Profile
 from config.swarm.plan import Plan
+from controller.by_hand import sources
 from controller.campaign import Campaign, CampaignPlan, TrialPlan
 from controller.console import Console
+from controller.recording.joining import broken_off
+from controller.recording.run_folder import RunFolder
 from controller.rig import Rig, TrialScene
 
 MEMORY = Path("/dev/shm")
@@ -230,38 +233,29 @@ def memory() -> Iterator[Path]:
 def _noted(trials: Iterable[TrialPlan], measured: dict[str, set[str]]) -> Iterator[TrialPlan]:
     """The trials; which devices each state measures is noted."""
     for trial in trials:
-        made = {signal.info.name: signal.inputs for signal in trial.signals}
+        made = {signal.info.name: signal for signal in trial.signals}
         for state, plans in trial.behavior.foreseen.items():
-            waiting = [stream for plan in plans for stream in plan.measures]
-            while waiting:
-                stream = waiting.pop()
-                if stream in made:
-                    waiting += made[stream]
-                else:
-                    measured.setdefault(state, set()).add(stream.partition(".")[0])
+            streams = [stream for plan in plans for stream in plan.measures]
+            measured.setdefault(state, set()).update(sources(streams, made))
         yield trial
 
 
-def play(plan: Plan, folder: Path, resumed: Path | None = None, kill_at: int | None = None) -> Story:
-    """Play a plan, or go on with a run that broke off, on a bench in which nothing goes wrong any more.
+def play(
+    plan: Plan,
+    folder: Path,
+    profile: Profile | None = None,
+    resumed: Path | None = None,
+    kill_at: int | None = None,
+) -> Story:
+    """Play a plan, or go on with a run that broke off.
 
     Args:
         folder: In which the run's folder is made.
+        profile: That is played; None is the plan's own.
         resumed: Folder of the run that broke off.
         kill_at: See `Onlooker`.
     """
-    path = folder / f"{plan.experiment}.toml"
-    path.write_text(plan.toml())
-    return played(plan, load_profile(path), folder, resumed, kill_at)
-
-
-def played(
-    plan: Plan, profile: Profile, folder: Path, resumed: Path | None = None, kill_at: int | None = None
-) -> Story:
-    """Play a profile."""
-    from controller.recording.joining import broken_off
-    from controller.recording.run_folder import RunFolder
-
+    profile = profile or plan.profile(folder)
     limits = profile.limits.model_dump(mode="json")
     story = Story(plan, folder, limits, profile.resolved, [])
     witness, there = Onlooker(kill_at), held()
