@@ -16,19 +16,37 @@ try:
 except ModuleNotFoundError:
     sys.exit(f"{sys.executable} lacks click: call .venv/bin/python run.py, which `make run` sets up")
 
-from config.verbs import (
-    Program,
-    by_hand,
-    certify,
-    characterize,
-    profiles,
-    quiet,
-    recordings,
-    results,
-    running,
-    swarm,
-)
+from config.verbs import Program
 from drivers.core.errors import PROGRAM
+
+VERBS = {
+    "calibrate": ("recordings", "Find the threshold that a recording without events asks for."),
+    "certify": ("certify", "Drive each limit of a bench past once: does it act?"),
+    "characterize": ("characterize", "What a sensor can do, on one page, from its recordings."),
+    "check": ("profiles", "Validate a profile, print its settings, try its bench."),
+    "compare": ("results", "Show what differs between two runs."),
+    "emulate": ("profiles", "Serve a profile's emulated devices."),
+    "export": ("results", "Write a run in the formats of other programs."),
+    "home": ("by_hand", "Send a profile's movers to their reference positions."),
+    "jog": ("by_hand", "Move a device while a key is held."),
+    "list": ("listing", "Show profiles, detectors, signals or drivers."),
+    "merge": ("running", "Join the shards of a run."),
+    "monitor": ("by_hand", "Show a profile's streams as they come; nothing moves."),
+    "open": ("results", "Open the report of a run in the browser."),
+    "plan": ("profiles", "Show what a run would take, move and compute."),
+    "quiet": ("quiet", "Set thresholds by a minute at rest on the bench."),
+    "record-set": ("results", "Write a run as a data set that others can load."),
+    "replay": ("recordings", "Feed a recording to a detector."),
+    "report": ("results", "Write the report of one or more runs."),
+    "resume": ("running", "Go on with a run that broke off."),
+    "run": ("running", "Run an experiment, write a run folder and its report."),
+    "stop": ("by_hand", "Stop every mover of a profile, beside whatever runs."),
+    "swarm": ("swarm", "Play short campaigns in which things go wrong, and check what must hold."),
+    "sweep": ("recordings", "Find the resonance in a transducer's frequency sweep."),
+    "tare": ("by_hand", "Take what force sensors read now for zero."),
+    "watch": ("results", "Watch a run that goes on, in the browser."),
+}
+"""Of each verb its module in config/verbs, which is loaded when it is called, and what it does."""
 
 
 def _print_version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
@@ -46,7 +64,7 @@ def _print_version(ctx: click.Context, parameter: click.Parameter, wanted: bool)
     ctx.exit()
 
 
-@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Program, verbs=VERBS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option(
     "--version",
     is_flag=True,
@@ -65,11 +83,6 @@ def cli() -> None:
       run.py run mock/transient      42 approaches to a simulated finger, in seconds
       run.py VERB --help             more about a verb
     """
-
-
-for _module in (profiles, certify, running, by_hand, recordings, characterize, quiet, results, swarm):
-    for _verb in _module.VERBS:
-        cli.add_command(_verb)
 
 
 if __name__ == "__main__":

@@ -110,9 +110,9 @@ def _creep(
     told: Connection,
 ) -> None:
     """The program: creep in the loop and under the guard, say where the mover is, and go on until killed."""
-    from config.assemble import build_rig, make_signals
     from config.profile import load_resolved
-    from controller.by_hand import HandSession, scripted
+    from config.verbs.by_hand import session_on
+    from controller.by_hand import scripted
     from controller.certify import Wrong
     from controller.console import Console
 
@@ -120,8 +120,7 @@ def _creep(
     # only now is the class of its settings found, which may stand beside the profile
     mover, devices, limits, scene = pickle.loads(packed)
     own = profile.for_trial(profile.trials(0)[0])
-    rig = build_rig(own, endpoints, devices=devices)
-    session = HandSession(rig, limits, Console(), own.loop, lambda: make_signals(own), scene)  # type: ignore[arg-type]
+    session = session_on(own, devices, Console(), endpoints, limits=limits, scene=scene)
     wrong = Wrong()
     creeping = scripted(mover.creeping(wrong, BEGIN_S))
 

@@ -1,4 +1,4 @@
-"""From a profile to its bench, and to what is run on it; imports only what the profile uses."""
+"""From a profile to its bench, and to what is run on it; what simulates one is loaded where there is one."""
 
 from __future__ import annotations
 
@@ -9,22 +9,27 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from behaviors.machine import Behavior
+from config.hints import near_or_all
+from config.needs import Needs, needs_of, refuse_missing, within
+from config.profile import Profile
+from config.sections import referred
+from config.source import ProfileError, given_value
+from config.trials import Trial, distinct
+from config.validation import validated
+from controller.campaign import CampaignPlan, TrialPlan
+from controller.detectors.protocol import Detector
+from controller.guard import Guard, GuardSettings
 from controller.outcomes import UNMEASURED
 from controller.own_modules import KindError, found, is_own, own_files
 from controller.registry import KINDS, experiment_of, find, row
+from controller.rig import Rig, TrialScene
+from controller.signals.protocol import Signal
+from drivers.core.clock import Clock, VirtualClock, WallClock
+from drivers.core.errors import PROGRAM, RefusedError
+from drivers.core.protocols import Device
 
 if TYPE_CHECKING:
-    from behaviors.machine import Behavior
-    from config.needs import Needs
-    from config.profile import Profile
-    from config.trials import Trial
-    from controller.campaign import CampaignPlan, TrialPlan
-    from controller.detectors.protocol import Detector
-    from controller.guard import GuardSettings
-    from controller.rig import Rig, TrialScene
-    from controller.signals.protocol import Signal
-    from drivers.core.clock import Clock
-    from drivers.core.protocols import Device
     from simulator.devices.faults import FaultSchedule
     from simulator.wiring.emulator_process import EmulatorProcess
 
@@ -37,7 +42,7 @@ def build_rig(
     endpoints: Mapping[str, Any] | None = None,
     realtime: bool = False,
     devices: Collection[str] | None = None,
-    excused: Collection[str] = (),
+    moves: bool = False,
 ) -> Rig:
     """The profile's bench, its devices still closed.
 
@@ -47,34 +52,26 @@ def build_rig(
         realtime: Whether an emulated bench of its own follows the wall clock, even when this program is late; beside
             a real port it does in any case.
         devices: Those that are there; None is all of the profile. `CampaignPlan.devices` are those that its trials use.
-        excused: Dotted keys of settings of theirs that need no value.
+        moves: Whether one of them is to move by hand: then the limits need all their values as well.
 
     Raises:
         ProfileError: a setting of theirs that the lab has to give has no value.
         RefusedError: a real port beside an emulator that runs already and whose time may pause; or, before an
             emulator starts, a library that a device needs is not installed.
     """
-    profile = _with_devices(profile, devices, excused)
+    profile = _with_devices(profile, devices, moves)
     if profile.bench == "mock":
         return _mock_rig(profile)
     if profile.bench == "emulated":
         return _emulated_rig(profile, endpoints, realtime)
-    from controller.rig import Rig
-    from drivers.core.clock import WallClock
-
     clock = WallClock()
     return Rig("hardware", _wire_devices(profile, clock, {}), clock, time="wall")
 
 
-def _with_devices(
-    profile: Profile, devices: Collection[str] | None, excused: Collection[str] = ()
-) -> Profile:
+def _with_devices(profile: Profile, devices: Collection[str] | None, moves: bool = False) -> Profile:
     """The profile with some of its devices alone, each with all values that the lab has to give."""
-    from config.needs import Needs, refuse_missing
-
     kept = {name: each for name, each in profile.devices.items() if devices is None or name in devices}
-    parts = frozenset(("devices", name) for name in kept)
-    refuse_missing([(profile, None, Needs(parts, moves=False))], excused)
+    refuse_missing([(profile, None, Needs.of_devices(kept, moves))])
     return replace(profile, devices=kept)
 
 
@@ -86,8 +83,6 @@ def _wire_devices(
 ) -> dict[str, Device]:
     """Real drivers; `ports` holds the addresses of the emulated ones; other devices keep their own port. Faults of what
     a sensor reads are seen in the drivers' samples."""
-    from drivers.core.errors import PROGRAM, RefusedError
-
     devices = {}
     for name, entry in profile.devices.items():
         if entry.port == "emulated" and name not in ports:
@@ -109,8 +104,6 @@ def _wire_devices(
 
 
 def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtime: bool) -> Rig:
-    from controller.rig import Rig
-    from drivers.core.errors import PROGRAM, RefusedError
     from simulator.devices.faults import disk_takes_s
     from simulator.wiring.bench_clock import BenchClock, ClockPage
     from simulator.wiring.emulator_process import EmulatorControl
@@ -125,7 +118,7 @@ def _emulated_rig(profile: Profile, endpoints: Mapping[str, Any] | None, realtim
     for name, entry in profile.devices.items() if endpoints is None else ():
         if check := getattr(entry.made, "check_installed", None):
             check(name)  # before the emulator is compiled
-    emulator = _served(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
+    emulator = start_emulator(profile, realtime) if endpoints is None else EmulatorControl(endpoints)
     clock = BenchClock(ClockPage(emulator.endpoints["clock"]))
 
     faults = _schedules(profile, profile.devices, emulator.mark)
@@ -169,13 +162,10 @@ def start_emulator(
             any case, for that device's samples would be dated by a clock that pauses.
         devices: As `build_rig`.
     """
-    return _served(_with_devices(profile, devices), realtime)
-
-
-def _served(profile: Profile, realtime: bool) -> EmulatorProcess:
     from simulator.wiring.emulator_process import EmulatorProcess
 
-    return EmulatorProcess({**emulator_scene(profile), "realtime": realtime or bool(profile.real_ports)})
+    scene = emulator_scene(_with_devices(profile, devices))
+    return EmulatorProcess({**scene, "realtime": realtime or bool(profile.real_ports)})
 
 
 def emulator_scene(profile: Profile) -> dict[str, Any]:
@@ -184,8 +174,6 @@ def emulator_scene(profile: Profile) -> dict[str, Any]:
     Raises:
         ProfileError: the profile has no emulated device.
     """
-    from config.source import ProfileError
-
     if profile.plant is None or profile.bench != "emulated":
         raise ProfileError(
             f'{profile.name}: no device has port = "emulated"; try emulated/{profile.experiment}'
@@ -233,8 +221,6 @@ def _dotted(made: Any) -> str:
 
 
 def _mock_rig(profile: Profile) -> Rig:
-    from controller.rig import Rig
-    from drivers.core.clock import VirtualClock
     from simulator.devices.faults import OF_THE_BENCH, FaultyClock, Keys, disk_takes_s, faulty
     from simulator.look_ahead import LookAhead
 
@@ -317,7 +303,6 @@ def plan_campaign(
     done: Collection[int] = (),
     asked: Mapping[str, Any] | None = None,
     devices: Collection[str] | None = None,
-    excused: Collection[str] = (),
 ) -> CampaignPlan:
     """What is to be run, trial by trial.
 
@@ -326,16 +311,12 @@ def plan_campaign(
         done: Numbers of trials that were run before.
         asked: The arguments of the command line, for the manifest.
         devices: What the campaign opens of which these are a part; None is what these use.
-        excused: Dotted keys that need no value, where nothing is run.
 
     Raises:
         ProfileError: a trial that its behavior cannot run, a detector that it arms and the profile has not, a value
             that the lab has to give, or a fault of a device that no trial uses.
     """
-    from config.sections import referred
-    from controller.campaign import CampaignPlan
-
-    devices = _used_devices(profile, trials, excused) if devices is None else devices
+    devices = _used_devices(profile, trials) if devices is None else devices
     experiment = experiment_of(profile.experiment)
     measures = import_module(experiment.measures)
     names: dict[str, None] = {}
@@ -409,12 +390,7 @@ def own_kinds(profile: Profile, there: Collection[str]) -> dict[str, Any]:
 
 
 def _trial_plans(profile: Profile, trials: Sequence[Trial], seed: int) -> Iterator[TrialPlan]:
-    from controller.campaign import TrialPlan
-    from controller.guard import Guard
-
     measure = _measure_of(profile.experiment)
-    from config.needs import needs_of, within
-
     for trial in trials:
         own = profile.for_trial(trial)
         behavior = _behavior(own, trial)
@@ -457,8 +433,6 @@ def _measure_of(experiment: str) -> Callable[..., Any]:
 
 def scene_of(profile: Profile, trial: Trial | None = None, seed: int = 0) -> TrialScene:
     """What a simulated bench is given before a trial, whose factors are laid over the profile; None is no trial's."""
-    from controller.rig import TrialScene
-
     plant = profile.plant.settings.model_dump(mode="json") if profile.plant else {}
     return (
         TrialScene(0, seed, {}, plant) if trial is None else TrialScene(trial.id, seed, trial.factors, plant)
@@ -488,9 +462,6 @@ def _behavior(profile: Profile, trial: Trial) -> Behavior:
     Raises:
         ProfileError: what it needs is not there.
     """
-    from config.hints import near_or_all
-    from config.source import ProfileError
-
     made = found(experiment_of(profile.experiment).made)
     try:
         behavior: Behavior = made(profile.behavior, profile.factors_of(trial), frozenset(profile.detectors))
@@ -513,20 +484,14 @@ def used_by(profile: Profile, trials: Sequence[Trial]) -> Sequence[tuple[Profile
     Raises:
         ProfileError: a trial that its behavior cannot run, or a detector that it arms and the profile has not.
     """
-    from config.needs import needs_of
-    from config.trials import distinct
-
     own = [(profile.for_trial(trial), trial) for trial in distinct(trials)]
     return [(varied, trial, needs_of(varied, _behavior(varied, trial))) for varied, trial in own]
 
 
-def _used_devices(profile: Profile, trials: Sequence[Trial], excused: Collection[str] = ()) -> frozenset[str]:
+def _used_devices(profile: Profile, trials: Sequence[Trial]) -> frozenset[str]:
     """What some trials open, if all is there that they use."""
-    from config.needs import refuse_missing
-    from config.source import ProfileError
-
     used = used_by(profile, trials)
-    refuse_missing(used, excused)
+    refuse_missing(used)
     devices = frozenset[str]().union(*(needs.devices for _, _, needs in used)) & profile.devices.keys()
     for number, fault in enumerate(profile.faults, start=1):
         if fault.device in profile.devices and fault.device not in devices:
@@ -564,10 +529,6 @@ def make_detector(
     Raises:
         ProfileError: no such kind, or settings that it does not take.
     """
-    from config.hints import near_or_all
-    from config.source import ProfileError, given_value
-    from config.validation import validated
-
     if not is_own(kind) and kind not in KINDS["detector"]:
         raise ProfileError(f"--detector {kind}: no such detector; {near_or_all(kind, KINDS['detector'])}")
     try:

@@ -7,22 +7,28 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from config.assemble import plan_campaign
+from config.merging import profile_of
+from config.profile import Profile
+from config.rehearsal import refusals
+from config.source import ProfileError
+from config.trials import Trial, of_each_value
+from controller.campaign import EXIT_DEVICE, Campaign, CampaignPlan, Outcome
+from controller.console import Console, ConsoleOperator
+from controller.holding import Holding, addresses
+from controller.own_modules import is_own
+from controller.recording.joining import ResumedRun, broken_off
+from controller.recording.run_folder import RunFolder
+from controller.rig import Rig
 from drivers.core.clock import rest
 
 if TYPE_CHECKING:
-    from config.profile import Profile
-    from config.trials import Trial
-    from controller.campaign import CampaignPlan, Outcome
-    from controller.console import Console, ConsoleOperator
-    from controller.recording.joining import ResumedRun
-    from controller.recording.run_folder import RunFolder
-    from controller.rig import Rig
-    from controller.watching.foxglove import FoxgloveStream
+    from controller.watching.foxglove import FoxgloveStream  # a library that not everybody has
 
 RECONNECT_S = 5.0
 """How long a real bench is left alone before its devices are opened anew. Assumption: a USB port is there again."""
 
-Once = Callable[["CampaignPlan", "ResumedRun | None"], "tuple[Outcome, bool, ConsoleOperator]"]
+Once = Callable[[CampaignPlan, ResumedRun | None], tuple[Outcome, bool, ConsoleOperator]]
 """Runs a campaign with its devices opened once: how it ended, whether they were opened in this process, and what the
 person has pressed."""
 
@@ -35,12 +41,6 @@ def rehearse(loaded: Profile, plan: CampaignPlan, trials: Sequence[Trial]) -> No
     Raises:
         ProfileError: they do not.
     """
-    from config.assemble import plan_campaign
-    from config.rehearsal import refusals
-    from config.source import ProfileError
-    from config.trials import of_each_value
-    from controller.own_modules import is_own
-
     if is_own(loaded.experiment):
         return
     few = plan_campaign(loaded, of_each_value(trials), plan.seed, devices=plan.devices).trials
@@ -63,9 +63,6 @@ def on_bench(
         DeviceError: another program has one of a real bench's devices.
         RecordingError, RunFolderError: as of `Campaign.run`.
     """
-    from controller.campaign import Campaign
-    from controller.holding import Holding, addresses
-
     with Holding(loaded.name, "run", addresses(rig), loaded.bench == "hardware") as note:
         outcome = Campaign(plan, rig, console, out, resumed, mirror).run()
         note.tell(not_at_rest=outcome.not_at_rest)
@@ -78,10 +75,6 @@ def what_is_left(folder: RunFolder) -> tuple[Profile, CampaignPlan, ResumedRun]:
     Raises:
         RunFolderError: it cannot go on: what differs, and what to do.
     """
-    from config.assemble import plan_campaign
-    from config.merging import profile_of
-    from controller.recording.joining import broken_off
-
     resumed = broken_off(folder)
     loaded, trials = profile_of(resumed.manifest, folder.path.name)
     seed, asked = int(resumed.manifest["seed"]), resumed.manifest["profile"].get("asked")
@@ -97,9 +90,6 @@ def reconnected(
     Returns:
         How it ended, and what the person has pressed.
     """
-    from controller.campaign import EXIT_DEVICE
-    from controller.recording.run_folder import RunFolder
-
     outcome, again, operator = once(plan, resumed)
     permitted = loaded.trial_settings.reconnects
     for number in range(1, permitted + 1):

@@ -364,8 +364,8 @@ def in_batches(
     return JoinedCampaign(plan, rig, console, out, resumed, parts=parts)
 
 
-def jobs_for(profile: Profile, plan: CampaignPlan, asked: int | None) -> int:
-    """In how many processes a campaign is run.
+def jobs_for(profile: Profile, trials: int, asked: int | None) -> int:
+    """In how many processes so many trials are run.
 
     Raises:
         JobsError: it is no simulation, and several were asked for.
@@ -377,7 +377,7 @@ def jobs_for(profile: Profile, plan: CampaignPlan, asked: int | None) -> int:
             )
         return 1
     if asked is None:
-        expected = cost(profile.name, profile.experiment, plan.count)
+        expected = cost(profile.name, profile.experiment, trials)
         worth = expected is not None and expected.computing_s > WORTH_S
         asked = len(os.sched_getaffinity(0)) if worth else 1
-    return max(1, min(asked, plan.count))
+    return max(1, min(asked, trials))

@@ -141,10 +141,10 @@ def profile_of(manifest: Mapping[str, Any], name: str) -> tuple[Profile, list[Tr
     _check_program(name, began, program(began["versions"]))
     asked = kept.get("asked") or {}
     try:
-        rows, labels = read_csv(asked["trials"]) if asked.get("trials") else (None, None)
+        rows = read_csv(asked["trials"]) if asked.get("trials") else None
         if asked.get("scripted"):  # the script's own trials
-            rows = kept["resolved"]["trials"]["list"]
-        present = load_profile(asked.get("profile", kept["name"]), asked.get("set"), rows=rows, labels=labels)
+            rows = {f"row {number}": row for number, row in enumerate(kept["resolved"]["trials"]["list"], 1)}
+        present = load_profile(asked.get("profile", kept["name"]), asked.get("set"), rows=rows)
         folders = own_folders(manifest)
         loaded = load_resolved(kept["name"], kept["resolved"], folders=folders)
     except ProfileError as error:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+from behaviors.machine import Behavior
+from config.profile import Profile
 from config.sections import SIGNALS, Entry, references
 from config.source import KeyPath, ProfileError
+from config.trials import Trial
+from controller.guard import GuardSettings
 from controller.own_modules import is_own
 from controller.registry import row
-
-if TYPE_CHECKING:
-    from behaviors.machine import Behavior
-    from config.profile import Profile
-    from config.trials import Trial
-    from controller.guard import GuardSettings
 
 Part = tuple[str, str]
 """Section and name: `("devices", "arm")`."""
@@ -40,6 +38,11 @@ class Needs(NamedTuple):
         """Names of a section that are used."""
         return frozenset(name for of, name in self.parts if of == section)
 
+    @classmethod
+    def of_devices(cls, names: Iterable[str], moves: bool = False) -> Needs:
+        """Some devices by themselves."""
+        return cls(frozenset(("devices", name) for name in names), moves)
+
 
 def needs_of(profile: Profile, behavior: Behavior) -> Needs:
     """What one trial uses, by its behavior's own declarations.
@@ -64,7 +67,7 @@ def with_limits(profile: Profile, parts: Iterable[Part]) -> Needs:
     limits: Any = profile.limits
     used = frozenset(parts)
     moves = any(
-        _may_move(profile.devices[name]) for of, name in used if of == "devices" and name in profile.devices
+        may_move(profile.devices[name]) for of, name in used if of == "devices" and name in profile.devices
     )
     if moves:
         devices = {name for of, name in used if of == "devices"}
@@ -98,15 +101,12 @@ def within(limits: GuardSettings, needs: Needs) -> GuardSettings:
     return limits.model_copy(update={"movers": {}, **absent})
 
 
-def refuse_missing(
-    used: Sequence[tuple[Profile, Trial | None, Needs]], excused: Collection[str] = ()
-) -> None:
+def refuse_missing(used: Sequence[tuple[Profile, Trial | None, Needs]]) -> None:
     """See that everything is there which is used: each value that the lab has to give, and what settings refer to.
 
     Args:
         used: The profile with each trial's factors laid over it, the trial (None of what is used by hand), and
             what that uses.
-        excused: Dotted keys that need no value here.
 
     Raises:
         ProfileError: a line for each thing that is missing.
@@ -114,7 +114,7 @@ def refuse_missing(
     lines: dict[str, None] = {}
     for profile, trial, needs in used:
         for path, line in profile.deferred.items():
-            if ".".join(path) not in excused and _is_used(path, profile, trial, needs):
+            if path not in profile.excused and _is_used(path, profile, trial, needs):
                 lines[line] = None
     if lines:
         raise ProfileError(list(lines))
@@ -161,7 +161,7 @@ def _sender(stream: str) -> Part:
     return (SIGNALS, name) if owner == SIGNALS else ("devices", owner)
 
 
-def _may_move(entry: Entry) -> bool:
+def may_move(entry: Entry) -> bool:
     """Whether a device may: one of the user's own, unless it is a sensor that sends lines."""
     if is_own(entry.kind):
         from drivers.core.line_sensor import (

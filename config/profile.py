@@ -6,7 +6,6 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,11 +23,13 @@ from config.source import (
     Table,
     nest,
     read_source,
+    with_value,
     without_absent,
 )
-from config.trials import Trial, TrialsSettings, combinations, in_order, trials_from
+from config.trials import Trial, TrialsSettings
 from config.validation import as_table, validated
-from controller.registry import find, settings_of
+from controller.own_modules import found
+from controller.registry import PARTS, find, settings_of
 from drivers.core.settings import Settings
 
 TRIAL_SECTIONS = ("signals", "detectors", "behavior", "limits", "plant")
@@ -47,6 +48,7 @@ class Profile:
         faults: What goes wrong on purpose, each of the table's class for it.
         unverified: Streams that no device has until it is open: where each is named, and its name.
         deferred: What must not be used as it is, a line each, by the path of the setting: `config.needs`.
+        excused: Of these settings, which need no value where nothing is run.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Profile:
     unverified: Sequence[tuple[str, str]] = field(repr=False, compare=False)
     deferred: Mapping[KeyPath, str] = field(repr=False, compare=False)
     source: Source = field(repr=False, compare=False)
+    excused: frozenset[KeyPath] = field(default=frozenset(), repr=False, compare=False)
 
     @property
     def real_ports(self) -> Mapping[str, str]:
@@ -100,12 +103,9 @@ class Profile:
     @property
     def shown(self) -> Table:
         """Likewise, for people: where a value is not set stands how to find it."""
-        table = deepcopy(self.resolved)
+        table = self.resolved
         for path, hint in self.source.unset.items():
-            place = table
-            for key in path[:-1]:
-                place = place.setdefault(key, {})
-            place[path[-1]] = f"{UNSET} {hint}"
+            table = with_value(table, path, f"{UNSET} {hint}")
         return table
 
     @cached_property
@@ -116,8 +116,7 @@ class Profile:
 
     def trials(self, seed: int) -> list[Trial]:
         """The trials in the order in which they are run."""
-        listed = trials_from(combinations(self.trial_settings), self.trial_settings.repeats)
-        return in_order(listed, self.trial_settings.order, seed)
+        return [*self.trial_settings.trials(seed)]
 
     def for_trial(self, trial: Trial) -> Profile:
         """This profile with a trial's dotted factors laid over it.
@@ -137,7 +136,7 @@ class Profile:
         if key not in self._varied:
             alone = replace(self.source, data={**self.source.data, "trials": {}})
             own = _read(alone.joined(nest(trial.overrides.items()), self._where(trial)))
-            own = replace(own, trial_settings=self.trial_settings, source=self.source)
+            own = replace(own, trial_settings=self.trial_settings, source=self.source, excused=self.excused)
             same = {
                 each.name: _same(getattr(self, each.name), getattr(own, each.name)) for each in fields(self)
             }
@@ -194,23 +193,22 @@ def load_profile(
     name_or_path: str | Path,
     overrides: Mapping[str, str] | None = None,
     *,
-    rows: Sequence[Mapping[str, Any]] | None = None,
-    labels: Sequence[str] | None = None,
+    rows: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Profile:
     """Load a profile with all that it extends, and validate all of it, the trials included.
 
     Args:
         name_or_path: A name under config/profiles (`mock/transient`), or the path of a TOML file.
         overrides: `{"limits.force_n": "1.5"}`: TOML values, or plain text; applied last.
-        rows: Trials from elsewhere, in place of the profile's list and grid; nested or dotted factors.
-        labels: Where each of these rows stands, for errors.
+        rows: Trials from elsewhere, in place of the profile's list and grid: nested or dotted factors by where they
+            stand, for errors.
 
     Raises:
         ProfileError: one line for each thing that is wrong; the first one decides.
     """
     source = read_source(name_or_path, overrides)
     if rows is not None:
-        source = source.with_rows(rows, labels or [f"row {number}" for number in range(1, len(rows) + 1)])
+        source = source.with_rows(rows)
     return _checked(_read(source))
 
 
@@ -229,23 +227,22 @@ def load_resolved(name: str, resolved: Mapping[str, Any], folders: Sequence[Path
 
 def _read(source: Source) -> Profile:
     sections = Sections(source)
-    bench = sections.bench()
-    devices = sections.devices()
+    tables, bench, devices = sections.tables, sections.bench(), sections.devices()
     profile = Profile(
         name=source.name,
-        title=sections.tables.title,
-        description=sections.tables.description,
-        experiment=sections.tables.experiment,
+        title=tables.title,
+        description=tables.description,
+        experiment=tables.experiment,
         bench=bench,
         devices=devices,
         signals=sections.signals(),
-        detectors=sections.detectors(),
-        behavior=sections.behavior(sections.experiment()),
-        limits=sections.part("limits"),
-        loop=sections.part("loop"),
+        detectors=sections.entries("detector"),
+        behavior=sections.behavior(),
+        limits=sections.settings(found(PARTS["limits"]), tables.limits, ("limits",)),
+        loop=sections.settings(found(PARTS["loop"]), tables.loop, ("loop",)),
         plant=sections.plant(bench),
         faults=sections.faults(bench, devices),
-        trial_settings=sections.tables.trials,
+        trial_settings=tables.trials,
         unverified=tuple(sections.unverified),
         deferred=sections.deferred,
         source=source,
@@ -259,8 +256,7 @@ def _read(source: Source) -> Profile:
 def _checked(profile: Profile) -> Profile:
     """The same profile, if all its trials can be run with it."""
     trials = profile.trial_settings
-    for number, factors in enumerate(combinations(trials)):
-        trial = Trial(number * trials.repeats + 1, factors)
+    for trial in trials.trials()[:: trials.repeats]:
         profile.factors_of(trial)
         profile.for_trial(trial)
     return profile

@@ -5,20 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from config.profile import Profile
+from controller.campaign import TrialPlan
 from controller.guard import GuardRefusal
 from controller.numbers import normalised
+from controller.rig import TrialScene
 from drivers.arm.commands import valid
 from drivers.arm.settings import ArmSettings
 from drivers.core.axis import AxisLimits
 from drivers.core.errors import CommandError, DeviceError
 from drivers.core.messages import Command, MoveAt, MoveTo, Twist
-
-if TYPE_CHECKING:
-    from config.profile import Profile
-    from controller.campaign import TrialPlan
-    from controller.rig import TrialScene
 
 
 def refusals(

@@ -46,10 +46,10 @@ def run_trials(
     if not 0 <= seed < 2**63:
         raise ProfileError(f"run_trials: seed = {seed}: a whole number from 0 to 2**63 - 1")
     # numbers of NumPy are numbers as any other
-    rows = json.loads(json.dumps([dict(row) for row in trials], default=_plain))
+    given = json.loads(json.dumps([dict(row) for row in trials], default=_plain))
+    rows = {f"run_trials: trial {number}": row for number, row in enumerate(given, start=1)}
     once = {**(settings or {}), "trials.order": "listed", "trials.repeats": "1"}
-    labels = [f"run_trials: trial {number}" for number in range(1, len(rows) + 1)]
-    loaded = load_profile(profile, once, rows=rows, labels=labels)
+    loaded = load_profile(profile, once, rows=rows)
     asked = {"profile": str(profile), "set": once, "scripted": True}
     planned = plan_campaign(loaded, loaded.trials(seed), seed, asked=asked)
     rehearse(loaded, planned, loaded.trials(seed))

@@ -117,7 +117,7 @@ class Sections:
         for name, of in ((SIGNALS, "the signals' streams"), ("detector", "what detectors read")):
             if name in self.tables.devices:
                 self._complain(("devices", name), f": the name is taken by {of}; choose another")
-        entries = dict(self._entries("driver"))
+        entries = self.entries("driver")
         taken: dict[str, str] = {}
         for name, entry in entries.items():
             alone = entry.settings.serial_port and entry.port not in ("mock", "emulated", "console")
@@ -131,13 +131,9 @@ class Sections:
                 )
         return entries
 
-    def detectors(self) -> dict[str, Entry]:
-        """The detectors that are sound."""
-        return dict(self._entries("detector"))
-
     def signals(self) -> dict[str, Entry]:
         """The signals that are sound; one that is made of itself, however far round, is never made."""
-        entries = dict(self._entries("signal"))
+        entries = self.entries("signal")
         inputs = {
             name: [
                 stream.removeprefix(f"{SIGNALS}.")
@@ -153,17 +149,10 @@ class Sections:
             self._complain((SIGNALS, circle[0]), f": goes in a circle, {' → '.join(circle)}")
         return entries
 
-    def experiment(self) -> Meaning | None:
-        """What the profile's experiment means."""
-        return self._found("experiment", (), {"experiment": self.tables.experiment})
-
-    def behavior(self, experiment: Meaning | None) -> Any:
+    def behavior(self) -> Any:
         """Settings of the experiment."""
-        return experiment and self._settings(experiment.settings, self.tables.behavior, ("behavior",))
-
-    def part(self, name: str) -> Any:
-        """Settings of the guard (`limits`) or of the `loop`."""
-        return self._settings(found(PARTS[name]), getattr(self.tables, name), (name,))
+        experiment = self._found("experiment", (), {"experiment": self.tables.experiment})
+        return experiment and self.settings(experiment.settings, self.tables.behavior, ("behavior",))
 
     def plant(self, bench: Bench) -> Entry | None:
         """The physics; a real bench has its own."""
@@ -187,7 +176,7 @@ class Sections:
         faults = []
         for number, table in enumerate(self.tables.faults):
             path = ("faults", str(number))
-            fault = self._settings(found(PARTS["faults"]), table, path)
+            fault = self.settings(found(PARTS["faults"]), table, path)
             if fault is None:
                 continue
             entry = devices.get(fault.device)
@@ -217,11 +206,12 @@ class Sections:
 
     # what the sections share
 
-    def _entries(self, family: str) -> Iterator[tuple[str, Entry]]:
+    def entries(self, family: str) -> dict[str, Entry]:
+        """Those of a family that are sound, by name."""
         section = FAMILIES[family].section
-        for name, table in getattr(self.tables, section).items():
-            if entry := self._entry(family, (section, name), table):
-                yield name, entry
+        tables = getattr(self.tables, section).items()
+        entries = {name: self._entry(family, (section, name), table) for name, table in tables}
+        return {name: entry for name, entry in entries.items() if entry}
 
     def _entry(self, family: str, path: KeyPath, table: Table) -> Entry | None:
         port = table.get("port", "") if family == "driver" else ""
@@ -239,7 +229,7 @@ class Sections:
             if key in own:
                 self._complain((*path, key), f' = {shown(own[key])}: goes into port = "…"')
             own[key] = port
-        settings = self._settings(kind.settings, own, path)
+        settings = self.settings(kind.settings, own, path)
         return Entry(table[FAMILIES[family].key], kind.made, settings, port) if settings else None
 
     def _found(self, family: str, path: KeyPath, table: Table, port: str = "") -> Meaning | None:
@@ -264,7 +254,8 @@ class Sections:
             self._complain(place, f" is missing; {did_you_mean(path[-1], beside) or near_or_all('', known)}")
         return None
 
-    def _settings(self, model: type[Settings], table: Table, path: KeyPath) -> Any:
+    def settings(self, model: type[Settings], table: Table, path: KeyPath) -> Any:
+        """Settings from a table at a path; None where they are not sound."""
         try:
             settings = validated(model, table, lambda place: self._where((*path, *(place or [""]))))
         except ProfileError as error:

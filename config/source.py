@@ -105,14 +105,14 @@ class Source:
         asked = {path: (label, text[len(UNSET) :].strip()) for path, text in _asking(top)}
         return replace(self, data=data, origins=origins, asked={**self.asked, **asked})
 
-    def with_rows(self, rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> Source:
-        """This source with trials from elsewhere in place of its own; `labels` are their places."""
+    def with_rows(self, rows: Mapping[str, Mapping[str, Any]]) -> Source:
+        """This source with trials from elsewhere, by their places, in place of its own."""
         trials = self.data.get("trials")
         kept = trials if isinstance(trials, dict) else {}
         asked = {key: kept[key] for key in ("order", "repeats", "reconnects") if key in kept}
-        data = {**self.data, "trials": {**asked, "list": list(rows)}}
+        data = {**self.data, "trials": {**asked, "list": list(rows.values())}}
         origins = {key: file for key, file in self.origins.items() if key[:2] != ("trials", "grid")}
-        origins |= {("trials", "list", str(row)): label for row, label in enumerate(labels)}
+        origins |= {("trials", "list", str(row)): label for row, label in enumerate(rows)}
         return replace(self, data=data, origins=origins)
 
 
@@ -191,11 +191,9 @@ def without_absent(source: Source) -> Source:
 
 def _asking(table: Mapping[str, Any], path: KeyPath = ()) -> Iterator[tuple[KeyPath, str]]:
     """Where a text stands in place of a value, and that text."""
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _asking(value, (*path, key))
-        elif path and isinstance(value, str) and value.startswith(UNSET):
-            yield (*path, key), value
+    for place, value in _leaves(table, path):
+        if len(place) > 1 and isinstance(value, str) and value.startswith(UNSET):
+            yield place, value
 
 
 def bench_of(data: Mapping[str, Any]) -> Bench:
@@ -210,11 +208,15 @@ def bench_of(data: Mapping[str, Any]) -> Bench:
 
 def flatten(table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Dotted keys and values of nested tables, in their order."""
+    return ((".".join(map(str, path)), leaf) for path, leaf in _leaves(table, ()))
+
+
+def _leaves(table: Mapping[str, Any], path: KeyPath) -> Iterator[tuple[KeyPath, Any]]:
     for key, value in table.items():
         if isinstance(value, Mapping):
-            yield from ((f"{key}.{below}", leaf) for below, leaf in flatten(value))
+            yield from _leaves(value, (*path, key))
         else:
-            yield key, value
+            yield (*path, key), value
 
 
 def nest(pairs: Iterable[tuple[str, Any]]) -> Table:
@@ -370,7 +372,7 @@ def with_setting(text: str, path: KeyPath, value: Any, comment: str) -> str:
         lines[at:at] = [*opened, f"{_key(path[-1])} = {given}"]
     changed = "\n".join(lines) + "\n"
     with suppress(tomllib.TOMLDecodeError):
-        if tomllib.loads(changed) == _with(tomllib.loads(text), path, value):
+        if tomllib.loads(changed) == with_value(tomllib.loads(text), path, value):
             return changed
     raise ProfileError(
         f"[{'.'.join(table)}] cannot be written to as it stands; write there: {path[-1]} = {given}"
@@ -381,9 +383,9 @@ def _parts(dotted: str) -> list[str]:
     return [part.strip().strip("\"'") for part in dotted.split(".")]
 
 
-def _with(table: Mapping[str, Any], path: KeyPath, value: Any) -> Any:
+def with_value(table: Mapping[str, Any], path: KeyPath, value: Any) -> Any:
     """Nested tables with another value at a path."""
-    return {**table, path[0]: _with(table.get(path[0], {}), path[1:], value)} if path else value
+    return {**table, path[0]: with_value(table.get(path[0], {}), path[1:], value)} if path else value
 
 
 def _lines(table: Mapping[str, Any], path: KeyPath, origin: Callable[[KeyPath], str]) -> Iterator[str]:

@@ -8,7 +8,7 @@ import csv
 import itertools
 import math
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,6 +38,31 @@ TRIALS_MAX = 100_000
 PlainValue = Annotated[Any, AfterValidator(_plain)]
 Factors = Annotated[dict[str, PlainValue], BeforeValidator(_dotted)]
 """Flat, with dotted names; nested tables are taken as well."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One run of the experiment.
+
+    Attributes:
+        id: Number in the listed order, from 1: the key of the trial's noise and of its row in the results.
+        factors: Flat, with dotted names where they override the profile.
+        repeat: Which repetition of these factors this is, from 1.
+    """
+
+    id: int
+    factors: Mapping[str, Any] = field(default_factory=dict)
+    repeat: int = 1
+
+    @property
+    def own(self) -> dict[str, Any]:
+        """The experiment's own factors."""
+        return {name: value for name, value in self.factors.items() if "." not in name}
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """The factors that override the profile, dotted."""
+        return {name: value for name, value in self.factors.items() if "." in name}
 
 
 class TrialsSettings(Settings):
@@ -73,62 +98,17 @@ class TrialsSettings(Settings):
             raise ValueError(f"{', '.join(twice)}: a factor is either in the list or in the grid")
         return self
 
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """One run of the experiment.
-
-    Attributes:
-        id: Number in the listed order, from 1: the key of the trial's noise and of its row in the results.
-        factors: Flat, with dotted names where they override the profile.
-        repeat: Which repetition of these factors this is, from 1.
-    """
-
-    id: int
-    factors: Mapping[str, Any] = field(default_factory=dict)
-    repeat: int = 1
-
-    @property
-    def own(self) -> dict[str, Any]:
-        """The experiment's own factors."""
-        return {name: value for name, value in self.factors.items() if "." not in name}
-
-    @property
-    def overrides(self) -> dict[str, Any]:
-        """The factors that override the profile, dotted."""
-        return {name: value for name, value in self.factors.items() if "." in name}
-
-
-def trials_from(rows: Iterable[Mapping[str, Any]], repeats: int = 1) -> list[Trial]:
-    """Trials from rows of factors, in their order.
-
-    Args:
-        rows: Nested or dotted factors, one mapping for each combination.
-        repeats: How often each is run, one after the other.
-
-    Example:
-        >>> [trial.id for trial in trials_from([{"speed_m_s": 0.002}, {"speed_m_s": 0.004}], repeats=2)]
-        [1, 2, 3, 4]
-    """
-    factors = [dict(flatten(row)) for row in rows]
-    repeated = ((row, repeat) for row in factors for repeat in range(1, repeats + 1))
-    return [Trial(number, row, repeat) for number, (row, repeat) in enumerate(repeated, start=1)]
-
-
-def combinations(settings: TrialsSettings) -> list[dict[str, Any]]:
-    """Every row of the list with every combination of the grid."""
-    crossed = [
-        dict(zip(settings.grid, values, strict=True)) for values in itertools.product(*settings.grid.values())
-    ]
-    return [{**row, **cell} for row in settings.list for cell in crossed]
-
-
-def in_order(trials: Sequence[Trial], order: str, seed: int) -> list[Trial]:
-    """The trials as they are to be run; their numbers stay."""
-    ordered = list(trials)
-    if order == "shuffled":
-        random.Random(seed).shuffle(ordered)
-    return ordered
+    def trials(self, seed: int | None = None) -> Sequence[Trial]:
+        """All of them, in the order in which they are run; as they are listed without a seed."""
+        cells = [
+            dict(zip(self.grid, values, strict=True)) for values in itertools.product(*self.grid.values())
+        ]
+        rows = [{**row, **cell} for row in self.list for cell in cells]
+        repeated = itertools.product(rows, range(1, self.repeats + 1))
+        trials = [Trial(number, row, repeat) for number, (row, repeat) in enumerate(repeated, start=1)]
+        if self.order == "shuffled" and seed is not None:
+            random.Random(seed).shuffle(trials)
+        return trials
 
 
 def chosen(
@@ -174,33 +154,33 @@ def alike(trials: Sequence[Trial]) -> list[list[Trial]]:
     return list(found.values())
 
 
-def read_csv(path: str | Path) -> tuple[list[dict[str, Factor]], list[str]]:
+def read_csv(path: str | Path) -> dict[str, dict[str, Factor]]:
     """Rows of factors from a CSV file whose header names them.
 
     A cell that reads as a number is one; `true` and `false` are truth values, anything else is text.
 
     Returns:
-        The rows, and for each where it stands, for errors.
+        The rows by where they stand, for errors.
 
     Raises:
         ProfileError: no such file, no header, a column without a name or twice, a row that is longer or
             shorter than the header, an empty cell: one line with file, row (the header is row 1) and column.
     """
-    rows, labels = [], []
+    rows = {}
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
             table = csv.DictReader(file, strict=True, skipinitialspace=True, restval="")
             _check_header(path, table.fieldnames or [])
             for cells in table:
-                labels.append(f"{path}: row {table.line_num}")
-                rows.append(_row(labels[-1], cells))
+                place = f"{path}: row {table.line_num}"
+                rows[place] = _row(place, cells)
     except (csv.Error, UnicodeDecodeError) as error:
         raise ProfileError(f"{path}: no CSV in UTF-8: {error}; save it as CSV (UTF-8)") from None
     except OSError as error:
         raise ProfileError(f"{path}: cannot be read: {error.strerror}") from None
     if not rows:
         raise ProfileError(f"{path}: no trials; each row under the header is one")
-    return rows, labels
+    return rows
 
 
 def _check_header(path: str | Path, header: Sequence[str]) -> None:

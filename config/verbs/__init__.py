@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial, reduce
+from importlib import import_module
 from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import fill
@@ -43,12 +44,46 @@ MISTAKES = 24
 """How many mistakes of a profile are listed at once."""
 
 
-class Program(click.Group):
-    """All verbs; an error is one line on standard error and an exit code, never a page of usage."""
+class Named(click.Command):
+    """Its help has the program's present name in the examples."""
 
     def get_help(self, ctx: click.Context) -> str:
-        """The verbs, with the program's present name in the examples."""
+        """See `click.Command`."""
         return super().get_help(ctx).replace("run.py", PROGRAM)
+
+
+class Program(Named, click.Group):
+    """All verbs; an error is one line on standard error and an exit code, never a page of usage.
+
+    Args:
+        verbs: Of each its module in this package, and what it does.
+    """
+
+    def __init__(self, *args: Any, verbs: Mapping[str, tuple[str, str]], **extra: Any) -> None:
+        super().__init__(*args, **extra)
+        self._verbs = verbs
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Their names."""
+        return [*self._verbs]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        """A verb, whose module is loaded now."""
+        if cmd_name not in self._verbs:
+            raise click.exceptions.NoSuchCommand(cmd_name, possibilities=self._verbs, ctx=ctx)
+        try:
+            module = import_module(f"{__name__}.{self._verbs[cmd_name][0]}")
+        except Exception as error:
+            code, line = explained(error)
+            complain(line)
+            ctx.exit(code)
+        found = (each for each in vars(module).values() if isinstance(each, click.Command))
+        return next(each for each in found if each.name == cmd_name)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """What each does, without loading it."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, about) for name, (_, about) in self._verbs.items()])
 
     def main(self, *args: Any, **extra: Any) -> Any:
         """Run, and end the process with the exit code."""
@@ -87,16 +122,12 @@ class Finite(click.FloatRange):
         return number
 
 
-class Verb(click.Command):
+class Verb(Named):
     """A verb; with --debug an error shows where it came from."""
 
     def __init__(self, *args: Any, **extra: Any) -> None:
         super().__init__(*args, **extra)
         self.params.append(click.Option(["--debug"], is_flag=True, help="Show where an error came from."))
-
-    def get_help(self, ctx: click.Context) -> str:
-        """What the verb does, with the program's present name in the examples."""
-        return super().get_help(ctx).replace("run.py", PROGRAM)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the verb; returns the exit code."""
@@ -219,10 +250,8 @@ def _overrides(ctx: click.Context, parameter: click.Parameter, values: Sequence[
     return {key.strip(): text.strip() for key, _, text in pairs}
 
 
-def span(ctx: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, float] | None:
+def span(value: str) -> tuple[float, float]:
     """Two times in seconds out of `2:12`."""
-    if value is None:
-        return None
     try:
         begin_s, end_s = (float(part) for part in value.split(":"))
     except ValueError:
@@ -230,13 +259,6 @@ def span(ctx: click.Context, parameter: click.Parameter, value: str | None) -> t
     if not 0.0 <= end_s - begin_s < float("inf") or begin_s == end_s:
         raise click.BadParameter(f"'{value}' ends before it begins")
     return begin_s, end_s
-
-
-def all_spans(
-    ctx: click.Context, parameter: click.Parameter, values: Sequence[str]
-) -> Sequence[tuple[float, float]]:
-    """Several of them."""
-    return [found for value in values if (found := span(ctx, parameter, value)) is not None]
 
 
 FILE = click.Path(path_type=Path)
@@ -271,8 +293,30 @@ out_option = click.option(
 report_option = click.option(
     "--report/--no-report", "reported", default=True, help="Write the report as well.", show_default=True
 )
+
+
+def joined(path: str) -> Mapping[str, Any]:
+    """What an emulator printed into a file."""
+    try:
+        endpoints = json.loads(Path(path).read_text(encoding="utf-8"))
+        host, port = endpoints["control"]["host"], endpoints["control"]["port"]
+        if not (isinstance(host, str) and isinstance(port, int) and 0 < port < 65_536):
+            raise ValueError
+        if not all(isinstance(where, dict) for where in dict(endpoints["devices"]).values()):
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = (
+            error.strerror if isinstance(error, OSError) else f"not the line that `{PROGRAM} emulate` prints"
+        )
+        raise click.BadParameter(f"{path}: {reason}", param_hint="--endpoints") from None
+    return dict(endpoints)
+
+
 endpoints_option = click.option(
-    "--endpoints", type=FILE, help="Join the emulator whose line `run.py emulate` printed into this file."
+    "--endpoints",
+    type=joined,
+    metavar="FILE",
+    help="Join the emulator whose line `run.py emulate` printed into this file.",
 )
 
 realtime_option = click.option(
@@ -286,10 +330,8 @@ watch_option = click.option(
 )
 
 
-def shard(ctx: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+def shard(value: str) -> tuple[int, int]:
     """Which shard of how many, out of `3/7`."""
-    if value is None:
-        return None
     which, _, count = value.partition("/")
     if not (which.isdecimal() and count.isdecimal() and 1 <= int(which) <= int(count)):
         raise click.BadParameter(f"'{value}' is no shard; write for example 1/7 to 7/7")
@@ -345,7 +387,7 @@ recording_options = options(
     rate_option,
     click.option(
         "--baseline",
-        callback=span,
+        type=span,
         metavar="T0:T1",
         help="Start at T0; a detector with a baseline learns for T1 - T0 seconds.",
     ),
@@ -354,32 +396,12 @@ recording_options = options(
 """The options of `replay` and `calibrate` for the recording and the detector."""
 
 
-def joined(path: Path | None) -> Mapping[str, Any] | None:
-    """What an emulator printed into a file; None without one."""
-    if path is None:
-        return None
-    try:
-        endpoints = json.loads(path.read_text(encoding="utf-8"))
-        host, port = endpoints["control"]["host"], endpoints["control"]["port"]
-        if not (isinstance(host, str) and isinstance(port, int) and 0 < port < 65_536):
-            raise ValueError
-        if not all(isinstance(where, dict) for where in dict(endpoints["devices"]).values()):
-            raise ValueError
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        reason = (
-            error.strerror if isinstance(error, OSError) else f"not the line that `{PROGRAM} emulate` prints"
-        )
-        raise click.BadParameter(f"{path}: {reason}", param_hint="--endpoints") from None
-    return dict(endpoints)
-
-
 def loaded_profile(profile: str, overrides: Mapping[str, str], csv: Path | None = None) -> Profile:
     """A profile with settings and trials of the command line."""
     from config.profile import load_profile
     from config.trials import read_csv
 
-    rows, labels = read_csv(csv) if csv else (None, None)
-    return load_profile(profile, overrides, rows=rows, labels=labels)
+    return load_profile(profile, overrides, rows=read_csv(csv) if csv else None)
 
 
 def for_each_part(verb: click.Command, parts: ProfileParts, more: Sequence[str]) -> int:
@@ -431,6 +453,15 @@ def say_verdict(line: str) -> None:
     colour = next((colour for word, colour in COLOURS.items() if line.startswith(word)), None)
     word, colon, rest = line.partition(":")
     say(f"\n{click.style(word, fg=colour, bold=True)}{click.style(colon + rest, bold=True)}")
+
+
+def terminal() -> Any:
+    """Where to draw; None where the output is no terminal that can be drawn on."""
+    if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
+        return None
+    from rich.console import Console
+
+    return Console()
 
 
 def browse(address: str) -> None:

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from config import verbs
-from controller.registry import row
-
-if TYPE_CHECKING:
-    from config.profile import Profile
-    from controller.by_hand import HandResult, HandSession
-    from controller.guard import GuardSettings
-    from controller.loop import HandOperator
-    from controller.rig import TrialScene
-    from drivers.core.errors import DeviceError
+from config.assemble import build_rig, limits_of, make_signals, scene_of
+from config.hints import near_or_all
+from config.needs import Needs, may_move, refuse_missing, with_limits
+from config.parts import parts_of
+from config.profile import Profile
+from config.source import ProfileError
+from controller import by_hand
+from controller.by_hand import HandResult, HandSession, sources
+from controller.console import Console, EndingOperator, KeyOperator
+from controller.guard import GuardSettings
+from controller.holding import Holding, address, addresses
+from controller.loop import HandOperator
+from controller.rig import TrialScene
+from controller.stopping import Stopping
+from controller.subscriptions import missing
+from drivers.core.axis import AxisLimits
+from drivers.core.errors import DeviceError
+from drivers.core.messages import Failed, Reached
+from drivers.core.protocols import OwnZero
 
 POSE_S = 2.0
 """How long an arm is given to tell its pose."""
@@ -38,8 +46,6 @@ def loaded_bench(name: str, overrides: Mapping[str, str]) -> Profile:
     Raises:
         click.UsageError: it has parts.
     """
-    from config.parts import parts_of
-
     if parts := parts_of(name):
         first = next(iter(parts.tried))[0]
         raise click.UsageError(f"{name} has parts, each with a bench of its own: name one, such as {first}")
@@ -50,10 +56,9 @@ def session_on(
     loaded: Profile,
     devices: Collection[str],
     operator: HandOperator,
-    endpoints: Path | None = None,
+    endpoints: Mapping[str, Any] | None = None,
     *,
     moves: bool = False,
-    excused: Collection[str] = (),
     doing: str = "",
     limits: GuardSettings | None = None,
     scene: TrialScene | None = None,
@@ -62,8 +67,7 @@ def session_on(
     """Some devices of a profile's bench, for what a person asks for; still closed.
 
     Args:
-        moves: Whether one of them is to move: then the limits need all their values as well.
-        excused: Dotted keys of settings that need no value.
+        moves: As `build_rig`.
         doing: The verb, for the note by which `stop` finds this program; "" leaves none.
         limits: Other than the profile's.
         scene: For a simulated bench, other than an empty one.
@@ -71,14 +75,7 @@ def session_on(
     Raises:
         ProfileError: a value is missing that the lab has to give.
     """
-    from config.assemble import build_rig, limits_of, make_signals, scene_of
-    from config.needs import Needs, refuse_missing
-    from controller.by_hand import HandSession
-    from controller.holding import Holding, addresses
-
-    parts = frozenset(("devices", name) for name in devices)
-    refuse_missing([(loaded, None, Needs(parts, moves))], excused)
-    rig = build_rig(loaded, verbs.joined(endpoints), devices=devices, excused=excused)
+    rig = build_rig(loaded, endpoints, devices=devices, moves=moves)
     return HandSession(
         rig,
         limits or limits_of(loaded),
@@ -91,16 +88,12 @@ def session_on(
     )
 
 
-def ready(loaded: Profile, excuses: Collection[str] = ()) -> Sequence[str]:
+def ready(loaded: Profile) -> Sequence[str]:
     """The devices whose values are all given; of the others the line that says what is missing is printed."""
-    from config.needs import Needs, refuse_missing
-    from config.source import ProfileError
-
     found = []
     for name in loaded.devices:
         try:
-            alone = Needs(frozenset({("devices", name)}), moves=False)
-            refuse_missing([(loaded, None, alone)], [f"devices.{name}.{key}" for key in excuses])
+            refuse_missing([(loaded, None, Needs.of_devices([name]))])
         except ProfileError as error:
             verbs.complain(f"{name} is left out: {error.problems[0]}")
         else:
@@ -108,16 +101,16 @@ def ready(loaded: Profile, excuses: Collection[str] = ()) -> Sequence[str]:
     return found
 
 
-def started_here(loaded: Profile, arm: str, overrides: Mapping[str, str], endpoints: Path | None) -> Profile:
+def started_here(
+    loaded: Profile, arm: str, overrides: Mapping[str, str], endpoints: Mapping[str, Any] | None
+) -> Profile:
     """The profile, with the pose in which an arm stands now for the start pose that the lab does not know yet."""
-    from controller.console import KeyOperator
-
-    key = f"devices.{arm}.start_pose"
-    if tuple(key.split(".")) not in loaded.deferred:
+    key = ("devices", arm, "start_pose")
+    if key not in loaded.deferred:
         return loaded
-    excused = [key]
+    excused = replace(loaded, excused=frozenset([key]))
     with KeyOperator() as operator:
-        with session_on(loaded, [arm], operator, endpoints, moves=True, excused=excused) as session:
+        with session_on(excused, [arm], operator, endpoints, moves=True) as session:
             for t_s, _ in session.listen([f"{arm}.pose"]):
                 if len(session.latest.values(f"{arm}.pose")) or t_s > POSE_S:
                     break
@@ -126,7 +119,7 @@ def started_here(loaded: Profile, arm: str, overrides: Mapping[str, str], endpoi
     if not len(poses := session.latest.values(f"{arm}.pose")):
         raise click.UsageError(f"{arm} tells no pose; give it start_pose")
     verbs.say(f"{arm}: start_pose is not set; limits count from where it stands now")
-    return loaded_bench(loaded.name, {**overrides, key: str(poses[-1].tolist())})
+    return loaded_bench(loaded.name, {**overrides, ".".join(key): str(poses[-1].tolist())})
 
 
 def known_device(loaded: Profile, name: str) -> str:
@@ -136,24 +129,19 @@ def known_device(loaded: Profile, name: str) -> str:
         click.UsageError: it does not.
     """
     if name not in loaded.devices:
-        from config.hints import near_or_all
-
         raise click.UsageError(f"{loaded.name} has no device {name}; {near_or_all(name, loaded.devices)}")
     return name
 
 
 def needed(loaded: Profile, mover: str) -> frozenset[str]:
     """The devices without which a mover may not move: itself, and those that its limits' streams come from."""
-    from config.needs import with_limits
-    from controller.by_hand import limits_of
-
-    own = replace(loaded, limits=limits_of(loaded.limits, mover))  # type: ignore[arg-type]
+    own = replace(loaded, limits=by_hand.limits_of(loaded.limits, mover))  # type: ignore[arg-type]
     return with_limits(own, [("devices", mover)]).devices
 
 
-def may_move(loaded: Profile) -> Sequence[str]:
+def moving(loaded: Profile) -> Sequence[str]:
     """The devices of a profile that may move; what they are tells the device itself."""
-    return [name for name, entry in loaded.devices.items() if row("driver", entry.kind).moves]
+    return [name for name, entry in loaded.devices.items() if may_move(entry)]
 
 
 def ended(result: HandResult) -> int:
@@ -163,10 +151,12 @@ def ended(result: HandResult) -> int:
     return CODES.get(result.outcome, verbs.FAILED)
 
 
-@click.command(cls=verbs.Verb, short_help="Send a profile's movers to their reference positions.")
+@click.command(cls=verbs.Verb)
 @bench_options
 @click.argument("device", required=False)
-def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoints: Path | None) -> int:
+def home(
+    profile: str, overrides: Mapping[str, str], device: str | None, endpoints: Mapping[str, Any] | None
+) -> int:
     """Send each mover of a PROFILE home, or DEVICE alone, one after the other, under the guard.
 
     A stage goes to its home sensor, an arm in a straight line to start_pose, a gripper calibrates where it has not
@@ -179,13 +169,9 @@ def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
 
     Exit codes: 0 at home, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130 interrupted.
     """
-    from controller import by_hand
-    from controller.console import EndingOperator
-    from drivers.core.messages import Reached
-
     loaded, found = loaded_bench(profile, overrides), False
     with EndingOperator() as operator:  # one for all: what is pressed between two movers counts
-        for mover in [known_device(loaded, device)] if device else may_move(loaded):
+        for mover in [known_device(loaded, device)] if device else moving(loaded):
             devices = needed(loaded, mover)
             with session_on(loaded, devices, operator, endpoints, moves=True, doing="home") as session:
                 if mover not in session.movers:
@@ -206,10 +192,12 @@ def home(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
     return verbs.DONE
 
 
-@click.command(cls=verbs.Verb, short_help="Take what force sensors read now for zero.")
+@click.command(cls=verbs.Verb)
 @bench_options
 @click.argument("device", required=False)
-def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoints: Path | None) -> int:
+def tare(
+    profile: str, overrides: Mapping[str, str], device: str | None, endpoints: Mapping[str, Any] | None
+) -> int:
     """Take the present level of each force sensor of a PROFILE for zero, or of DEVICE alone; nothing moves.
 
     Where the device itself does not keep its zero, the line for the profile that does is printed.
@@ -219,10 +207,6 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
       run.py tare hardware/transient
       run.py tare hardware/slip arm
     """
-    from controller import by_hand
-    from controller.console import EndingOperator
-    from drivers.core.protocols import OwnZero
-
     loaded = loaded_bench(profile, overrides)
     asked = [known_device(loaded, device)] if device else list(loaded.devices)
     codes = []
@@ -246,7 +230,7 @@ def tare(profile: str, overrides: Mapping[str, str], device: str | None, endpoin
     return max(codes)
 
 
-@click.command(cls=verbs.Verb, short_help="Show a profile's streams as they come; nothing moves.")
+@click.command(cls=verbs.Verb)
 @bench_options
 @click.argument("streams", nargs=-1)
 @click.option("--seconds", type=verbs.Finite(min=0.1, max=1e6), metavar="N", help="End after N seconds.")
@@ -255,7 +239,7 @@ def monitor(
     overrides: Mapping[str, str],
     streams: Sequence[str],
     seconds: float | None,
-    endpoints: Path | None,
+    endpoints: Mapping[str, Any] | None,
 ) -> int:
     """Show the streams of a PROFILE's bench, or these STREAMS alone: value, rate, age, noise, loss, margin to a limit.
 
@@ -268,13 +252,8 @@ def monitor(
       run.py monitor hardware/transient
       run.py monitor hardware/slip arm.force --seconds 10
     """
-    from config.assemble import make_signals
-    from controller.by_hand import sources
-    from controller.console import KeyOperator
     from controller.hand_view import HandScreen, table
     from controller.jogging import ENDING
-    from controller.subscriptions import missing
-    from drivers.core.messages import Failed
 
     loaded = loaded_bench(profile, overrides)
     made = {signal.info.name: signal for signal in make_signals(loaded)}
@@ -295,7 +274,7 @@ def monitor(
                 raise click.UsageError(missing(stream, session.streams.keys()))
         shown = list(streams or session.streams)
         t_s, failed = 0.0, None
-        with HandScreen(_terminal(), verbs.say_at_once, lambda: table(session, shown, t_s)) as screen:
+        with HandScreen(verbs.terminal(), verbs.say_at_once, lambda: table(session, shown, t_s)) as screen:
             for t_s, statuses in session.listen(shown):
                 if failed := next((each for each in statuses if isinstance(each, Failed)), None):
                     break
@@ -309,10 +288,10 @@ def monitor(
     return verbs.DONE if failed is None else verbs.DEVICE
 
 
-@click.command(cls=verbs.Verb, short_help="Move a device while a key is held.")
+@click.command(cls=verbs.Verb)
 @bench_options
 @click.argument("device")
-def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path | None) -> int:
+def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Mapping[str, Any] | None) -> int:
     """Move DEVICE of a PROFILE's bench while a key is held, under the guard and the profile's limits.
 
     Slow first, 2 mm/s; with Shift 10 mm/s. A motion stops 0.2 s after its last key, at any other key, at Ctrl+C and
@@ -335,12 +314,8 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
 
     Exit codes: 0 done, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130 interrupted.
     """
-    from config.assemble import limits_of
-    from controller import by_hand
-    from controller.console import KeyOperator
     from controller.hand_view import HandScreen, jog_lines
     from controller.jogging import Jog, motions
-    from drivers.core.axis import AxisLimits
 
     loaded = loaded_bench(profile, overrides)
     if not (sys.stdin and sys.stdin.isatty()):
@@ -370,7 +345,7 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
             screen.show(0.0)
 
         own = [stream for stream in session.infos[device].streams if stream != f"{device}.force"]
-        with HandScreen(_terminal(), lambda line: None, lines) as screen:
+        with HandScreen(verbs.terminal(), lambda line: None, lines) as screen:
             result = session.run(Jog(device, keys, operator.pressed, show), device, own, limits=limits)
             doing = result.outcome
         code = ended(result)
@@ -379,9 +354,9 @@ def jog(profile: str, overrides: Mapping[str, str], device: str, endpoints: Path
     return code
 
 
-@click.command(cls=verbs.Verb, short_help="Stop every mover of a profile, beside whatever runs.")
+@click.command(cls=verbs.Verb)
 @bench_options
-def stop(profile: str, overrides: Mapping[str, str], endpoints: Path | None) -> int:
+def stop(profile: str, overrides: Mapping[str, str], endpoints: Mapping[str, Any] | None) -> int:
     """Stop every mover of a PROFILE's bench, and say of each whether it stands still.
 
     A program that has the bench is asked to stop, as by `kill`: it stops every mover and ends. Then each mover is
@@ -394,43 +369,29 @@ def stop(profile: str, overrides: Mapping[str, str], endpoints: Path | None) -> 
 
     Exit codes: 0 every mover stands still, 3 one does not, or it is not known.
     """
-    from controller.console import Console
-    from controller.holding import address
-    from controller.stopping import Stopping
-
     loaded = loaded_bench(profile, overrides)
-    movers = [name for name in ready(loaded, STOP_EXCUSES) if name in may_move(loaded)]
-    missing = [name for name in may_move(loaded) if name not in movers]
-    if not may_move(loaded):
+    needless = frozenset(path for path in loaded.deferred if path[-1] in STOP_EXCUSES)
+    loaded = replace(loaded, excused=needless)
+    movers = [name for name in ready(loaded) if name in moving(loaded)]
+    missing = [name for name in moving(loaded) if name not in movers]
+    if not moving(loaded):
         verbs.say(f"{loaded.name} has nothing that moves")
 
     def open_one(name: str) -> HandSession:
-        excused = [f"devices.{name}.{key}" for key in STOP_EXCUSES]
-        return session_on(loaded, [name], Console(), endpoints, excused=excused)
+        return session_on(loaded, [name], Console(), endpoints)
 
-    joined = verbs.joined(endpoints)
-    where = {name: dict(each) for name, each in (joined or {}).get("devices", {}).items()}
+    where = {name: dict(each) for name, each in (endpoints or {}).get("devices", {}).items()}
     for name in movers:
         entry = loaded.devices[name]
         if entry.port not in ("mock", "emulated"):
             where[name] = dict(address(entry.settings))
     settings = {name: loaded.devices[name] for name in movers}
-    gone = loaded.bench == "mock" or (loaded.bench == "emulated" and joined is None)
-    stopping = Stopping("" if joined else loaded.name, where, settings, verbs.say, None if gone else open_one)
+    gone = loaded.bench == "mock" or (loaded.bench == "emulated" and endpoints is None)
+    stopping = Stopping(
+        "" if endpoints else loaded.name, where, settings, verbs.say, None if gone else open_one
+    )
     return verbs.DONE if stopping.run() and not missing else verbs.DEVICE
 
 
 STOP_EXCUSES = ("start_pose", "approach_axis", "tcp_offset", "payload_kg", "payload_cog_m")
 """Settings of an arm that a stop needs no value of."""
-
-
-def _terminal() -> Any:
-    """Where to draw; None where the output is no terminal that can be drawn on."""
-    if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
-        return None
-    from rich.console import Console
-
-    return Console()
-
-
-VERBS = (monitor, jog, home, tare, stop)

@@ -8,23 +8,30 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from config import verbs
-
-if TYPE_CHECKING:
-    from config.profile import Profile
-    from controller.by_hand import HandSession
-    from controller.certify import Certifier, Proof
-    from controller.loop import HandOperator
+from config.abandoned import abandoned
+from config.assemble import plan_campaign
+from config.parts import parts_of
+from config.profile import Profile
+from config.trials import distinct
+from config.verbs.by_hand import session_on
+from controller.by_hand import HandSession
+from controller.campaign import described, program
+from controller.certify import Certifier, Proof
+from controller.console import EndingOperator
+from controller.loop import HandOperator
+from controller.recording.run_folder import RecordingError, RunFolder
+from drivers.core.clock import utc_now
 
 PAGE = "certificate.md"
 DATA = "certificate.json"
 
 
-@click.command(cls=verbs.Verb, short_help="Drive each limit of a bench past once: does it act?")
+@click.command(cls=verbs.Verb)
 @click.argument("profile")
 @verbs.set_option
 @verbs.out_option
@@ -42,12 +49,6 @@ def certify(profile: str, overrides: Mapping[str, str], out: Path) -> int:
     Exit codes: 0 every limit acted, 1 one did not or was not shown, 2 usage or profile, 3 device, 130 interrupted.
     """
     import termios
-
-    from config.parts import parts_of
-    from controller.campaign import described, program
-    from controller.console import EndingOperator
-    from controller.recording.run_folder import RunFolder
-    from drivers.core.clock import utc_now
 
     if parts := parts_of(profile):
         return verbs.for_each_part(certify, parts, [*verbs.sets(overrides), "--out", str(out)])
@@ -121,12 +122,6 @@ def certifier_of(
     Raises:
         ProfileError: a trial that its behavior cannot run, or a value that the lab has to give.
     """
-    from config.abandoned import abandoned
-    from config.assemble import plan_campaign
-    from config.trials import distinct
-    from config.verbs.by_hand import session_on
-    from controller.certify import Certifier
-
     listed = profile.trials(0)
     plan = plan_campaign(profile, distinct(listed), 0)
     trials = list(plan.trials)
@@ -184,8 +179,6 @@ def write(folder: Path, about: Mapping[str, Any], proofs: Sequence[Proof], ended
     Raises:
         RecordingError: it cannot be written.
     """
-    from controller.recording.run_folder import RecordingError
-
     sound = certified(proofs, ended)
     document = {
         **about,
@@ -216,6 +209,3 @@ def write(folder: Path, about: Mapping[str, Any], proofs: Sequence[Proof], ended
         (folder / PAGE).write_text("\n".join(page) + "\n", encoding="utf-8")
     except OSError as error:
         raise RecordingError(folder / DATA, "writing", error) from error
-
-
-VERBS = (certify,)

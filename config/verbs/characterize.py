@@ -7,17 +7,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from config import verbs
+from config.assemble import make_detector
+from config.recordings import not_calibratable
+from config.source import ProfileError
+from controller.detectors.calibration import Statistic
+from controller.recording.tables import ReplayError
+from controller.replay import read_blocks, source
 
-if TYPE_CHECKING:
-    from controller.detectors.calibration import Statistic
 
-
-@click.command(cls=verbs.Verb, short_help="What a sensor can do, on one page, from its recordings.")
+@click.command(cls=verbs.Verb)
 @verbs.recordings_argument
 @click.option("--column", metavar="C", help="The sensor's column, as in `replay`.")
 @click.option("--stream", default="sensor", help="Of a run folder: the stream, DEVICE.STREAM.")
@@ -27,12 +30,12 @@ if TYPE_CHECKING:
 @verbs.rate_option
 @verbs.many(
     "--quiet",
-    callback=verbs.all_spans,
+    type=verbs.span,
     metavar="T0:T1",
     help="Seconds in which nothing happens; all of it otherwise.",
 )
 @verbs.many("--touch", "touches", type=float, metavar="S", help="When something touched.")
-@verbs.many("--slip", "slips", callback=verbs.all_spans, metavar="T0:T1", help="From when to when it slid.")
+@verbs.many("--slip", "slips", type=verbs.span, metavar="T0:T1", help="From when to when it slid.")
 @click.option("--reference", metavar="C", help="A column that shows the touches: another sensor, a tap.")
 @click.option("--per-newton", type=float, metavar="X", help="The sensor's reading for 1 N.")
 @click.option("--unit", metavar="TEXT", help="Of the readings, where the column's name does not end in it.")
@@ -72,8 +75,6 @@ def characterize(
       run.py characterize drag.csv --column ft_v --rate 1000 --quiet 0:3 --slip 3.2:5 --out ft
     """
     from controller.characterize import SensorRecording, Truth, certificate
-    from controller.recording.tables import ReplayError
-    from controller.replay import read_blocks, source
 
     made = _made(detectors, overrides)
     notes: list[str] = []
@@ -99,11 +100,6 @@ def characterize(
 
 def _made(kinds: Sequence[str], overrides: Mapping[str, str]) -> dict[str, Callable[[], Statistic]]:
     """What makes a detector of each kind, with other values for the settings of a single one."""
-    from config.assemble import make_detector
-    from config.recordings import not_calibratable
-    from config.source import ProfileError
-    from controller.detectors.calibration import Statistic
-
     if "threshold" in overrides:
         raise ProfileError("--set threshold: characterize finds the thresholds itself; leave it out")
     kinds = kinds or ("slip", "force.threshold", "onset")
@@ -138,6 +134,3 @@ def _show(found: Mapping[str, Any], out: Path) -> None:
         except OSError as error:
             raise click.BadParameter(f"{path}: {error.strerror or error}", param_hint="--out") from None
         click.echo(path)
-
-
-VERBS = (characterize,)

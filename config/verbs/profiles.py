@@ -1,4 +1,4 @@
-"""Verbs on a profile: `list`, `check`, `plan`, `emulate`."""
+"""Verbs on a profile: `check`, `plan`, `emulate`."""
 
 from __future__ import annotations
 
@@ -7,48 +7,30 @@ import signal
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from config import verbs
-
-if TYPE_CHECKING:
-    from config.profile import Profile
-    from config.source import ProfileError
-    from config.trials import Trial
-    from controller.campaign import TrialPlan
-    from controller.rig import Rig
-
-
-@click.command("list", cls=verbs.Verb, short_help="Show profiles, detectors, signals or drivers.")
-@click.argument("words", metavar="[WORD]...", nargs=-1)
-@click.option("--mock", "benches", flag_value="mock", multiple=True, help="Only those of this bench.")
-@click.option("--emulated", "benches", flag_value="emulated", multiple=True, help="Only those of this bench.")
-@click.option("--hardware", "benches", flag_value="hardware", multiple=True, help="Only those of this bench.")
-@click.option("--detectors", "shown", flag_value="detector", help="List kinds of detectors instead.")
-@click.option("--signals", "shown", flag_value="signal", help="List kinds of signals instead.")
-@click.option("--drivers", "shown", flag_value="driver", help="List drivers instead.")
-def list_(words: Sequence[str], benches: Sequence[str], shown: str | None) -> None:
-    """Show the profiles, or those in which every WORD stands: a name, an item as A2, an experiment, a driver.
-
-    All fit on a screen; of those that fit it shows devices, ports to set, trials and time as well.
-
-    \b
-    Example:
-      run.py list
-      run.py list slip
-      run.py list --hardware
-      run.py list --detectors
-    """
-    from config.listing import listed_kinds, listed_profiles
-
-    lines = listed_kinds(shown, words) if shown else listed_profiles(words, benches)
-    click.echo("\n".join(click.style(line, bold=True) if line[1:2] == ":" else line for line in lines))
+from config.assemble import build_rig, own_kinds, plan_campaign, scene_check, scene_of, start_emulator
+from config.costs import counted, planned
+from config.jobs import jobs_for
+from config.parts import parts_of
+from config.profile import Profile
+from config.rehearsal import refusals
+from config.source import ProfileError, to_toml
+from config.trials import Trial, chosen, distinct
+from controller.campaign import TrialPlan
+from controller.contracts import tried
+from controller.doctor import compare, examine, summary
+from controller.holding import Holding, addresses
+from controller.rig import Rig
+from drivers.core.clock import rest
 
 
-@click.command(cls=verbs.Verb, short_help="Validate a profile, print its settings, try its bench.")
+@click.command(cls=verbs.Verb)
 @verbs.trials_options
 @click.option("--connect", is_flag=True, help="Open every device and read each sensor; nothing moves.")
 @click.option("--ports", "ask", is_flag=True, help="Likewise, and ask who is at ports it does not use.")
@@ -72,18 +54,10 @@ def check(
       run.py check mock/transient
       run.py check hardware/transient --connect
     """
-    from config.parts import parts_of
-
     connect |= ask
     if parts := parts_of(profile):
         flags = [*["--connect"] * connect, *["--ports"] * ask, *["--verbose"] * verbose]
         return verbs.for_each_part(check, parts, [*verbs.sets(overrides), *flags])
-    from config.assemble import build_rig, plan_campaign
-    from config.costs import counted
-    from config.source import to_toml
-    from config.trials import chosen, distinct
-    from controller.holding import Holding, addresses
-
     loaded = verbs.loaded_profile(profile, overrides, csv)
     origins, asked = loaded.source.origins, chosen(loaded.trials(0), numbers)
     click.echo(f"# {loaded.name}: {loaded.experiment} on the {loaded.bench} bench, {counted(len(asked))}")
@@ -94,8 +68,9 @@ def check(
         click.echo(to_toml(loaded.shown, lambda path: origins.get(path, "default")), nl=connect)
     planned = distinct(asked)
     # to try the bench its ports are enough: nothing moves
-    excused = [".".join(path) for path in loaded.source.unset if path[-1] != "port"] if connect else []
-    campaign = plan_campaign(loaded, planned, 0, excused=excused)
+    excused = frozenset(path for path in loaded.source.unset if path[-1] != "port")
+    trying = replace(loaded, excused=excused) if connect else loaded
+    campaign = plan_campaign(trying, planned, 0)
     named = [
         (where, stream)
         for where, stream in dict.fromkeys(
@@ -106,7 +81,7 @@ def check(
     code, said = verbs.DONE, ""
     if connect or loaded.bench == "mock":
         with (
-            closing(build_rig(loaded, devices=campaign.devices, excused=excused)) as rig,
+            closing(build_rig(trying, devices=campaign.devices)) as rig,
             # a device that another program has would be stopped by being opened
             Holding(loaded.name, "check", addresses(rig), loaded.bench == "hardware"),
         ):
@@ -127,10 +102,6 @@ def check(
 
 def _refused(loaded: Profile, planned: Sequence[Trial], devices: Collection[str]) -> ProfileError | None:
     """Values that a run would miss; where it has all, what plant, guard and movers would refuse of it."""
-    from config.assemble import plan_campaign, scene_check
-    from config.rehearsal import refusals
-    from config.source import ProfileError
-
     try:
         trials = plan_campaign(loaded, planned, 0).trials
         problems = list(refusals(loaded, trials, scene_check(loaded, devices)))
@@ -148,12 +119,6 @@ def _tried(
     ask: bool,
 ) -> tuple[int, str]:
     """Look at a bench and at classes of the user's own, a line for each thing found; exit code and summary."""
-    from itertools import chain
-
-    from config.assemble import own_kinds, scene_of
-    from controller.contracts import tried
-    from controller.doctor import compare, examine, summary
-
     scene = scene_of(loaded)
     entries = {name: loaded.devices[name] for name in rig.devices}
     ports = {name: entry.port for name, entry in entries.items()}
@@ -178,7 +143,7 @@ def _tried(
     return code, summary(findings)
 
 
-@click.command(cls=verbs.Verb, short_help="Show what a run would take, move and compute.")
+@click.command(cls=verbs.Verb)
 @verbs.trials_options
 def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: Sequence[int]) -> int:
     """Show what running a PROFILE would take: time, disk, travel, force, and what each state computes.
@@ -190,24 +155,16 @@ def plan(profile: str, overrides: Mapping[str, str], csv: Path | None, numbers: 
       run.py plan mock/centering
       run.py plan hardware/transient --set trials.repeats=1
     """
-    from config.parts import parts_of
-
     if parts := parts_of(profile):
         return verbs.for_each_part(plan, parts, verbs.sets(overrides))
-    from config.assemble import plan_campaign
-    from config.costs import planned
-    from config.jobs import jobs_for
-    from config.trials import chosen, distinct
-
     loaded = verbs.loaded_profile(profile, overrides, csv)
     trials = chosen(loaded.trials(0), numbers)
-    workers = jobs_for(loaded, plan_campaign(loaded, trials, 0), None)
     varied = plan_campaign(loaded, distinct(trials), 0)
-    click.echo("\n".join(planned(loaded, trials, varied, workers)))
+    click.echo("\n".join(planned(loaded, trials, varied, jobs_for(loaded, len(trials), None))))
     return verbs.DONE
 
 
-@click.command(cls=verbs.Verb, short_help="Serve a profile's emulated devices.")
+@click.command(cls=verbs.Verb)
 @click.argument("profile")
 @verbs.set_option
 @verbs.realtime_option
@@ -221,9 +178,6 @@ def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
       run.py emulate emulated/transient > bench.json
       run.py run emulated/transient --endpoints bench.json     (in another terminal)
     """
-    from config.assemble import plan_campaign, start_emulator
-    from drivers.core.clock import rest
-
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: ended.append(number))
@@ -234,6 +188,3 @@ def emulate(profile: str, overrides: Mapping[str, str], realtime: bool) -> None:
         sys.stdout.flush()
         while not ended:  # looked at: a signal that another thread takes would not end a wait
             rest(0.1)
-
-
-VERBS = (list_, check, plan, emulate)

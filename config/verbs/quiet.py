@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from config import verbs
+from config.assemble import limits_of, make_detectors, scene_of, used_by
+from config.needs import Needs, refuse_missing
+from config.profile import Profile
+from config.source import PROFILES, ProfileError, with_setting
+from config.trials import chosen
+from config.verbs.by_hand import session_on
+from controller.console import EndingOperator
+from controller.quiet import Proposal, listened, proposals, unrest
+from controller.recording.run_folder import replace_file
 from drivers.core.errors import PROGRAM
-
-if TYPE_CHECKING:
-    from config.profile import Profile
-    from controller.quiet import Proposal
-    from drivers.core.messages import Command
+from drivers.core.messages import Command, Excite, Tone
 
 SETTLE_S = 2.0
 """How long a bench settles where its trials do not say (assumption)."""
@@ -25,7 +31,7 @@ KEY = "threshold"
 """The setting that is written."""
 
 
-@click.command(cls=verbs.Verb, short_help="Set thresholds by a minute at rest on the bench.")
+@click.command(cls=verbs.Verb)
 @verbs.trials_options
 @verbs.endpoints_option
 @click.option(
@@ -45,7 +51,7 @@ def quiet(
     overrides: Mapping[str, str],
     csv: Path | None,
     numbers: Sequence[int],
-    endpoints: Path | None,
+    endpoints: Mapping[str, Any] | None,
     seconds: float,
     interval_s: float,
     named: Sequence[str],
@@ -65,13 +71,6 @@ def quiet(
     Exit codes: 0 done, 1 the bench is not at rest or no detector can be set by that, 2 usage or profile, 3 device, 130
     interrupted.
     """
-    from config.assemble import limits_of, make_detectors, scene_of, used_by
-    from config.needs import Needs, refuse_missing
-    from config.trials import chosen
-    from config.verbs.by_hand import session_on
-    from controller.console import EndingOperator
-    from controller.quiet import listened, proposals, unrest
-
     loaded = verbs.loaded_profile(profile, overrides, csv)
     target = None if dry_run else own_file(profile)
     used = used_by(loaded, chosen(loaded.trials(0), numbers))
@@ -80,22 +79,24 @@ def quiet(
     armed = {part for of, part in parts if of == "detectors"}
     if not armed:
         raise click.UsageError(f"{loaded.name}: its trials arm no detector")
-    excused = {".".join(path) for path in loaded.source.unset if path[0] == "devices" and path[-1] != "port"}
-    heard = frozenset(part for part in parts if part[0] != "detectors")
-    refuse_missing([(own, None, Needs(heard, moves=False))], excused)
+    excused = {path for path in loaded.source.unset if path[0] == "devices" and path[-1] != "port"}
+    own = replace(own, excused=frozenset(excused))
+    heard = Needs(frozenset(part for part in parts if part[0] != "detectors"), moves=False)
+    refuse_missing([(own, None, heard)])
     detectors = {each: detector for each, detector in make_detectors(own).items() if each in armed}
     limits = limits_of(own)
-    devices = Needs(heard, moves=False).devices
     streams = {stream for each in detectors.values() for stream in each.inputs}
     watched = (limits.position_stream, limits.pose_stream, limits.force_stream)
-    streams |= {stream for stream in watched if stream is not None and stream.partition(".")[0] in devices}
+    streams |= {
+        stream for stream in watched if stream is not None and stream.partition(".")[0] in heard.devices
+    }
     settle_s = getattr(own.behavior, "settle_s", SETTLE_S)
     verbs.say(f"{loaded.name}: {seconds:g} s at rest, after {settle_s:g} s; touch nothing")
     scene = scene_of(own, trial)
     with (
         EndingOperator() as operator,
         session_on(
-            own, devices, operator, endpoints, excused=excused, doing="quiet", scene=scene, kept_s=math.inf
+            own, heard.devices, operator, endpoints, doing="quiet", scene=scene, kept_s=math.inf
         ) as bench,
     ):
         result, blocks = listened(bench, streams, drive_of(own), settle_s, seconds)
@@ -124,8 +125,6 @@ def own_file(name: str) -> Path:
     Raises:
         ProfileError: it is one that comes with the program.
     """
-    from config.source import PROFILES, ProfileError
-
     path = next((each for each in (Path(name), Path(f"{name}.toml")) if each.is_file()), None)
     if path is None or (PROFILES / f"{name}.toml").is_file() or path.resolve().is_relative_to(PROFILES):
         raise ProfileError(
@@ -137,8 +136,6 @@ def own_file(name: str) -> Path:
 
 def drive_of(profile: Profile) -> Command | None:
     """What makes the sensors of an experiment hear anything: by its settings, an excitation or the fingers' drive."""
-    from drivers.core.messages import Excite, Tone
-
     settings: Any = profile.behavior
     exciter = getattr(settings, "exciter", None)
     if exciter is None:
@@ -150,9 +147,6 @@ def drive_of(profile: Profile) -> Command | None:
 
 def _write(target: Path, profile: Profile, found: Sequence[Proposal], named: Sequence[str]) -> None:
     """Write the thresholds that are not set, stand in the file itself, or were asked for by name."""
-    from config.source import ProfileError, with_setting
-    from controller.recording.run_folder import replace_file
-
     text, source, written = target.read_text(encoding="utf-8"), profile.source, []
     for proposal in found:
         path = ("detectors", proposal.detector, KEY)
@@ -177,6 +171,3 @@ def _write(target: Path, profile: Profile, found: Sequence[Proposal], named: Seq
         raise ProfileError(f"{reason}: make room, or write access to its folder, or --dry-run") from None
     for line in written:
         verbs.say(line)
-
-
-VERBS = (quiet,)

@@ -6,10 +6,15 @@ from typing import Any
 
 import click
 
+from behaviors.events import BaselineReady
 from config import verbs
+from config.recordings import load, load_quiet, not_calibratable
+from controller.detectors.calibration import Statistic
+from controller.replay import as_line, calibration_line, nearest
+from controller.replay import replay as replayed
 
 
-@click.command(cls=verbs.Verb, short_help="Feed a recording to a detector.")
+@click.command(cls=verbs.Verb)
 @verbs.recording_options
 @click.argument("recording", type=verbs.FILE)
 @click.option("--plot", type=verbs.FILE, metavar="FILE", help=verbs.PLOT_HELP)
@@ -29,11 +34,6 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
       run.py replay drag.wav --detector slip --column 0 --set threshold=21 --plot drag.png
       run.py replay bag.mcap --detector slip --column /wrench:wrench.force.z
     """
-    from behaviors.events import BaselineReady
-    from config.recordings import load
-    from controller.replay import as_line, nearest
-    from controller.replay import replay as replayed
-
     made, blocks, notes = load(detector, **given)
     events = list(replayed(blocks, made))
     verbs.complain("\n".join(notes))
@@ -50,13 +50,13 @@ def replay(detector: str, plot: Path | None, **given: Any) -> None:
             verbs.complain(note)
 
 
-@click.command(cls=verbs.Verb, short_help="Find the threshold that a recording without events asks for.")
+@click.command(cls=verbs.Verb)
 @verbs.recording_options
 @verbs.recordings_argument
 @verbs.many(
     "--span",
     "spans",
-    callback=verbs.all_spans,
+    type=verbs.span,
     metavar="T0:T1",
     help="Seconds of each recording that are quiet; all of it otherwise. May be given several times.",
 )
@@ -77,10 +77,6 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
       run.py calibrate drag_*.csv --detector slip --span 0.5:2.2 --false-alarm-interval 60
       run.py calibrate latest --detector slip.paper --set input=board.flexible --false-alarm-interval 600
     """
-    from config.recordings import load_quiet, not_calibratable
-    from controller.detectors.calibration import Statistic
-    from controller.replay import calibration_line
-
     loaded = load_quiet(detector, **given)
     pieces = [(one.detector, one.blocks) for one in loaded if isinstance(one.detector, Statistic)]
     if not pieces:
@@ -91,14 +87,14 @@ def calibrate(detector: str, interval_s: float, **given: Any) -> None:
     click.echo(json.dumps(line))
 
 
-@click.command(cls=verbs.Verb, short_help="Find the resonance in a transducer's frequency sweep.")
+@click.command(cls=verbs.Verb)
 @click.argument("table", type=verbs.FILE, metavar="FILE")
 @click.option(
     "--column", metavar="F,A", help="Columns of frequency and response, where there are more than two."
 )
 @click.option(
     "--span",
-    callback=verbs.span,
+    type=verbs.span,
     metavar="LOW:HIGH",
     help="Frequencies that count, Hz; all of them otherwise.",
 )
@@ -125,6 +121,3 @@ def sweep(
     click.echo(json.dumps(sweep_line(measured.figures)))
     if plot is not None:
         draw_sweep(plot, measured)
-
-
-VERBS = (replay, calibrate, sweep)

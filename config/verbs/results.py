@@ -8,10 +8,12 @@ from pathlib import Path
 import click
 
 from config import verbs
+from controller.recording.reader import close_recordings, open_run
+from controller.recording.run_folder import RunFolder, RunFolderError
 from drivers.core.errors import PROGRAM
 
 
-@click.command(cls=verbs.Verb, short_help="Write the report of one or more runs.")
+@click.command(cls=verbs.Verb)
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
 @click.option("--print", "for_print", is_flag=True, help="Save figures as PDF and PNG as well.")
 @verbs.out_option
@@ -27,16 +29,13 @@ def report(runs: Sequence[str], for_print: bool, out: Path) -> None:
       run.py report latest
       run.py report latest:mock/static latest:mock/transient
     """
-    from controller.recording.reader import close_recordings
-    from controller.recording.run_folder import RunFolder
-
     folders = [RunFolder.find(name, out) for name in runs]
     for run in (run for folder in folders for run in folder.runs):
         close_recordings(run)
     verbs.report_on(folders, ("pdf", "png") if for_print else ())
 
 
-@click.command(cls=verbs.Verb, short_help="Watch a run that goes on, in the browser.")
+@click.command(cls=verbs.Verb)
 @click.argument("name", metavar="RUN")
 @verbs.out_option
 def watch(name: str, out: Path) -> None:
@@ -49,7 +48,6 @@ def watch(name: str, out: Path) -> None:
     Example:
       run.py watch latest
     """
-    from controller.recording.run_folder import RunFolder, RunFolderError
     from controller.watching.page import Door, alive, serve
 
     folder = RunFolder.find(name, out).path
@@ -61,7 +59,7 @@ def watch(name: str, out: Path) -> None:
     serve(lambda: folder, door, lambda: verbs.browse(door.link))
 
 
-@click.command("open", cls=verbs.Verb, short_help="Open the report of a run in the browser.")
+@click.command("open", cls=verbs.Verb)
 @click.argument("name", metavar="RUN")
 @verbs.out_option
 def open_(name: str, out: Path) -> None:
@@ -73,8 +71,6 @@ def open_(name: str, out: Path) -> None:
     Example:
       run.py open latest
     """
-    from controller.recording.run_folder import RunFolder
-
     folder = RunFolder.find(name, out)
     page = folder.path / "report.html"
     if not page.is_file():
@@ -83,7 +79,7 @@ def open_(name: str, out: Path) -> None:
     verbs.browse(page.resolve().as_uri())
 
 
-@click.command(cls=verbs.Verb, short_help="Write a run in the formats of other programs.")
+@click.command(cls=verbs.Verb)
 @click.argument("run", metavar="RUN")
 @click.option(
     "--to", type=click.Choice(["csv", "lerobot", "parquet", "rosbag2"]), required=True, help="Which format."
@@ -102,7 +98,6 @@ def export(run: str, to: str, into: Path | None, out: Path) -> None:
       run.py export latest --to parquet
     """
     from controller.export import export as exported
-    from controller.recording.reader import open_run
 
     opened = open_run(run, out)
     paths = exported(opened, to, into or opened.folder.path / to)
@@ -112,7 +107,7 @@ def export(run: str, to: str, into: Path | None, out: Path) -> None:
         click.echo(path)
 
 
-@click.command("record-set", cls=verbs.Verb, short_help="Write a run as a data set that others can load.")
+@click.command("record-set", cls=verbs.Verb)
 @click.argument("run", metavar="RUN")
 @click.option("--into", type=verbs.FILE, required=True, help="Folder to write into.")
 @click.option("--licence", metavar="SPDX", required=True, help="Of the data, for example CC-BY-4.0.")
@@ -131,7 +126,6 @@ def record_set(run: str, into: Path, licence: str, by: str, name: str | None, ou
       run.py record-set latest --into slips --licence CC-BY-4.0 --by "A lab"
     """
     from controller.record_set import write_set
-    from controller.recording.reader import open_run
 
     opened = open_run(run, out)
     paths = write_set(opened, into, licence=licence, name=name or into.name, by=by)
@@ -141,7 +135,7 @@ def record_set(run: str, into: Path, licence: str, by: str, name: str | None, ou
         click.echo(path)
 
 
-@click.command(cls=verbs.Verb, short_help="Show what differs between two runs.")
+@click.command(cls=verbs.Verb)
 @click.argument("first", metavar="RUN")
 @click.argument("second", metavar="RUN")
 @verbs.out_option
@@ -171,7 +165,6 @@ def compare(first: str, second: str, out: Path) -> None:
         click.echo("\n".join(differences(*pages)))
         return
     from controller.comparing import compared, side_by_side
-    from controller.recording.reader import open_run
     from controller.reports.report import build_report
 
     runs = open_run(first, out), open_run(second, out)
@@ -183,6 +176,3 @@ def compare(first: str, second: str, out: Path) -> None:
     page, verdict = side_by_side(*runs, lines)
     verbs.say_verdict(verdict)
     click.echo(page)
-
-
-VERBS = (report, watch, open_, export, record_set, compare)

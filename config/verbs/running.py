@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from pathlib import Path
@@ -12,20 +10,28 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from config import verbs
+from config.assemble import build_rig, plan_campaign
+from config.campaigns import on_bench, reconnected, rehearse, what_is_left
+from config.costs import duration
+from config.faults import fault_of
+from config.jobs import Crew, crew_of, in_batches, jobs_for
+from config.merging import merged
+from config.parts import begin, carry_on, parts_of
+from config.profile import Profile
+from config.source import toml_value
+from config.trials import chosen
+from controller.campaign import CampaignPlan, Outcome
+from controller.console import Console, ConsoleOperator, PlainConsole
+from controller.recording.joining import ResumedRun
+from controller.recording.run_folder import RunFolder
 from drivers.core.errors import PROGRAM, lacking
 
 if TYPE_CHECKING:
-    from config.jobs import Crew
-    from config.profile import Profile
-    from controller.campaign import CampaignPlan, Outcome
-    from controller.console import Console, ConsoleOperator
-    from controller.recording.joining import ResumedRun
-    from controller.recording.run_folder import RunFolder
     from controller.watching.foxglove import FoxgloveStream
     from controller.watching.page import PageProcess
 
 
-@click.command(cls=verbs.Verb, short_help="Run an experiment, write a run folder and its report.")
+@click.command(cls=verbs.Verb)
 @verbs.trials_options
 @click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), default=0, show_default=True, help="Of order and noise."
@@ -45,7 +51,7 @@ if TYPE_CHECKING:
 @click.option("--foxglove", is_flag=True, help="Stream what is recorded to Foxglove as well, read-only.")
 @click.option(
     "--shard",
-    callback=verbs.shard,
+    type=verbs.shard,
     metavar="I/N",
     help="Every N-th trial from the I-th on alone; `merge` joins all N.",
 )
@@ -75,11 +81,6 @@ def run(
     Exit codes: 0 done, 1 the experiment failed, 2 usage or profile, 3 device, 4 the guard stopped or refused it, 130
     interrupted.
     """
-    from config.assemble import plan_campaign
-    from config.campaigns import rehearse
-    from config.parts import begin, parts_of
-    from config.trials import chosen
-
     if parts := parts_of(profile):
         single = csv or numbers or shard or faults
         if single or any(how[name] for name in ("endpoints", "realtime", "watched", "foxglove")):
@@ -116,9 +117,6 @@ def run(
 
 def _with_faults(profile: str, overrides: Mapping[str, str], words: Sequence[str]) -> dict[str, str]:
     """The settings of the command line with these faults beside those that the profile has."""
-    from config.faults import fault_of
-    from config.source import toml_value
-
     try:
         more = [fault_of(each) for each in words]
     except ValueError as error:
@@ -127,7 +125,7 @@ def _with_faults(profile: str, overrides: Mapping[str, str], words: Sequence[str
     return {**overrides, "faults": toml_value([*had, *more])}
 
 
-@click.command(cls=verbs.Verb, short_help="Go on with a run that broke off.")
+@click.command(cls=verbs.Verb)
 @click.argument("run", metavar="RUN")
 @verbs.out_option
 @verbs.report_option
@@ -147,9 +145,6 @@ def resume(run: str, out: Path, **how: Any) -> int:
 
     Exit codes: as of `run`.
     """
-    from config.campaigns import what_is_left
-    from controller.recording.run_folder import RunFolder
-
     found = RunFolder.find(run, out)
     if "parts" in found.read_manifest():
         if how["watched"]:
@@ -166,7 +161,7 @@ def resume(run: str, out: Path, **how: Any) -> int:
     return _carried_out(loaded, plan, out, resumed, **how)
 
 
-@click.command(cls=verbs.Verb, short_help="Join the shards of a run.")
+@click.command(cls=verbs.Verb)
 @click.argument("shards", nargs=-1, required=True, metavar="RUN...")
 @verbs.out_option
 def merge(shards: Sequence[str], out: Path) -> None:
@@ -179,8 +174,6 @@ def merge(shards: Sequence[str], out: Path) -> None:
     Example:
       run.py merge shard_1/* shard_2/* shard_3/*
     """
-    from config.merging import merged
-
     verbs.say(f"{merged(shards, out).path}")
 
 
@@ -194,8 +187,6 @@ def _carried_out(
     **how: Any,
 ) -> int:
     """Run a campaign and report it; returns the exit code."""
-    from config.campaigns import reconnected
-    from controller.recording.run_folder import RunFolder
 
     def once(plan: CampaignPlan, resumed: ResumedRun | None) -> tuple[Outcome, bool, ConsoleOperator]:
         return _once(loaded, plan, out, resumed, **how)
@@ -221,7 +212,7 @@ def _once(
     out: Path,
     resumed: ResumedRun | None,
     *,
-    endpoints: Path | None,
+    endpoints: Mapping[str, Any] | None,
     jobs: int | None,
     scheduler: str | None,
     watched: bool,
@@ -229,12 +220,6 @@ def _once(
     foxglove: bool = False,
 ) -> tuple[Outcome, bool, ConsoleOperator]:
     """See `config.campaigns.Once`."""
-    from config.assemble import build_rig
-    from config.campaigns import on_bench
-    from config.costs import duration
-    from config.jobs import in_batches
-    from controller.console import ConsoleOperator
-
     if realtime_note := verbs.real_time(loaded):
         verbs.say(realtime_note)
     with ExitStack() as stack:
@@ -243,9 +228,10 @@ def _once(
         workers = crew.count if crew else 1
         time = f"time: {duration(loaded.name, loaded.experiment, loaded.bench, plan.count, workers)}"
         page = stack.enter_context(closing(_page())) if watched else None
-        joined = verbs.joined(endpoints)
         rig = (
-            None if crew else stack.enter_context(closing(build_rig(loaded, joined, realtime, plan.devices)))
+            None
+            if crew
+            else stack.enter_context(closing(build_rig(loaded, endpoints, realtime, plan.devices)))
         )
         operator = stack.enter_context(ConsoleOperator(asking=rig.asking if rig else ()))
         console = _console(operator, page, time, plan.manifest["successes"])
@@ -259,9 +245,6 @@ def _once(
 
 def _in_turn(folder: RunFolder, jobs: int | None, scheduler: str | None, reported: bool) -> int:
     """Run the parts of a campaign that are left, and report all; returns the exit code."""
-    from config.jobs import crew_of
-    from config.parts import carry_on
-
     workers = [*(["--jobs", str(jobs)] if jobs else []), *(["--scheduler", scheduler] if scheduler else [])]
     with closing(crew_of(jobs, scheduler)) as crew:
         code = carry_on(folder, run, resume, workers, crew, verbs.say)
@@ -274,9 +257,7 @@ def _crew(
     loaded: Profile, plan: CampaignPlan, jobs: int | None, scheduler: str | None
 ) -> AbstractContextManager[Crew | None]:
     """The workers that run the trials; None is this process."""
-    from config.jobs import Crew, crew_of, jobs_for
-
-    count = jobs_for(loaded, plan, 2 if scheduler else jobs)
+    count = jobs_for(loaded, plan.count, 2 if scheduler else jobs)
     if count == 1 and not scheduler:
         return nullcontext()
     kept = click.get_current_context().find_object(Crew)  # of a campaign of parts
@@ -287,17 +268,13 @@ def _console(
     operator: ConsoleOperator, page: PageProcess | None, time: str, successes: Sequence[str] | None
 ) -> Console:
     """The person's side: the terminal, or a live page beside it; `time` is the expected duration, as text."""
-    from controller.console import PlainConsole
     from controller.watching.feed import Watched
 
-    if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
+    if (screen := verbs.terminal()) is None:
         console: Console = PlainConsole(operator, verbs.say_at_once, time, successes)
     else:
-        from rich.console import Console as Terminal
-
         from controller.live import LiveConsole
 
-        screen = Terminal()
         screen.print(time, highlight=False)
         console = LiveConsole(operator, screen, successes)
     Watched(console, operator, None if page is None else page.began)
@@ -328,6 +305,3 @@ def _foxglove() -> FoxgloveStream:
         raise click.UsageError(f"--foxglove: {error}") from None
     verbs.say(f"Foxglove: {stream.address}")
     return stream
-
-
-VERBS = (run, resume, merge)

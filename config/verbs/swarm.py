@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from config import verbs
+from config.swarm.checkers import Violation
+from config.swarm.hunt import Hunt, hunted, replayed, shrunk
+from config.swarm.plan import SCENES
 from drivers.core.errors import PROGRAM
 
-if TYPE_CHECKING:
-    from config.swarm.checkers import Violation
 
-
-def _seeds(ctx: click.Context, parameter: click.Parameter, value: str) -> range:
+def _seeds(value: str) -> range:
     try:
         first, last = (int(part) for part in value.split(":"))
     except ValueError:
@@ -25,11 +24,9 @@ def _seeds(ctx: click.Context, parameter: click.Parameter, value: str) -> range:
     return range(first, last)
 
 
-@click.command(
-    cls=verbs.Verb, short_help="Play short campaigns in which things go wrong, and check what must hold."
-)
+@click.command(cls=verbs.Verb)
 @click.option(
-    "--seeds", callback=_seeds, default="0:200", show_default=True, metavar="A:B", help="From A to before B."
+    "--seeds", type=_seeds, default="0:200", show_default=True, metavar="A:B", help="From A to before B."
 )
 @click.option("--profile", help="Check this plan, a profile with [[faults]], instead of seeds.")
 @click.option("--minutes", type=click.FloatRange(0.0), help="Begin no other seed after so long.")
@@ -58,9 +55,6 @@ def swarm(
 
     Exit codes: 0 all holds, 1 something does not.
     """
-    from config.swarm.hunt import Hunt, hunted, replayed, shrunk
-    from config.swarm.plan import SCENES
-
     if profile is not None:
         findings = replayed(Path(profile))
         for finding in findings:
@@ -90,6 +84,3 @@ def _line(found: Violation) -> str:
         found.state,
     ]
     return f"{found.end} ({found.checker}) {', '.join(part for part in where if part)}: {found.what}"
-
-
-VERBS = (swarm,)

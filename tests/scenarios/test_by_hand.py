@@ -437,7 +437,7 @@ def test_a_monitor_of_a_signal_that_cannot_use_its_stream_says_so_and_shows_the_
 ):
     drawn = io.StringIO()
     screen = Terminal(file=drawn, force_terminal=True)
-    monkeypatch.setattr(verbs, "_terminal", lambda: screen)
+    monkeypatch.setattr("config.verbs.terminal", lambda: screen)
     code, _, err = verb("monitor", "mock/pretouch", "signals.right", "--set", "signals.right.channel=5")
     assert code == 2
     check_refusal(err.strip(), "audio.fingers", "4 channels", "signals.right needs 12")

@@ -19,7 +19,7 @@ from config.rehearsal import refusals
 from config.source import profile_names, read_source
 from config.trials import distinct
 from controller.holding import folder
-from run import cli
+from run import VERBS, cli
 from tests.program import PATIENCE_S, ROOT, Terminal, started
 from tests.refusals import check_refusal
 from tests.unit.config.conftest import lab_values
@@ -160,7 +160,7 @@ def test_check_names_each_motion_for_a_time_that_a_slower_arm_would_make_less_fa
 @pytest.fixture
 def unrehearsed(monkeypatch):
     """Has runs begin without a rehearsal: what they are refused then comes from the bench."""
-    return lambda: monkeypatch.setattr("config.rehearsal.refusals", lambda *_: ())
+    return lambda: monkeypatch.setattr("config.campaigns.refusals", lambda *_: ())
 
 
 @pytest.mark.parametrize(
@@ -326,7 +326,7 @@ def test_the_program_alone_shows_its_verbs(verb):
 
 
 def test_every_verb_explains_itself_with_an_example(verb):
-    for name in cli.commands:
+    for name in VERBS:
         code, out, _ = verb(name, "--help")
         assert code == 0
         assert "Example:" in out, name

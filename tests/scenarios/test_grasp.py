@@ -109,7 +109,9 @@ def test_what_slides_while_the_jaws_press_less_hard_is_held(tmp_path):
     plant |= {"object_width_m": 0.03916706459467771, "object_n_m": 36569.068959723365}
     plant |= {"pad_roughness": 0.06933705104113826}
     rows = [{"object_x_m": 0.0} | {f"plant.{name}": value for name, value in plant.items()}] * 3
-    profile = load_profile("mock/grasp", AT_ONCE, rows=rows, labels=["the first", "the second", "the third"])
+    profile = load_profile(
+        "mock/grasp", AT_ONCE, rows=dict(zip(("first", "second", "third"), rows, strict=True))
+    )
     third = [trial for trial in profile.trials(1) if trial.id == 3]
     outcome = Campaign(plan_campaign(profile, third, 1), build_rig(profile), Script(), tmp_path).run()
     (row,) = open_run(outcome.folder).trials

@@ -7,12 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from config.parts import parts_of
+from config.parts import parts_of, run_context
 from config.profile import load_profile
 from config.script import run_trials
 from config.source import ProfileError, profile_names
 from controller.campaign import Campaign
-from run import cli
 from tests.refusals import refused
 
 PAPERS = [name for name in profile_names() if name.startswith("papers/")]
@@ -181,7 +180,7 @@ def test_what_a_part_is_run_with_is_planned_and_checked_with_it(verb, two, actio
 @pytest.mark.parametrize("name", PAPERS)
 def test_each_part_of_a_paper_is_a_profile_of_the_mock_bench_whose_settings_are_valid(name):
     for arguments in parts_of(name).runs:
-        context = cli.commands["run"].make_context("run", list(arguments))
+        context = run_context(arguments)
         profile = load_profile(context.params["profile"], context.params["overrides"])
         assert profile.bench == "mock"
         assert set(context.params["numbers"]) <= {trial.id for trial in profile.trials(0)}

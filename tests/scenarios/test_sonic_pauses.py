@@ -24,7 +24,7 @@ START_X_M = 0.4
 
 
 def run_one(out, operator, name, row, code=EXIT_DONE, **sets):
-    profile = load_profile(name, SLOWLY | {"trials.repeats": "1"} | sets, rows=[row], labels=["the trial"])
+    profile = load_profile(name, SLOWLY | {"trials.repeats": "1"} | sets, rows={"the trial": row})
     plan = assemble.plan_campaign(profile, profile.trials(0), 1)
     rig = replace(assemble.build_rig(profile), ahead=None)  # turn by turn: the operator counts them
     outcome = Campaign(plan, rig, operator, out).run()

@@ -25,8 +25,9 @@ def bench(tmp_path_factory):
         yield path
 
 
-def stage_now(endpoints):
+def stage_now(bench):
     """Two positions of the stage, half a second apart."""
+    endpoints = json.loads(bench.read_text())
     with session_on(load_profile("emulated/transient"), ["stage"], Hand(), endpoints) as session:
         found = []
         for t_s, _ in session.listen(["stage.position"]):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from config import assemble
+from config.needs import may_move
 from config.profile import load_profile, load_resolved
 from config.source import ProfileError, profile_names, read_source
 from config.trials import chosen
@@ -12,6 +13,7 @@ from controller.limits import shown_limits
 from controller.registry import KINDS
 from drivers.core.clock import VirtualClock
 from drivers.core.errors import RefusedError
+from drivers.core.line_sensor import LineSensor
 from drivers.ur_arm.driver import UrArm
 from tests.refusals import check_refusal, refused
 from tests.unit.config.conftest import lab_values
@@ -165,7 +167,7 @@ def test_a_lab_gives_its_values_in_a_profile_of_its_own_and_without_no_rig_is_ma
 
 def test_a_client_that_is_missing_is_told_before_an_emulator_starts(monkeypatch):
     started = []
-    monkeypatch.setattr(assemble, "_served", lambda *given: started.append(given))
+    monkeypatch.setattr(assemble, "start_emulator", lambda *given: started.append(given))
     monkeypatch.setattr(UrArm.link, "package", "no_such_client")
     monkeypatch.setattr(UrArm.link, "extra", "")
     profile = load_profile("emulated/transient_arm")
@@ -295,6 +297,9 @@ def test_no_device_that_moves_is_registered_as_one_that_does_not(name):
         assert KINDS["driver"][profile.devices[device.name].kind].moves or not info.mover
 
 
-def test_a_sensor_is_no_mover_that_stop_would_look_for():
+def test_a_sensor_is_no_mover_that_stop_would_look_for_nor_is_a_users_own_that_sends_lines():
     moving = {name for name, driver in KINDS["driver"].items() if driver.moves}
     assert moving == {"zaber_stage", "sensor_board", "ur_arm", "franka_arm", "can_gripper", "robotiq"}
+    board = load_profile("mock/transient").devices["board"]
+    assert not may_move(replace(board, kind="my_lab:Cell", made=LineSensor))
+    assert may_move(replace(board, kind="my_lab:Arm", made=UrArm))

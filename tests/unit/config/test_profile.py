@@ -210,15 +210,16 @@ def test_a_mistake_in_a_trial_is_named_with_its_row(write, row, named):
 def test_a_mistake_in_the_grid_or_in_rows_from_elsewhere_is_named_there(write):
     first = refusal(overrides={"trials.grid": "{ detectors.contact.sample_hz = [15, -1] }"})[0]
     check_refusal(first, "[detectors.contact] sample_hz = -1", "greater than 0, in Hz")
-    first = refusal(rows=[{"speed_m_s": "fast"}], labels=["trials.csv: row 2"])[0]
+    first = refusal(rows={"trials.csv: row 2": {"speed_m_s": "fast"}})[0]
     check_refusal(first, "trials.csv: row 2, column speed_m_s", "number, in m/s")
-    first = refusal(rows=[{"plant": {"noise_scale": -1}, "speed_m_s": 0.001}])[0]
+    first = refusal(rows={"row 1": {"plant": {"noise_scale": -1}, "speed_m_s": 0.001}})[0]
     check_refusal(first, "row 1: [plant] noise_scale = -1")
 
 
 def test_rows_from_elsewhere_take_the_place_of_list_and_grid(write):
     overrides = {"trials.grid": "{ plant.noise_scale = [0.5, 2.0] }", "trials.repeats": "2"}
-    profile = load_profile("touch.toml", overrides, rows=[{"speed_m_s": 0.001}, {"speed_m_s": 0.002}])
+    rows = {"first": {"speed_m_s": 0.001}, "second": {"speed_m_s": 0.002}}
+    profile = load_profile("touch.toml", overrides, rows=rows)
     assert [(trial.id, trial.factors["speed_m_s"], trial.repeat) for trial in profile.trials(0)] == [
         *((1, 0.001, 1), (2, 0.001, 2)),
         *((3, 0.002, 1), (4, 0.002, 2)),

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from config.hints import did_you_mean, near_or_all, unknown_key
 from config.profile import load_profile
-from config.source import ProfileError, bench_of, nest, profile_names, read_source, to_toml, with_setting
-from controller.scales import si_unit
+from config.source import ProfileError, profile_names, read_source, to_toml, with_setting
 from tests.refusals import check_refusal, refused
 
 
@@ -109,24 +108,6 @@ def test_an_override_without_a_proper_key_or_through_another_is_refused(write):
 
 
 @pytest.mark.parametrize(
-    ("ports", "bench"),
-    [
-        (["mock", "mock"], "mock"),
-        (["emulated", "emulated"], "emulated"),
-        (["emulated", "/dev/ttyUSB0"], "emulated"),
-        (["/dev/ttyUSB0", "/dev/ttyUSB1"], "hardware"),
-        ([], "hardware"),
-    ],
-)
-def test_the_ports_make_the_bench(ports, bench):
-    assert bench_of({"devices": {f"d{i}": {"port": port} for i, port in enumerate(ports)}}) == bench
-
-
-def test_dotted_keys_become_nested_tables():
-    assert nest([("a.b", 1), ("a.c.d", 2), ("e", 3)]) == {"a": {"b": 1, "c": {"d": 2}}, "e": 3}
-
-
-@pytest.mark.parametrize(
     ("key", "value", "known", "hint"),
     [
         ("speed_mm_s", 4.843, ["speed_m_s", "location"], "SI is meant: speed_m_s = 0.004843"),
@@ -151,11 +132,6 @@ def test_an_unknown_key_is_answered_with_what_was_probably_meant(key, value, kno
 def test_nothing_near_gives_no_hint_and_many_names_are_not_listed_in_full():
     assert did_you_mean("zzz", ["alpha", "beta"]) == ""
     assert near_or_all("zzz", [f"name{i:02}" for i in range(40)]).endswith("name11, …")
-
-
-def test_the_unit_at_the_end_of_a_name_is_known():
-    keys = ("speed_m_s", "a_m_s2", "force_n", "sample_hz", "start_m", "location")
-    assert [si_unit(key) for key in keys] == ["m/s", "m/s²", "N", "Hz", "m", ""]
 
 
 text = st.text(st.characters(codec="utf-8"))

@@ -37,8 +37,7 @@ def test_the_examples_are_profiles_and_the_joined_one_is_what_the_shipped_one_be
 
 def test_the_csv_example_gives_a_trial_a_row(tmp_path):
     (tmp_path / "trials.csv").write_text(blocks("csv")[0])
-    rows, labels = read_csv(tmp_path / "trials.csv")
-    profile = load(EXAMPLE, tmp_path / "my.toml", rows=rows, labels=labels)
+    profile = load(EXAMPLE, tmp_path / "my.toml", rows=read_csv(tmp_path / "trials.csv"))
     assert [trial.factors["location"] for trial in profile.trials(0)] == ["f"] * 3 + ["a"] * 3
 
 

@@ -16,40 +16,41 @@ from config.trials import (
     Trial,
     TrialsSettings,
     chosen,
-    combinations,
     distinct,
-    in_order,
     read_csv,
-    trials_from,
 )
 from tests.refusals import refused
 
 
 def test_rows_meet_every_combination_the_last_factor_fastest_and_nested_factors_become_dotted():
     settings = TrialsSettings(list=[{"x": 1}, {"x": 2}], grid={"a": [1, 2], "b": [3, 4]})
-    assert [tuple(row[name] for name in "xab") for row in combinations(settings)] == [
+    assert [tuple(trial.factors[name] for name in "xab") for trial in settings.trials()] == [
         *((1, 1, 3), (1, 1, 4), (1, 2, 3), (1, 2, 4)),
         *((2, 1, 3), (2, 1, 4), (2, 2, 3), (2, 2, 4)),
     ]
-    assert trials_from(combinations(TrialsSettings())) == [Trial(1, {}, 1)]
-    (trial,) = trials_from([{"speed_m_s": 0.1, "plant": {"noise_scale": 2}}])
+    assert TrialsSettings().trials() == [Trial(1, {}, 1)]
+    (trial,) = TrialsSettings(list=[{"speed_m_s": 0.1, "plant": {"noise_scale": 2}}]).trials()
     assert trial.own == {"speed_m_s": 0.1}
     assert trial.overrides == {"plant.noise_scale": 2}
 
 
-@given(count=st.integers(0, 40), repeats=st.integers(1, 4), seed=st.integers(0, 2**32))
+def shuffled(count, repeats=1, order="shuffled"):
+    return TrialsSettings(list=[{"x": i} for i in range(count)], repeats=repeats, order=order)
+
+
+@given(count=st.integers(1, 40), repeats=st.integers(1, 4), seed=st.integers(0, 2**32))
 def test_shuffling_changes_the_order_and_no_trial(count, repeats, seed):
-    listed = trials_from([{"x": i} for i in range(count)], repeats)
-    shuffled = in_order(listed, "shuffled", seed)
-    assert sorted(shuffled, key=lambda trial: trial.id) == listed
+    settings = shuffled(count, repeats)
+    listed = settings.trials()
+    assert sorted(settings.trials(seed), key=lambda trial: trial.id) == listed
     assert [trial.id for trial in listed] == list(range(1, count * repeats + 1))
-    assert shuffled == in_order(listed, "shuffled", seed)
+    assert settings.trials(seed) == settings.trials(seed)
 
 
 def test_seeds_give_different_orders_and_listed_stays_and_single_trials_keep_their_numbers():
-    listed = trials_from([{"x": i} for i in range(10)])
-    assert in_order(listed, "shuffled", 1) != in_order(listed, "shuffled", 2)
-    assert in_order(listed, "listed", 1) == listed
+    listed = shuffled(10).trials()
+    assert shuffled(10).trials(1) != shuffled(10).trials(2)
+    assert shuffled(10, order="listed").trials(1) == listed
     assert chosen(listed, [4, 2]) == [listed[1], listed[3]]
     assert chosen(listed, [], (2, 5)) == [listed[1], listed[6]]
     with refused(ProfileError, "--only 11", "1 to 10"):
@@ -59,18 +60,16 @@ def test_seeds_give_different_orders_and_listed_stays_and_single_trials_keep_the
 def test_a_csv_file_gives_numbers_text_and_truth_values(tmp_path):
     path = tmp_path / "trials.csv"
     path.write_text("location, speed_m_s,behavior.ready,n\nf, 4e-3,true,3\n\na,0.005,false,-2\n")
-    rows, labels = read_csv(path)
-    assert rows == [
-        {"location": "f", "speed_m_s": 0.004, "behavior.ready": True, "n": 3},
-        {"location": "a", "speed_m_s": 0.005, "behavior.ready": False, "n": -2},
-    ]
-    assert labels == [f"{path}: row 2", f"{path}: row 4"]
+    assert read_csv(path) == {
+        f"{path}: row 2": {"location": "f", "speed_m_s": 0.004, "behavior.ready": True, "n": 3},
+        f"{path}: row 4": {"location": "a", "speed_m_s": 0.005, "behavior.ready": False, "n": -2},
+    }
 
 
 def test_a_csv_file_as_spreadsheets_save_it_is_read_and_one_that_is_missing_is_named(tmp_path):
     path = tmp_path / "trials.csv"
     path.write_bytes(b'\xef\xbb\xbf"location","speed_m_s"\r\n"f",0.004\r\n')
-    assert read_csv(path)[0] == [{"location": "f", "speed_m_s": 0.004}]
+    assert [*read_csv(path).values()] == [{"location": "f", "speed_m_s": 0.004}]
     with refused(ProfileError, str(tmp_path / "none.csv"), "No such file"):
         read_csv(tmp_path / "none.csv")
 
@@ -161,8 +160,8 @@ def test_what_a_plan_takes_is_in_plain_numbers(value, units, said):
 
 def test_all_cores_work_where_it_is_worth_their_start(monkeypatch):
     def count(name, asked=None):
-        profile, plan = plan_of(name)
-        return jobs_for(profile, plan, asked)
+        profile = load_profile(name)
+        return jobs_for(profile, len(profile.trials(0)), asked)
 
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1, 2, 3})
     assert count("mock/transient") == 1
