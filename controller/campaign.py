@@ -387,14 +387,9 @@ class Campaign:
         try:
             self._rig.begin_trial(trial.scene)
             loop.run(trial.behavior, trial.detectors, trial.signals)
-        except (Aborted, KeyboardInterrupt):
-            verdict = "aborted"
-            raise
-        except GuardRefusal:
-            verdict = "guard"
-            raise
-        except BaseException:
-            verdict = "fault"
+        except BaseException as error:
+            aborted, guarded = (Aborted, KeyboardInterrupt), isinstance(error, GuardRefusal)
+            verdict = "aborted" if isinstance(error, aborted) else "guard" if guarded else "fault"
             raise
         finally:
             evidence.events, evidence.entered_s, evidence.visits = loop.events, dict(loop.visits), loop.visits

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from controller.measures import columns_of
 from controller.recording.reader import Run
-from controller.recording.run_folder import RecordingError, RunFolderError
+from controller.recording.run_folder import RunFolderError, writing
 from controller.scales import si_unit
 from drivers.core.errors import lacking
 
@@ -71,10 +71,9 @@ def export(run: Run, to: str, out: Path) -> list[Path]:
         RecordingError: the files cannot be written.
     """
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        return FORMATS[to](run, out)
-    except OSError as error:
-        raise RecordingError(out, "writing", error, "--into") from error
+        with writing(out, option="--into"):
+            out.mkdir(parents=True, exist_ok=True)
+            return FORMATS[to](run, out)
     except ImportError as error:
         raise RunFolderError(f"--to {to}: {'; '.join(lacking(error.name or to, 'parquet'))}") from None
 
@@ -89,10 +88,8 @@ def tidy(run: Run) -> Path | None:
     if find_spec("pyarrow") is None:
         return None
     path = run.folder.path / "trials.parquet"
-    try:
+    with writing(path, option=""):
         return _trials_parquet(run, path)
-    except OSError as error:
-        raise RecordingError(path, "writing", error, option="") from error
 
 
 def _trials_parquet(run: Run, path: Path) -> Path:

@@ -15,7 +15,7 @@ from behaviors.events import Onset
 from controller.detectors.onset import OnsetDetector, OnsetSettings
 from controller.export import export
 from controller.recording.reader import Run
-from controller.recording.run_folder import RecordingError, RunFolderError
+from controller.recording.run_folder import RunFolderError, writing
 from controller.recording.series import Series, TrialRecording
 from controller.scales import si_unit
 
@@ -76,7 +76,7 @@ def write_set(run: Run, into: Path, *, licence: str, name: str, by: str) -> list
     paths += export(run, "rosbag2", into)
     import pandas as pd
 
-    try:
+    with writing(into, option="--into"):
         labels = into / "labels.parquet"
         rows = [label for trial in run.recorded_trials for label in labels_of(run, trial)]
         pd.DataFrame(rows, columns=Label._fields).to_parquet(labels, index=False)
@@ -84,8 +84,6 @@ def write_set(run: Run, into: Path, *, licence: str, name: str, by: str) -> list
         about = into / "dataset.json"
         text = json.dumps(described(run, paths, licence=licence, name=name, by=by), indent=1)
         about.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise RecordingError(into, "writing", error, "--into") from error
     return [*paths, about]
 
 

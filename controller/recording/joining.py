@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from controller.outcomes import UNMEASURED
 from controller.recording.mcap_file import Topic, topics
 from controller.recording.reader import RecordedTrial, RecordingIndex
-from controller.recording.run_folder import RecordingError, RunFolder, RunFolderError, lock, replace_file
+from controller.recording.run_folder import RunFolder, RunFolderError, lock, replace_file, writing
 from controller.recording.trial_rows import Cell, read_rows
 
 
@@ -120,10 +120,8 @@ def hold(folder: RunFolder) -> int:
         RunFolderError: another program writes into it.
         RecordingError: it cannot be opened.
     """
-    try:
+    with writing(folder.path, "opening"):
         held = os.open(folder.path, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError as error:
-        raise RecordingError(folder.path, "opening", error) from error
     try:
         lock(held)
     except OSError as error:
@@ -147,7 +145,7 @@ def clear(resumed: ResumedRun) -> None:
     folder, done = resumed.folder, resumed.done
     if broken_off(folder) != resumed:
         raise RunFolderError(f"{folder.path}: another program went on with this run; resume it again")
-    try:
+    with writing(folder.path, "making ready"):
         header, *rows = _lines(folder.trials_path) or [b""]
         events = _lines(folder.events_path)
         if torn := [line for line in events if _trial_of_event(line) not in done]:
@@ -158,8 +156,6 @@ def clear(resumed: ResumedRun) -> None:
         whole = [line for line in rows if line.endswith(b"\n") and int(line.split(b",")[0]) in done]
         if len(whole) < len(rows):
             replace_file(folder.trials_path, b"".join([header, *whole]))
-    except OSError as error:
-        raise RecordingError(folder.path, "making ready", error) from error
 
 
 def _lines(path: Path) -> list[bytes]:

@@ -11,8 +11,8 @@ import re
 import secrets
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from numbers import Integral, Real
 from pathlib import Path
@@ -69,6 +69,15 @@ class RecordingError(OSError):
 
     def __str__(self) -> str:
         return str(self.strerror)
+
+
+@contextmanager
+def writing(path: Path, doing: str = "writing", option: str = "--out") -> Iterator[None]:
+    """What the file system raises in here becomes a `RecordingError`, whose arguments these are."""
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(path, doing, error, option) from error
 
 
 class RunFolder:
@@ -178,10 +187,8 @@ class RunFolder:
             RecordingError: it cannot be written.
         """
         text = json.dumps(plain({"format": FORMAT, **manifest}), indent=2, allow_nan=False)
-        try:
+        with writing(self.manifest_path):
             replace_file(self.manifest_path, f"{text}\n".encode())
-        except OSError as error:
-            raise RecordingError(self.manifest_path, "writing", error) from error
 
     def keep_room(self) -> None:
         """Occupy as much of the disk as the last manifest takes until `end`, under no name: a killed program leaves

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from controller.limits import GuardSettings, shown_limits
 from controller.recording.mcap_file import ChunkPlace, McapWriter, Topic, messages
-from controller.recording.run_folder import RecordingError
+from controller.recording.run_folder import writing
 from controller.recording.schemas import (
     EVENTS,
     LOG_LEVELS,
@@ -66,10 +66,8 @@ class StreamWriter:
         self._state = ""
         self._block, self._skipped, self._log = schema_of("Block"), schema_of("Skipped"), log_schema()
         self._states, self._readings = schema_of("State"), reading_schema()
-        try:
+        with writing(path, "making"):
             self._file = McapWriter(path, mirror)
-        except OSError as error:
-            raise RecordingError(path, "making", error) from error
 
     def begin_trial(
         self, trial: int, factors: Mapping[str, object], offset_s: float, limits: GuardSettings | None = None

@@ -12,7 +12,7 @@ from numbers import Real
 from pathlib import Path
 
 from behaviors.events import Event
-from controller.recording.run_folder import RecordingError, plain
+from controller.recording.run_folder import plain, writing
 from drivers.core.messages import Command
 
 Cell = str | int | float | bool | None
@@ -40,10 +40,8 @@ class Lines:
         self.path = path
         self._durable = durable
         self._lines = ""
-        try:
+        with writing(path, "making"):
             path.open("ab").close()
-        except OSError as error:
-            raise RecordingError(path, "making", error) from error
 
     def add(self, line: str) -> None:
         """Take a whole line for the next commit."""
@@ -87,10 +85,8 @@ class TrialRows(Lines):
         data = path.read_bytes() if path.stat().st_size else b""
         if not data:
             self.add(header)
-            try:
+            with writing(path, "making"):
                 self.commit()
-            except OSError as error:
-                raise RecordingError(path, "making", error) from error
         elif data.partition(b"\n")[0].decode() + "\n" != header:
             raise ValueError(f"{path}: its columns are not those of this profile; write to another folder")
         elif not data.endswith(b"\n"):  # cut off
