@@ -204,7 +204,8 @@ def test_two_runs_are_compared_by_settings_and_by_pairs_of_trials(run_profile, r
     assert delay.endswith("n = 2")
 
 
-def test_two_runs_tables_and_figures_stand_side_by_side_on_one_page(run, run_profile):
+def test_two_runs_tables_and_figures_stand_side_by_side_on_one_page(run, run_profile, monkeypatch):
+    monkeypatch.setattr("controller.reports.figures.Figures.save", lambda *_: "<svg/>")
     other = run_profile(trials=TRIALS, seed=2).run
     page = side_by_side(run, other, ["a < b"])[0].read_text()
     assert "<li>a &lt; b</li>" in page

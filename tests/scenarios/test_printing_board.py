@@ -88,11 +88,11 @@ def test_the_sketch_prints_the_columns_of_the_profile_at_its_rate() -> None:
 
 
 @pytest.mark.parametrize("profile", [PROFILE, ANALOG], ids=["lines", "analog inputs"])
-def test_contacts_stop_the_stage(rows: Any, profile: Path) -> None:
-    trials = '[{ location = "f", speed_m_s = 0.0045 }, { location = "a", speed_m_s = 0.003785 }]'
-    found = rows(profile, "behavior.settle_s=2.0", "trials.repeats=1", f"trials.list={trials}")
-    assert [row["outcome"] for row in found] == ["contact", "contact"]
-    assert all(0.0 < float(row["delay_s"]) < 0.1 for row in found)
+def test_a_contact_stops_the_stage(rows: Any, profile: Path) -> None:
+    trials = '[{ location = "f", speed_m_s = 0.0045 }]'
+    (row,) = rows(profile, "behavior.settle_s=2.0", "trials.repeats=1", f"trials.list={trials}")
+    assert row["outcome"] == "contact"
+    assert 0.0 < float(row["delay_s"]) < 0.1
 
 
 @pytest.mark.parametrize(

@@ -53,9 +53,9 @@ def test_the_pipe_is_seen_before_it_is_touched_and_never_in_the_rest_before(appr
 
 
 def test_before_nothing_nothing_is_seen(tmp_path):
-    outcome, run = run_aura(tmp_path, "mock/pretouch", [{"object": "none", "speed_m_s": 0.03}] * 3)
+    outcome, run = run_aura(tmp_path, "mock/pretouch", [{"object": "none", "speed_m_s": 0.03}])
     assert outcome.exit_code == EXIT_DONE
-    assert [(row["seen_ours"], row["alarms_ours"]) for row in run.trials] == [(None, 0)] * 3
+    assert [(row["seen_ours"], row["alarms_ours"]) for row in run.trials] == [(None, 0)]
 
 
 def test_a_touch_stops_the_arm_and_is_reported_to_its_end(tmp_path):

@@ -18,7 +18,6 @@ KNOWN = {
     "mock/flexion": {},
     "mock/weights": {},
     "mock/slip": {},
-    "mock/touch": {},
     "mock/centering": {},
     # the search is that of mock/centering
     "mock/grasp": {"behavior.center": "false", "trials.list": "[{ object_x_m = 0.0 }]"},

@@ -4,7 +4,6 @@ import fcntl
 import os
 import subprocess
 import threading
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -48,38 +47,6 @@ def test_a_full_disk_under_the_output(tmp_path):
 
 def test_an_input_and_an_output_that_are_closed(tmp_path):
     ended_well(run(tmp_path, None, preexec_fn=lambda: os.closerange(0, 2)), tmp_path)
-
-
-def test_a_reader_that_takes_nothing_before_the_run_is_over(tmp_path):
-    """The pipe is full from the beginning, and is read when the last row is on the disk."""
-    reading, writing = os.pipe()
-    os.set_blocking(writing, False)
-    try:
-        while True:
-            os.write(writing, b"\n")
-    except BlockingIOError:
-        os.set_blocking(writing, True)
-    process = run(tmp_path, writing)
-    os.close(writing)
-    try:
-        wait_for_rows(tmp_path, 2)
-        output = b""
-        while piece := os.read(reading, 65536):
-            output += piece
-    finally:
-        os.close(reading)
-    assert b"[2/2] trial" in output
-    ended_well(process, tmp_path)
-
-
-def wait_for_rows(out, count):
-    until_s = time.monotonic() + 100.0
-    while time.monotonic() < until_s:
-        tables = list(out.glob("*/trials.csv"))
-        if tables and len(tables[0].read_text().splitlines()) > count:
-            return
-        time.sleep(0.05)
-    raise AssertionError("the run waits for its reader")
 
 
 PATIENCE_S = 60.0
