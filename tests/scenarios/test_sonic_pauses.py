@@ -58,7 +58,7 @@ def test_a_touch_that_is_paused_everywhere_is_made_and_goes_no_deeper_than_its_p
 
 def test_a_search_that_is_paused_everywhere_finds_the_middle_and_touches_nothing(tmp_path, script):
     pause_everywhere(script, Centering)
-    row = {"object_x_m": 0.006, "speed_m_s": 0.01, "method": "ours"}
+    row = {"object_x_m": 0.006, "speed_m_s": 0.03, "method": "ours"}
     (measured,) = run_one(tmp_path, script, "mock/centering", row, code=EXIT_FAILED).trials
     braking = {"REVERSING", "TURNING", "STOPPING"}
     after_a_grip_that_was_not_broken_off = {"CONFIRMING", "HOLDING", "BACKING_OFF"}
