@@ -162,7 +162,7 @@ class Onlooker(Console):
         if "force_n" in self._offers:
             places["force_n"] = self._bench.force_n
         if "jaws" in self._offers:
-            jaws = self._bench.jaws.jaws
+            jaws = self._bench.jaws
             places |= {"width_m": jaws.width_m, "grip_n": jaws.contact_n}
         return places
 

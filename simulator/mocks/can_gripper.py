@@ -51,7 +51,7 @@ class MockCanGripper(MockDriver):
 
     def _wire(self) -> None:
         name, jaws = self.name, part(self._bench, "jaws", self.name)
-        self._units = GripperUnits(jaws.jaws.closed_width_m)
+        self._units = GripperUnits(jaws.closed_width_m)
         self._infos = {
             f"{name}.width": StreamInfo(f"{name}.width", ("width",), "m", longest_s=LONGEST_S),
             f"{name}.force": StreamInfo(

@@ -1,17 +1,21 @@
 """Where two fingers and an object are, millisecond by millisecond, and which finger touches it."""
 
+from __future__ import annotations
+
 import math
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.physics import gripper_kernel as kernel
 from simulator.physics.aura import ENVELOPE_HZ, AuraMotion
-from simulator.physics.aura_settings import AuraObject
 from simulator.physics.held_kernel import GRAVITY_M_S2, NUMBERS, TOOL_BEFORE, TURN_M, Held
-from simulator.physics.jaws_drive import Jaws
+from simulator.physics.jaws_drive import JawsDrive
 from simulator.physics.jaws_kernel import SEEN
+
+if TYPE_CHECKING:
+    from simulator.physics.gripper_part import AuraBenchSettings
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -86,40 +90,11 @@ class Weight(NamedTuple):
 NO_WEIGHT = Held(0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
-class Layout(NamedTuple):
-    """What stands where: see `AuraBenchSettings`.
-
-    Attributes:
-        scene: `between` the fingers or `ahead` of the right one.
-        thing: The object, or None.
-        place_m: Its middle on x and y (on x its surface, where it is ahead) and its upper end on z.
-        lean_rad: By how much it leans towards x.
-        push_n: Force that slides it.
-        press_n_m: Stiffness of a finger that is pressed on what is clamped.
-        weight: Of the object; None is one that goes wherever jaws that hold it go.
-    """
-
-    scene: Literal["between", "ahead"]
-    thing: AuraObject | None
-    place_m: tuple[float, float, float]
-    lean_rad: float
-    push_n: float
-    press_n_m: float
-    weight: Weight | None = None
-
-    def thing_for_kernel(self, fits: bool) -> kernel.GripThing:
-        """The same as the kernel has it; `fits` is whether the jaws close on it at all."""
-        thing = self.thing
-        size_m = (0.0, 0.0, 0.0) if thing is None else (thing.width_m, thing.depth_m, thing.height_m)
-        about = (self.place_m[2], self.lean_rad, self.push_n, self.press_n_m)
-        held = NO_WEIGHT if self.weight is None else self.weight.held
-        return kernel.GripThing(thing is not None, self.scene == "ahead", fits, *size_m, *about, held)
-
-
 class AuraScene:
     """Follows tool and jaws in order of time; the object slides where one finger pushes it, and moves along when held.
 
     Args:
+        settings: What stands where.
         fits: Whether the jaws on their brackets close on the object at all.
         tick: Number of the millisecond in which it begins, on the devices' clock.
         tool_m: Displacement of the tool then, shape (3,).
@@ -133,13 +108,20 @@ class AuraScene:
 
     lasting = ("_rows", "_noted")
 
-    def __init__(self, layout: Layout, fits: bool, tick: int, tool_m: Floats, width_m: float) -> None:
-        self.layout = layout
+    def __init__(
+        self, settings: AuraBenchSettings, fits: bool, tick: int, tool_m: Floats, width_m: float
+    ) -> None:
+        thing, self._weight, ahead = settings.thing, settings.weight, settings.scene == "ahead"
+        x_m = settings.surface_m if ahead else settings.object_x_m
+        place_m = (x_m, settings.object_y_m, settings.object_top_m)
+        size_m = (0.0, 0.0, 0.0) if thing is None else (thing.width_m, thing.depth_m, thing.height_m)
+        about = (place_m[2], settings.lean_rad, settings.slide_n, settings.press_n_m)
+        held = NO_WEIGHT if self._weight is None else self._weight.held
+        self._thing = kernel.GripThing(thing is not None, ahead, fits, *size_m, *about, held)
         self.tick = tick
         self.contacts: list[tuple[float, bool]] = []
         self.finger_contacts: tuple[list[tuple[float, bool]], ...] = ([], [])
         self._noted, self._notes = np.empty((1024, len(Lift._fields))), 0
-        self._thing = layout.thing_for_kernel(fits)
         self._first = self._noted_tick = tick
         self._flags = np.zeros(4, dtype=np.int64)
         self._lift = np.zeros(NUMBERS)
@@ -148,9 +130,9 @@ class AuraScene:
         self._slid_m, self._push_n, self._crushed = 0.0, 0.0, False
         self._rows = np.zeros((KEEP, kernel.COLUMNS))
         row = self._rows[tick % KEEP]
-        row[TOOL], row[OBJECT], row[WIDTH] = tool_m, layout.place_m, width_m
+        row[TOOL], row[OBJECT], row[WIDTH] = tool_m, place_m, width_m
 
-    def follow(self, tools_m: Floats, jaws: Jaws, polls: Ints) -> Floats:
+    def follow(self, tools_m: Floats, jaws: JawsDrive, polls: Ints) -> Floats:
         """Follow tool and jaws.
 
         Args:
@@ -182,7 +164,7 @@ class AuraScene:
     def _note_lifts(self) -> None:
         """Note what the fingers have held since it was noted last."""
         ticks = np.arange(max(self._noted_tick, self.tick - KEEP) + 1, self.tick + 1)
-        self._noted_tick, weight = self.tick, self.layout.weight
+        self._noted_tick, weight = self.tick, self._weight
         if weight is None or not len(ticks):
             return
         rows = self.at(ticks)
@@ -213,7 +195,7 @@ class AuraScene:
         self._noted[self._notes : end] = np.column_stack(
             [
                 ticks / ENVELOPE_HZ,
-                rows[:, kernel.OBJECT + 2] - self.layout.place_m[2],
+                rows[:, kernel.OBJECT + 2] - self._thing.top_m,
                 rows[:, LOAD] * per_n,
                 rows[:, kernel.FORCE],
                 rows[:, kernel.LEAST],
@@ -252,7 +234,7 @@ class AuraScene:
             rows: Of the millisecond of each instant, shape (n, columns).
             width_m: Opening of the jaws, shape (n,).
         """
-        there = self.layout.thing is not None
+        there = self._thing.present
         away_m = self._away(rows[:, OBJECT], tool_m[:, :3]) if there else np.zeros((len(tool_m), 3))
         forces_n, yaw_rad = rows[:, FORCE], rows[:, YAW]
         if yaw_rad.any():  # the object's place as the wrist has it; its cross-section is taken for round
@@ -263,7 +245,7 @@ class AuraScene:
         return AuraMotion(
             self._gaps(away_m[:, 0], width_m),
             -away_m[:, 1],
-            self.layout.place_m[2] - away_m[:, 2],
+            self._thing.top_m - away_m[:, 2],
             np.ascontiguousarray(width_m),
             forces_n,
             rows[:, SPEED],
@@ -273,18 +255,18 @@ class AuraScene:
     def _away(self, place_m: Floats, tool_m: Floats) -> Floats:
         """Place of the object from the tool, at the tool's height, shape (..., 3) of two such."""
         away_m: Floats = place_m - tool_m
-        away_m[..., 0] -= self.layout.lean_rad * (away_m[..., 2] - self.layout.place_m[2])
+        away_m[..., 0] -= self._thing.lean_rad * (away_m[..., 2] - self._thing.top_m)
         return away_m
 
     def _gaps(self, x_m: Floats, width_m: Floats) -> Floats:
         """Distance of both fingers from the object on x, by its place from the tool, shape (n, 2)."""
         gaps_m = np.full((len(x_m), 2), np.inf)
-        if self.layout.thing is None:
+        if not self._thing.present:
             return gaps_m
-        if self.layout.scene == "ahead":
+        if self._thing.ahead:
             gaps_m[:, 0] = x_m
             return gaps_m
-        half_m = 0.5 * (width_m - self.layout.thing.width_m)
+        half_m = 0.5 * (width_m - self._thing.width_m)
         gaps_m[:, 0] = half_m - x_m
         gaps_m[:, 1] = half_m + x_m
         return gaps_m

@@ -53,7 +53,7 @@ RIGHT, LEFT, HELD, LOADED = range(4)
 
 
 class GripThing(NamedTuple):
-    """An object as the kernel has it: see `Layout`; what is not there is not `present`."""
+    """An object as the kernel has it: see `AuraBenchSettings`; what is not there is not `present`."""
 
     present: bool
     ahead: bool

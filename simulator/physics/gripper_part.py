@@ -10,7 +10,7 @@ from pydantic import Field, Strict
 from drivers.core.clock import last_tick
 from drivers.core.errors import RefusedError
 from simulator.physics.aura import ENVELOPE_HZ, FINGERS
-from simulator.physics.aura_scene import FORCE, LOAD, TOOL, WIDTH, AuraScene, Layout, Lift, Weight
+from simulator.physics.aura_scene import FORCE, LOAD, TOOL, WIDTH, AuraScene, Lift, Weight
 from simulator.physics.aura_settings import NOTHING, OBJECTS, AuraObject, AuraPlantSettings, Side
 from simulator.physics.bench import Bench, BenchPart, Floats
 from simulator.physics.jaws_drive import JawsDrive
@@ -125,25 +125,14 @@ class GripperPart(BenchPart):
     def _begin(self, settings: AuraBenchSettings) -> None:
         self._settings = settings
         self.thing = settings.thing
-        x_m = settings.object_x_m if settings.scene == "between" else settings.surface_m
-        place_m = (x_m, settings.object_y_m, settings.object_top_m)
-        layout = Layout(
-            settings.scene,
-            self.thing,
-            place_m,
-            settings.lean_rad,
-            settings.slide_n,
-            settings.press_n_m,
-            settings.weight,
-        )
-        jaws = self.jaws.jaws
+        jaws = self.jaws
         jaws.clear()
         fitting = self.thing is not None and jaws.fits(self.thing.width_m)
         if self.thing is not None and fitting:
             jaws.show(self.thing.width_m, self.thing.stiffness_n_m)
         tick = last_tick(self.bench.t_s, ENVELOPE_HZ)
         tool_m = self.bench.places(np.array([self.bench.t_s]))[0, :3]
-        self.track = AuraScene(layout, fitting, tick, tool_m, jaws.width_m)
+        self.track = AuraScene(settings, fitting, tick, tool_m, jaws.width_m)
 
     def advance(self, t_s: float) -> None:
         """See `BenchPart`."""
@@ -151,7 +140,7 @@ class GripperPart(BenchPart):
         polls_s = self.jaws.polls_until(t_s)
         if len(ticks) or len(polls_s):
             tools_m = self.bench.places(ticks / ENVELOPE_HZ)
-            states = self.track.follow(tools_m, self.jaws.jaws, ticks_of(polls_s))
+            states = self.track.follow(tools_m, self.jaws, ticks_of(polls_s))
             self.jaws.states += [states] if len(states) else []
 
     def wrench(self, times_s: Floats, direction: Sequence[float]) -> Floats:
@@ -196,7 +185,7 @@ class GripperPart(BenchPart):
         tool_m = self.bench.places(np.array([t_s]))[0]
         right_m, left_m = self.distances(np.array([self.bench.t_s]))[0].tolist()
         found = {"tool_x_m": tool_m[0], "tool_y_m": tool_m[1], "tool_z_m": tool_m[2]}
-        found |= {"width_m": self.jaws.jaws.width_m, "gap_right_m": right_m, "gap_left_m": left_m}
+        found |= {"width_m": self.jaws.width_m, "gap_right_m": right_m, "gap_left_m": left_m}
         return {name: float(value) for name, value in found.items() if np.isfinite(value)}
 
     def account(self) -> Mapping[str, Any]:

@@ -34,36 +34,51 @@ CLEARANCE_M = 0.001
 def _number(place: int) -> Any:
     """A property that is kept in the state."""
 
-    def get(self: Jaws) -> float:
+    def get(self: JawsDrive) -> float:
         return float(self.x[place])
 
-    def put(self: Jaws, value: float) -> None:
+    def put(self: JawsDrive, value: float) -> None:
         self.x[place] = value
 
     return property(get, put)
 
 
-class Jaws:
-    """Two jaws in sync, as one mass at their opening; how they move: `jaws_kernel`.
+Floats = NDArray[np.float64]
+
+RATE_HZ = 1.0 / kernel.TICK_S
+
+
+class JawsDrive:
+    """Motor, encoder and loops of a gripper, and its jaws: two in sync, as one mass at their opening (`jaws_kernel`).
+    Time is the caller's; results do not depend on its steps.
+
+    Args:
+        closed_width_m: Opening of the closed jaws, set by the brackets.
+        follow: Lets the bench pass time, and this drive with it, where it matters to what the jaws hold; else it has a
+            time of its own.
 
     Attributes:
-        x: State, as the kernel has it; the drive's numbers are there as well.
+        x: State, as the kernel has it.
         flags: The same of what is counted.
-        closed_width_m: Opening of the closed jaws, set by the brackets.
         width_m: Opening: at first all that there is.
         rate_m_s: Its rate; positive opens.
+        states: Its polled states, in order: parts of shape (m, 6), see `jaws_kernel.look`.
     """
 
     width_m: float = _number(kernel.WIDTH)
     rate_m_s: float = _number(kernel.RATE)
 
-    def __init__(self, closed_width_m: float) -> None:
+    def __init__(self, closed_width_m: float, follow: Callable[[float], None] | None = None) -> None:
         self.closed_width_m = closed_width_m
         self.x = np.zeros(kernel.NUMBERS)
         self.flags = np.zeros(kernel.FLAGS, dtype=np.int64)
         self.x[[kernel.CLOSED_M, kernel.OPEN_M]] = closed_width_m, closed_width_m + STROKE_M
         self.x[[kernel.MASS, kernel.FRICTION]] = MASS_KG, FRICTION_N
         self.width_m = closed_width_m + STROKE_M
+        self._follow = follow
+        self._tick: int | None = None
+        self.poll_at(0.0)
+        self.power_up()
 
     @property
     def contact_n(self) -> float:
@@ -83,43 +98,18 @@ class Jaws:
         """Let this object be the one that the jaws may meet."""
         self.x[[kernel.THING, kernel.STIFFNESS, kernel.DAMPING]] = width_m, stiffness_n_m, damping_n_s_m
 
-
-Floats = NDArray[np.float64]
-
-RATE_HZ = 1.0 / kernel.TICK_S
-
-
-class JawsDrive:
-    """Motor, encoder and loops of a gripper on its jaws. Time is the caller's; results do not depend on its steps.
-
-    Args:
-        follow: Lets the bench pass time, and this drive with it, where it matters to what the jaws hold; else it has a
-            time of its own.
-
-    Attributes:
-        states: Its polled states, in order: parts of shape (m, 6), see `jaws_kernel.look`.
-    """
-
-    def __init__(self, closed_width_m: float, follow: Callable[[float], None] | None = None) -> None:
-        self.jaws = Jaws(closed_width_m)
-        self._follow = follow
-        self._x, self._flags = self.jaws.x, self.jaws.flags
-        self._tick: int | None = None
-        self.poll_at(0.0)
-        self.power_up()
-
     def power_up(self) -> None:
         """Sleep, uncalibrated; the jaws stay where they are."""
-        flags, present, jammed = self._flags, self._flags[kernel.PRESENT], self._flags[kernel.JAMMED]
+        flags, present, jammed = self.flags, self.flags[kernel.PRESENT], self.flags[kernel.JAMMED]
         flags[:] = 0
         flags[kernel.PRESENT], flags[kernel.JAMMED] = present, jammed
-        self._x[[kernel.INTEGRAL, kernel.CURRENT, kernel.LIMIT, kernel.SPEED]] = 0.0
+        self.x[[kernel.INTEGRAL, kernel.CURRENT, kernel.LIMIT, kernel.SPEED]] = 0.0
 
     def renew(self) -> None:
         """Be as on the first day: open, without power, at time zero."""
-        self.jaws.clear()
-        self.jaws.width_m, self.jaws.rate_m_s = self.jaws.closed_width_m + STROKE_M, 0.0
-        self._flags[:] = 0
+        self.clear()
+        self.width_m, self.rate_m_s = self.closed_width_m + STROKE_M, 0.0
+        self.flags[:] = 0
         self.power_up()
 
     def restart(self) -> None:
@@ -129,39 +119,39 @@ class JawsDrive:
     @property
     def finding(self) -> GripFinding:
         """What became of the last order."""
-        return GripFinding(int(self._flags[kernel.FINDING]))
+        return GripFinding(int(self.flags[kernel.FINDING]))
 
     @property
     def current_ma(self) -> float:
         """Of the motor; positive opens."""
-        return float(self._x[kernel.CURRENT])
+        return float(self.x[kernel.CURRENT])
 
     @property
     def calibrated(self) -> bool:
         """Whether it knows its ends."""
-        return bool(self._flags[kernel.CALIBRATED])
+        return bool(self.flags[kernel.CALIBRATED])
 
     @property
     def ticks(self) -> int:
         """What the encoder reads; it grows as the jaws open."""
-        return int(kernel.encoder(self._x))
+        return int(kernel.encoder(self.x))
 
     @property
     def ticks_s(self) -> float:
         """How fast the encoder turns."""
-        return self.jaws.rate_m_s * TICKS_PER_M
+        return self.rate_m_s * TICKS_PER_M
 
     @property
     def closed_share(self) -> float:
         """Where the jaws are, by the ends that it knows: 0 open to 1 closed; 0 where it knows none."""
-        opened, closed = self._flags[[kernel.OPENED, kernel.CLOSED]].tolist()
+        opened, closed = self.flags[[kernel.OPENED, kernel.CLOSED]].tolist()
         if opened == closed:
             return 0.0
         return float(min(max((opened - self.ticks) / (opened - closed), 0.0), 1.0))
 
     def go(self, closed_share: float, speed_ticks_s: float, current_ma: float) -> None:
         """Go to a position, at a speed, within a current; without a calibration it stands."""
-        flags = self._flags
+        flags = self.flags
         (
             sane("closed_share", closed_share),
             sane("speed_ticks_s", speed_ticks_s),
@@ -169,7 +159,7 @@ class JawsDrive:
         )
         opened, closed = flags[[kernel.OPENED, kernel.CLOSED]].tolist()
         flags[kernel.TARGET] = round(opened + (closed - opened) * closed_share)
-        self._x[[kernel.SPEED, kernel.LIMIT]] = speed_ticks_s, min(max(current_ma, 0.0), MOST_MA)
+        self.x[[kernel.SPEED, kernel.LIMIT]] = speed_ticks_s, min(max(current_ma, 0.0), MOST_MA)
         flags[kernel.THERE] = False
         if not self.calibrated:
             self.sleep()
@@ -178,24 +168,24 @@ class JawsDrive:
 
     def calibrate(self) -> None:
         """Open, then close; the ends that it knew before hold until then."""
-        flags = self._flags
+        flags = self.flags
         flags[[kernel.HELD, kernel.CALIBRATING, kernel.JAMMED, kernel.RESTING]] = 0
-        self._x[[kernel.INTEGRAL, kernel.LIMIT]] = 0.0, kernel.CALIBRATION_MA
+        self.x[[kernel.INTEGRAL, kernel.LIMIT]] = 0.0, kernel.CALIBRATION_MA
         flags[kernel.MODE] = kernel.OPENING
 
     def sleep(self) -> None:
         """Release: no current."""
-        kernel.sleep(self._x, self._flags)
+        kernel.sleep(self.x, self.flags)
         self.disturb()
 
     def jam(self) -> None:
         """Hold the jaws fast, whatever drives them, until the next calibration."""
-        self._flags[kernel.JAMMED] = True
+        self.flags[kernel.JAMMED] = True
         self.disturb()
 
     def disturb(self) -> None:
         """Something in the scene has changed: an object came, went or was released."""
-        self._flags[kernel.RESTING] = False
+        self.flags[kernel.RESTING] = False
 
     def poll_at(self, rate_hz: float) -> None:
         """Poll the drive's state at this rate, from time zero on, whatever the steps of time; 0 is never."""
@@ -222,11 +212,11 @@ class JawsDrive:
         for poll_s in self.polls_until(t_s).tolist():
             self._pass(poll_s)
             self.states.append(np.empty((1, kernel.SEEN)))
-            kernel.look(self._x, self._flags, self.states[-1][0])
+            kernel.look(self.x, self.flags, self.states[-1][0])
         self._pass(t_s)
 
     def _pass(self, t_s: float) -> None:
         last = last_tick(t_s, RATE_HZ)
         if self._tick is not None and self._tick < last:
-            kernel.advance(self._x, self._flags, self._tick, last)
+            kernel.advance(self.x, self.flags, self._tick, last)
         self._tick = last if self._tick is None else max(self._tick, last)

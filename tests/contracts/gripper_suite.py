@@ -21,7 +21,7 @@ from drivers.core.messages import (
     Standstill,
     Stop,
 )
-from simulator.physics.jaws_drive import Jaws, JawsDrive
+from simulator.physics.jaws_drive import JawsDrive
 from simulator.physics.jaws_kernel import PRESENT
 from tests.contracts.crank import Crank
 
@@ -32,7 +32,9 @@ OBJECTS_M = {"mug": 0.040, "worn mug": 0.038}
 GRIP = Grip("gripper", 0.030, 0.1, 20.0)
 
 
-def put(jaws: Jaws, width_m: float | None, stiffness_n_m: float = 2e4, damping_n_s_m: float = 20.0) -> None:
+def put(
+    jaws: JawsDrive, width_m: float | None, stiffness_n_m: float = 2e4, damping_n_s_m: float = 20.0
+) -> None:
     """Put an object between jaws, or take away what is there."""
     jaws.clear()
     if width_m is not None:
@@ -70,7 +72,7 @@ class GripperBench(Crank):
 
     def place(self, name: str | None) -> None:
         def scene(drive: JawsDrive) -> None:
-            put(drive.jaws, None if name is None else OBJECTS_M[name])
+            put(drive, None if name is None else OBJECTS_M[name])
             drive.disturb()
 
         self.change(scene)
@@ -78,7 +80,7 @@ class GripperBench(Crank):
     def force_n(self) -> float:
         """How hard the jaws really press."""
         forces: list[float] = []
-        self.change(lambda drive: forces.append(drive.jaws.contact_n))
+        self.change(lambda drive: forces.append(drive.contact_n))
         return forces[0]
 
 

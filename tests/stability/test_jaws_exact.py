@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simulator.physics import jaws_kernel as kernel
-from simulator.physics.jaws_drive import FRICTION_N, MASS_KG, STIFFEST_N_M, Jaws
+from simulator.physics.jaws_drive import FRICTION_N, MASS_KG, STIFFEST_N_M, JawsDrive
 from tests.contracts.gripper_suite import put
 
 WIDTH_M, GAP_M, FORCE_N = 0.04, 0.005, 20.0
@@ -15,7 +15,7 @@ WIDTH_M, GAP_M, FORCE_N = 0.04, 0.005, 20.0
 
 def jaws_on(stiffness_n_m, damping_n_s_m):
     """Jaws with an object of 40 mm between them."""
-    jaws = Jaws(0.008)
+    jaws = JawsDrive(0.008)
     put(jaws, WIDTH_M, stiffness_n_m, damping_n_s_m)
     return jaws
 

@@ -87,14 +87,14 @@ def test_it_finds_an_object_and_its_current(judge: Judge) -> None:
     judge.drive_to(0)
     judge.until(lambda: judge.motor.gripper_object_detection == 3)
     with judge.lock:
-        put(judge.drive.jaws, 0.030)
+        put(judge.drive, 0.030)
     judge.drive_to(255, 600)
     judge.until(
         lambda: judge.motor.gripper_object_detection in (1, 2) and judge.motor.gripper_current == -600
     )
     assert judge.motor.gripper_position < 255
     pressed_n = pytest.approx(600 * 0.0462, abs=0.6)
-    judge.until(lambda: judge.drive.jaws.contact_n == pressed_n)  # the blow has to die away
+    judge.until(lambda: judge.drive.contact_n == pressed_n)  # the blow has to die away
 
 
 def test_it_sees_a_watchdog_fault_and_clears_it(judge: Judge) -> None:

@@ -59,7 +59,7 @@ def test_a_grip_ends_in_the_object_bit_that_the_firmware_sets_first(bus: Bus) ->
     bus.send(OPEN)
     bus.wait(1.0)
     assert bus.poll().data == bytes([0, 0, bus.poll().data[2], 0xF1])
-    put(bus.drive.jaws, 0.040)
+    put(bus.drive, 0.040)
     bus.send(CLOSE)
     bus.wait(1.0)
     state = bus.poll()

@@ -27,7 +27,7 @@ from tests.contracts.gripper_suite import GRIP, calibrated_jaws, put
 def run(turn_s: float, *faults: dict[str, Any], seconds: float = 1.0) -> tuple[list[Status], Any, float]:
     """Grip a mug; statuses, the widths received, and the force at the end."""
     drive = calibrated_jaws()
-    put(drive.jaws, 0.040)
+    put(drive, 0.040)
     clock = VirtualClock()
     schedule = FaultSchedule([Fault(device="gripper", **fault) for fault in faults])
     gripper = MockCanGripper(
@@ -43,7 +43,7 @@ def run(turn_s: float, *faults: dict[str, Any], seconds: float = 1.0) -> tuple[l
         clock.wait_until(clock.now() + turn_s)
         widths_m += [value for block in gripper.read() for value in block.physical[:, 0]]
         statuses += gripper.poll()
-    return statuses, np.array(widths_m), drive.jaws.contact_n
+    return statuses, np.array(widths_m), drive.contact_n
 
 
 @pytest.mark.parametrize("turn_s", [0.001, 0.013, 0.95])
@@ -66,7 +66,7 @@ def test_faults_are_reported(kind: str, status: type[Status]) -> None:
 
 def test_stops_in_the_next_trial_keep_what_was_gripped_in_the_last() -> None:
     drive = calibrated_jaws()
-    put(drive.jaws, 0.040)
+    put(drive, 0.040)
     drive.go(0.8, 20_000.0, 433.0)
     drive.advance(3.0)
     drive.restart()
@@ -78,7 +78,7 @@ def test_stops_in_the_next_trial_keep_what_was_gripped_in_the_last() -> None:
     clock.wait_until(0.5)
     assert [type(status) for status in gripper.poll()] == [Sent, Sent, Standstill]
     gripper.close()
-    assert drive.jaws.contact_n == pytest.approx(20.0, abs=0.6)  # 433 mA at 0.0462 N/mA
+    assert drive.contact_n == pytest.approx(20.0, abs=0.6)  # 433 mA at 0.0462 N/mA
 
 
 def test_a_gripper_that_is_unplugged_lets_go() -> None:

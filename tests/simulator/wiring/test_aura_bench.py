@@ -188,11 +188,11 @@ def test_jaws_close_fully_above_an_object_and_on_it_where_it_is() -> None:
     assert above.contacts == []
     bench = gripping(0.01)
     # a stop of 300 mA x 0.0462 N/mA, within friction, squeezes 20 N/mm
-    assert bench.jaws.jaws.width_m == pytest.approx(PIPE_M - 13.86 / 2e4, abs=1e-4)
+    assert bench.jaws.width_m == pytest.approx(PIPE_M - 13.86 / 2e4, abs=1e-4)
     assert [made for _, made in bench.contacts] == [True, True]
     (first_s, _), (second_s, _) = bench.contacts
     assert bench.finger_contacts[LEFT][0][0] == first_s < second_s
-    force_n = bench.jaws.jaws.contact_n
+    force_n = bench.jaws.contact_n
     assert force_n == pytest.approx(13.86, abs=0.6)
     assert bench.wrench(np.array([11.4]), (1.0, 0.0, 0.0))[0] == pytest.approx(np.zeros(6), abs=1e-12)
 
@@ -223,7 +223,7 @@ def test_a_restart_leaves_nothing_of_the_trial_before() -> None:
     bench = gripping(0.01)
     bench.restart()
     bench.begin(0.0, 7, 1, {}, AuraBenchSettings().model_dump(mode="json"))
-    assert bench.jaws.jaws.width_m == 0.063
+    assert bench.jaws.width_m == 0.063
     assert not bench.jaws.calibrated
     assert bench.contacts == []
     bench.advance(0.01)

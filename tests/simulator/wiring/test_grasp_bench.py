@@ -61,7 +61,7 @@ def weighed_n(bench):
 def test_the_pad_feels_the_grip_and_then_half_of_the_weight():
     bench = gripped(pad_noise_scale=0.0)
     before = volts(bench, 11.99)[-1]
-    assert before[1] / 0.0326 == pytest.approx(bench.jaws.jaws.contact_n, rel=0.05), "Fy, and its hysteresis"
+    assert before[1] / 0.0326 == pytest.approx(bench.jaws.contact_n, rel=0.05), "Fy, and its hysteresis"
     assert abs(before[2]) < 0.01
     assert weighed_n(bench) == 0.0
     lifted = volts(bench, 15.0)

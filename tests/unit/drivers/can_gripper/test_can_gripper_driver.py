@@ -90,7 +90,7 @@ def position(bench: Bench) -> int:
 
 def test_open_identifies_it_sets_the_watchdog_and_moves_nothing(make_bench: Make) -> None:
     bench = make_bench(calibrated=False, watchdog_s=2.5)
-    before_m = bench.drive.jaws.width_m
+    before_m = bench.drive.width_m
     *asked, last = bench.orders(lambda: setattr(bench, "info", bench.device.open()))
     assert asked == [*(GripperMessage(GripperCode(code)) for code in (25, 26, 23, 24)), POLL]
     assert last == watchdog(2500)
@@ -99,7 +99,7 @@ def test_open_identifies_it_sets_the_watchdog_and_moves_nothing(make_bench: Make
     assert info.details["supply_v"] == pytest.approx(24.0)
     assert info.details["calibrated"] is False
     bench.turn(0.5)
-    assert bench.drive.jaws.width_m == before_m
+    assert bench.drive.width_m == before_m
     assert bench.statuses == []
 
 
@@ -111,7 +111,7 @@ def test_open_stops_what_moves_where_it_is_with_little_force(bench: Bench) -> No
     assert period == watchdog(1000)
     assert hold == DriveOrder(position(bench), 0, STEADY_MA)
     bench.turn(1.0)
-    assert abs(bench.drive.jaws.rate_m_s) < 1e-4
+    assert abs(bench.drive.rate_m_s) < 1e-4
 
 
 def test_what_the_last_session_left_is_forgotten_at_open(bench: Bench) -> None:
@@ -153,10 +153,10 @@ def test_jaws_that_move_on_as_their_gripper_fails_are_stopped_by_the_sleep_of_th
     else:
         assert bench.orders(bench.device.close) == [SLEEP]
         assert bench.bus.closed
-    stood_m = bench.drive.jaws.width_m
+    stood_m = bench.drive.width_m
     bench.bus.wait(0.3)
     assert bench.drive.current_ma == 0.0
-    assert bench.drive.jaws.width_m == pytest.approx(stood_m, abs=0.5e-3), "2 mm less, were it not stopped"
+    assert bench.drive.width_m == pytest.approx(stood_m, abs=0.5e-3), "2 mm less, were it not stopped"
 
 
 def test_what_a_gripper_holds_as_it_fails_stays_with_its_watchdog(bench: Bench) -> None:
@@ -344,7 +344,7 @@ def test_a_host_that_hangs_loses_the_grip_and_says_so_when_it_wakes(bench: Bench
     bench.turn(0.1)
     (stalled,) = bench.take(Stalled)
     assert "watchdog" in stalled.reason
-    assert bench.drive.jaws.contact_n < 0.6
+    assert bench.drive.contact_n < 0.6
     bench.device.apply(GRIP)
     bench.turn(0.1)
     assert len(bench.take(Refused)) == 1
@@ -382,7 +382,7 @@ def test_a_fault_opens_the_grip_and_is_a_stall_once(bench: Bench, fault: str, me
     bench.turn(0.3)
     (stalled,) = bench.take(Stalled)
     assert message in stalled.reason
-    assert bench.drive.jaws.contact_n < 0.6
+    assert bench.drive.contact_n < 0.6
     assert bench.device.account()["faults"] == [fault]
 
 
@@ -392,7 +392,7 @@ def test_a_power_failure_lets_go_and_is_a_stall_and_home_sets_the_watchdog_again
     bench.turn(0.2)
     (stalled,) = bench.take(Stalled)
     assert "no longer knows its ends" in stalled.reason
-    assert bench.drive.jaws.contact_n < 0.6
+    assert bench.drive.contact_n < 0.6
     bench.device.apply(GRIP)
     bench.turn(0.1)
     assert "does not know its ends" in bench.take(Refused)[0].reason
@@ -402,7 +402,7 @@ def test_a_power_failure_lets_go_and_is_a_stall_and_home_sets_the_watchdog_again
     assert len(bench.take(Reached)) == 1
     hold_the_mug(bench)
     bench.bus.wait(1.5)  # the host hangs
-    assert bench.drive.jaws.contact_n < 0.6
+    assert bench.drive.contact_n < 0.6
 
 
 def test_a_bus_that_is_gone_is_a_failure_once_and_what_it_did_not_take_was_not_sent(bench: Bench) -> None:

@@ -60,7 +60,7 @@ def gripper(drive: JawsDrive, **settings: Any) -> tuple[GripperBench, Spoken]:
 def width_m(bench: GripperBench) -> float:
     """Where the jaws really are."""
     widths_m: list[float] = []
-    bench.change(lambda drive: widths_m.append(drive.jaws.width_m))
+    bench.change(lambda drive: widths_m.append(drive.width_m))
     return widths_m[0]
 
 
