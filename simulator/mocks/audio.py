@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +11,7 @@ from pydantic import Field
 
 from drivers.audio.commands import checked, fingers_info
 from drivers.audio.quality import Excursions, clipped
-from drivers.audio.settings import FULL_SCALE, STREAM, UNIT
-from drivers.core.clock import last_tick
+from drivers.audio.settings import FULL_SCALE, UNIT
 from drivers.core.messages import (
     Chirp,
     Command,
@@ -26,7 +26,7 @@ from drivers.core.messages import (
     Tone,
 )
 from drivers.core.settings import Settings
-from simulator.mocks.base import MockDriver
+from simulator.mocks.base import MockSensor
 from simulator.physics.bench import part
 
 ENVELOPE_HZ: Final = 1000
@@ -34,9 +34,6 @@ ENVELOPE_HZ: Final = 1000
 
 ENVELOPE: Final = ("I0", "Q0", "I1", "Q1")
 """Channels of the envelope: right finger, then left."""
-
-SPAN_S: Final = 1.0
-"""Sound is computed in spans of this length at the most: a bench remembers the last few seconds (assumption)."""
 
 
 class MockAudioSettings(Settings):
@@ -46,29 +43,29 @@ class MockAudioSettings(Settings):
     """Longest block that `read` hands out."""
 
 
-class MockAudio(MockDriver):
+class MockAudio(MockSensor):
     """What a bench's fingers send, only while subscribed; the bench's `level` sets which of the two.
 
     At carrier level the stream is the real driver's. At envelope level it is baseband: 1 kHz, floats, full scale 1,
     channels `I0 Q0 I1 Q1`. Sample k is at k / rate in bench time, and k is its `seq`.
     """
 
+    model = "simulated fingers"
     _settings: MockAudioSettings
 
     def _wire(self) -> None:
         part(self._bench, "carrier", self.name)
+        self._longest = self._settings.block_samples
         self._envelope = self._bench.level == "envelope"
-        self._info = fingers_info(self.name)
+        info = fingers_info(self.name)
         if self._envelope:
-            self._info = StreamInfo(
-                f"{self.name}.{STREAM}", ENVELOPE, UNIT, 1.0, float(ENVELOPE_HZ), noisy=True
-            )
-        assert self._info.rate_hz is not None
-        self._rate_hz = self._info.rate_hz
+            info = StreamInfo(info.name, ENVELOPE, UNIT, 1.0, float(ENVELOPE_HZ), noisy=True)
+        self._infos = {info.name: info}
+        assert info.rate_hz is not None
+        self._rate_hz = info.rate_hz
 
     def restart(self) -> None:
         """Begin a trial: bench time is zero again."""
-        self._next: int | None = None
         self._sweep_s: float | None = None
         self._sweep = 0  # id of its command
         self._excursions = Excursions(self._rate_hz)
@@ -76,13 +73,7 @@ class MockAudio(MockDriver):
 
     def open(self) -> DeviceInfo:
         """Nothing to connect to."""
-        return DeviceInfo(
-            self.name,
-            model="simulated fingers",
-            streams={self._info.name: self._info},
-            clock="bench",
-            details={"level": self._bench.level},
-        )
+        return replace(super().open(), details={"level": self._bench.level})
 
     def close(self) -> None:
         """Nothing to release; the drive falls silent."""
@@ -98,7 +89,9 @@ class MockAudio(MockDriver):
         self._bench.advance(now_s)
         self._sent(command)
         if isinstance(command, Listen):
-            self._listen(bool(command.streams), now_s)
+            if command.streams != self._next.keys():
+                self._subscribe(command.streams, now_s)
+                self._excursions.begin()
         elif isinstance(command, Tone | Chirp) and self._faults.active(now_s, "refuse"):
             self._refuse(command, "its amplifier is off")
         else:
@@ -116,62 +109,35 @@ class MockAudio(MockDriver):
         elif isinstance(command, Excite):
             self._bench.silence()
 
-    def _listen(self, on: bool, now_s: float) -> None:
-        if on == (self._next is not None):
-            return
-        self._next = last_tick(now_s, self._rate_hz) + 1 if on else None
-        self._excursions.begin()
-
     def read(self) -> Sequence[SampleBlock]:
         """What was sampled since the last call."""
-        now_s = self._clock.now()
-        if self._next is None:
-            return ()
-        if self._gone(now_s):
-            following = last_tick(now_s, self._rate_hz) + 1
-            self._unheard_of(self._info.name, following - self._next)
-            self._next = following
-            return ()
-        self._heard(now_s)
-        if self._garbled(now_s):
-            return self._lose(now_s)
-        blocks: list[SampleBlock] = []
-        while (last := last_tick(now_s, self._rate_hz)) >= self._next:
-            span = round(SPAN_S * self._rate_hz)
-            n = min(last + 1 - self._next, self._settings.block_samples, span)
-            until_s = now_s if self._next + n > last else (self._next + n) / self._rate_hz
-            self._bench.advance(until_s)
-            blocks.append(self._block(self._next, n, now_s))
-            self._next += n
+        blocks = super().read()
+        for block in blocks:
+            self._watch(block)
         return blocks
 
-    def _lose(self, now_s: float) -> Sequence[SampleBlock]:
-        assert self._next is not None
-        last = last_tick(now_s, self._rate_hz)
-        if last >= self._next:
-            self._lost(now_s, self._info.name, last + 1 - self._next)
-            self._next = last + 1
-        return ()
-
-    def _block(self, first: int, n: int, now_s: float) -> SampleBlock:
-        t0_s = first / self._rate_hz
-        until_s = (first + n - 1) / self._rate_hz
-        full_scale = self._faults.active(until_s, "full_scale")
-        values: NDArray[np.float64] | NDArray[np.int32]
+    def _counts(self, stream: str, times_s: NDArray[np.float64]) -> Any:
+        n, full_scale = len(times_s), self._faults.active(float(times_s[-1]), "full_scale")
         if self._envelope:
-            found = self._bench.baseband(np.arange(first, first + n) / self._rate_hz)
-            values = np.full((n, 4), -1.0) if full_scale else found.view(np.float64).reshape(n, 4)
-            full = np.hypot(values[:, 0::2], values[:, 1::2]) >= 1.0
-        else:
-            counts: NDArray[np.int32] = self._bench.carrier(first, n)
-            values = counts = np.full((n, 2), -FULL_SCALE, np.int32) if full_scale else counts
-            full = clipped(counts)
+            found = self._bench.baseband(times_s).view(np.float64).reshape(n, 4)
+            return np.full((n, 4), -1.0) if full_scale else found
+        counts = self._bench.carrier(round(times_s[0] * self._rate_hz), n)
+        return np.full((n, 2), -FULL_SCALE, np.int32) if full_scale else counts
+
+    def _block(
+        self, stream: str, t0_s: float, values: Any, now_s: float, times_s: NDArray[np.float64] | None = None
+    ) -> SampleBlock:
+        self._seq[stream] = round(t0_s * self._rate_hz)
+        return super()._block(stream, t0_s, values, now_s)
+
+    def _watch(self, block: SampleBlock) -> None:
+        """Report each excursion to full scale once."""
+        values, step = block.values, 2 if self._envelope else 1
+        full = np.hypot(values[:, 0::2], values[:, 1::2]) >= 1.0 if self._envelope else clipped(values)
         for place, finger in self._excursions.push(full):
-            column = 2 * finger if self._envelope else finger
-            value = float(values[place, column]) * self._info.scale
-            t_s = (first + place) / self._rate_hz
-            self._report(Saturated(t_s, self.name, self._info.name, value))
-        return self._info.block(first, t0_s, values, device_t0_s=t0_s, arrival_s=now_s)
+            value = float(values[place, step * finger]) * block.scale
+            t_s = (block.seq + place) / self._rate_hz
+            self._report(Saturated(t_s, self.name, block.stream, value))
 
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""
