@@ -56,5 +56,5 @@ def energy_j(plant: FingerPlant) -> float:
     """Mechanical energy of a finger now, the contact's spring left out."""
     x, s = plant.state(), plant.settings
     kinetic = s.inertia_kg_m2 * x[scene.OMEGA] ** 2 + s.base_inertia_kg_m2 * x[scene.BASE_RATE] ** 2
-    bent = plant._course.finger.joint * (x[scene.THETA] - x[scene.BASE]) ** 2
+    bent = plant.finger.joint * (x[scene.THETA] - x[scene.BASE]) ** 2
     return float(0.5 * (kinetic + bent + s.base_n_m_rad * x[scene.BASE] ** 2))

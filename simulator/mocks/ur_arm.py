@@ -35,6 +35,7 @@ from drivers.core.messages import (
 from drivers.ur_arm.settings import UrArmSettings
 from drivers.ur_arm.tool import stated
 from simulator.mocks.base import MockDriver
+from simulator.physics.noise import gaussian_at
 from simulator.physics.tool_motion import ToolMotion, repeats
 
 STREAM_WRENCH = 32
@@ -284,8 +285,6 @@ class MockUrArm(MockDriver):
 
         A load cell's noise is in it too: a thousandth of the arm's.
         """
-        from simulator.physics.noise import gaussian_at
-
         settings = self._settings
         sigma = np.array([settings.force_noise_n] * 3 + [settings.torque_noise_n_m] * 3)
         numbers = (6 * ticks[:, None] + np.arange(6)).ravel()

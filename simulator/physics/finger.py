@@ -3,21 +3,20 @@
 Equations, choice of the model and fit: docs/explanation/finger_physics.md.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.physics import finger_scene as scene
+from simulator.physics.finger_course import FingerCourse
+from simulator.physics.finger_kernel import STREAM_LOAD_CELL
+from simulator.physics.finger_lock import leap, may_touch
 from simulator.physics.finger_settings import LOCATIONS, FingerSettings
+from simulator.physics.noise import gaussian_at
 from simulator.physics.stage_axis import SANE
-
-if TYPE_CHECKING:
-    from simulator.physics.finger_course import FingerCourse
 
 __all__ = ["CHANNELS", "LOCATIONS", "FingerPlant", "FingerSettings"]
 
@@ -33,7 +32,7 @@ _WORTH_S = 5.0
 """A shorter span is not worth a leap: to compute it costs less than a millisecond."""
 
 
-class FingerPlant:
+class FingerPlant(FingerCourse):
     """Finger, probe and electronics, advanced piece by piece in closed form.
 
     What is not observed is computed when it is first needed, or not at all: see `account`.
@@ -56,9 +55,6 @@ class FingerPlant:
         Raises:
             ValueError: unknown location, a key out of range, a gap or a time that is not finite.
         """
-        # compiled code is loaded when there is a plant, not when a profile is checked
-        from simulator.physics.finger_course import FingerCourse
-
         if location not in LOCATIONS:
             raise ValueError(f"finger: no location {location!r}; there are {', '.join(LOCATIONS)}")
         if not (0 <= key[0] < 2**63 and 0 <= key[1] < 2**32):
@@ -72,14 +68,14 @@ class FingerPlant:
         self._computed_s = t_s
         self._span_s = (t_s, t_s)
         self._channels = (0, 0)
-        self._course: FingerCourse = FingerCourse(scene.scene(self.settings, location, gap_m, 0.0, key), t_s)
+        self.set_out(scene.scene(self.settings, location, gap_m, 0.0, key), t_s)
 
     # what comes from outside
 
     def excite(self, on: bool) -> None:
         """Switch the excitation at the present time."""
         self._settle()
-        self._course.moment.flags[scene.EXCITED] = int(on)
+        self.moment.flags[scene.EXCITED] = int(on)
 
     def set_tendon(self, position_m: float) -> None:
         """Set the tendon at the present time; 0 is extended, flexion is positive.
@@ -90,7 +86,7 @@ class FingerPlant:
         if 1.0 + self.settings.flexion_1_m * _finite("position_m", position_m) <= 0.0:
             raise ValueError(f"finger: a tendon at {position_m} m leaves the joint no stiffness")
         self._settle()
-        self._course.finger = scene.scene(self.settings, self._location, self._gap_m, position_m, self._key)
+        self.finger = scene.scene(self.settings, self._location, self._gap_m, position_m, self._key)
 
     def move_probe(self, pieces: Sequence[tuple[float, float, float, float]]) -> None:
         """Give the probe a plan, from the present time on.
@@ -112,14 +108,7 @@ class FingerPlant:
         if np.any(np.diff(table[:, 0]) < 0.0):
             raise ValueError("finger: the pieces of the probe's plan are not in order of time")
         self._settle()
-        self._course.follow(table)
-
-    def rest_against_probe(self) -> None:
-        """Let the finger rest where a probe that reaches into it holds it, base and joint deflected; else nothing.
-
-        For the start of a trial: the finger was touched before, and all has come to rest since.
-        """
-        self._course.rest_against_probe()
+        self.follow(table)
 
     # time
 
@@ -146,9 +135,9 @@ class FingerPlant:
         channels = sum(bit for channel, (bit, _) in WAVEFORMS.items() if channel in observe)
         self._channels = (channels, self._channels[0])
         self._span_s = (self._until_s, self._span_s[0])
-        self._course.begin_span()
+        self.begin_span()
         if observe:
-            self._course.run(until_s, channels=channels, periods=True, switches="switches" in observe)
+            self.run(until_s, channels=channels, periods=True, switches="switches" in observe)
             self._seconds["exact"] += until_s - self._until_s
             self._computed_s = until_s
         self._until_s = until_s
@@ -156,25 +145,22 @@ class FingerPlant:
     def _settle(self) -> None:
         """Bring the state to the present time, for something is about to change."""
         self._catch_up()
-        self._course.run(self._until_s, settle=True, periods=True)
+        self.run(self._until_s, settle=True, periods=True)
 
     def _catch_up(self) -> None:
         """Leap over, or compute, what was not observed, from one corner of the probe's plan to the next."""
         if self._computed_s >= self._until_s:
             return
-        motion = self._course.motion
-        starts = (motion.whole + motion.fraction).tolist()
+        starts = (self.motion.whole + self.motion.fraction).tolist()
         for corner_s in [*(t for t in starts if self._computed_s < t < self._until_s), self._until_s]:
             if corner_s - self._computed_s > _WORTH_S:
                 self._leap(corner_s)
-            self._course.run(corner_s)
+            self.run(corner_s)
             self._seconds["exact"] += corner_s - self._computed_s
             self._computed_s = corner_s
 
     def _leap(self, until_s: float) -> None:
-        from simulator.physics.finger_lock import leap
-
-        done = leap(self._course, self._computed_s, until_s, self.settings.error_budget_rad)
+        done = leap(self, self._computed_s, until_s, self.settings.error_budget_rad)
         if done is not None:
             tier, computed_s, left_out_s = done
             self._seconds["exact"] += computed_s
@@ -210,7 +196,7 @@ class FingerPlant:
                 or times_s[-1] > self._until_s
             ):
                 raise ValueError(f"finger: {channel!r} was not observed from {times_s[0]} to {times_s[-1]} s")
-            self._course.read(place, times_s[part], out[part], before=age == 1)
+            self.read(place, times_s[part], out[part], before=age == 1)
         s = self.settings
         if channel != "load_cell":
             return np.clip(out, -s.accelerometer_range_m_s2, s.accelerometer_range_m_s2)
@@ -220,35 +206,13 @@ class FingerPlant:
 
     def _sampling_noise(self, times_s: Floats) -> Floats:
         """Standard normal deviates of samples, numbered by their nanosecond: the same at each call."""
-        from simulator.physics.finger_kernel import STREAM_LOAD_CELL
-        from simulator.physics.noise import gaussian_at
-
         return gaussian_at(self._key, STREAM_LOAD_CELL, np.round(times_s * 1e9).astype(np.int64))
 
-    def periods(self) -> tuple[Floats, Floats]:
-        """What the board's period counter counted in observed spans since the last call.
-
-        Returns:
-            Rising edges of the drive in s, shape (n,), and the period that each of them ended in s, shape (n,).
-        """
-        return self._course.take_periods()
-
-    def switches(self) -> list[tuple[float, str]]:
-        """All switches in spans that observed `switches`, since the last call.
-
-        Returns:
-            (time in s, one of `made`, `lost`, `comparator_up`, `comparator_down`, `drive_up`, `drive_down`).
-        """
-        return self._course.take_switches()
-
     def contacts(self) -> list[tuple[float, bool]]:
-        """The truth: (time in s, whether force began or ended) since the last call. For scoring alone."""
-        if self._computed_s < self._until_s:
-            from simulator.physics.finger_lock import may_touch
-
-            if may_touch(self._course, self._computed_s, self._until_s):
-                self._catch_up()
-        return self._course.take_contacts()
+        """See `FingerCourse.contacts`."""
+        if self._computed_s < self._until_s and may_touch(self, self._computed_s, self._until_s):
+            self._catch_up()
+        return super().contacts()
 
     def account(self) -> dict[str, Any]:
         """What was computed and how, over the plant's life, for the manifest.
@@ -269,7 +233,7 @@ class FingerPlant:
     def state(self) -> Floats:
         """theta, its rate, b, its rate, a, g1, g2, v, phi now; shape (9,)."""
         self._catch_up()
-        return self._course.present(self._until_s).x[: scene.LOOP_STATES]
+        return self.present(self._until_s).x[: scene.LOOP_STATES]
 
     @property
     def theta_rad(self) -> float:
@@ -280,7 +244,7 @@ class FingerPlant:
     def force_n(self) -> float:
         """Force between probe and finger now, compression positive, without noise."""
         self._catch_up()
-        return self._course.force_n(self._until_s)
+        return self.force_at(self._until_s)
 
 
 def _finite(name: str, number: float) -> float:

@@ -34,16 +34,14 @@ _RECORDS = 512
 class FingerCourse:
     """Runs the kernel, and takes out of its books what it wrote.
 
-    Args:
-        t_s: The trial's start.
-
     Attributes:
         finger: The scene's constants; may be replaced where the course is settled.
         moment: The start of the piece under way.
         locked: A scene, and the lock that `finger_lock` has found for it.
     """
 
-    def __init__(self, finger: scene.FingerConstants, t_s: float) -> None:
+    def set_out(self, finger: scene.FingerConstants, t_s: float) -> None:
+        """Begin at rest at a trial's start, with nothing behind it."""
         self.finger = finger
         self.locked: tuple[scene.FingerConstants, Lock | None] | None = None
         self.motion = scene.motion_of(np.array([[t_s, 0.0, 0.0, 0.0]]))
@@ -65,7 +63,10 @@ class FingerCourse:
         self.moment.depth[0] = math.nan
 
     def rest_against_probe(self) -> None:
-        """Rest in contact where the probe's plan begins inside the finger: forces balance, nothing moves."""
+        """Let the finger rest where a probe that reaches into it holds it, base and joint deflected; else nothing.
+
+        For the start of a trial: the finger was touched before, and all has come to rest since.
+        """
         finger, x = self.finger, self.moment.x
         overlap_m = float(self.motion.position[0]) - finger.gap
         if overlap_m <= 0.0:
@@ -179,8 +180,8 @@ class FingerCourse:
         """
         kernel.read(self._books_before if before else self._books, which, times_s, out)
 
-    def force_n(self, now_s: float) -> float:
-        """Force between probe and finger."""
+    def force_at(self, now_s: float) -> float:
+        """Force between probe and finger, N."""
         moment, finger = self.present(now_s), self.finger
         if moment.flags[scene.MODE] != scene.TOUCHING:
             return 0.0
@@ -200,18 +201,26 @@ class FingerCourse:
             return None
         return float(motion.position[span].max())
 
-    def take_periods(self) -> tuple[Floats, Floats]:
-        """Edges and periods kept since the last call."""
+    def periods(self) -> tuple[Floats, Floats]:
+        """What the board's period counter counted in observed spans since the last call.
+
+        Returns:
+            Rising edges of the drive in s, shape (n,), and the period that each of them ended in s, shape (n,).
+        """
         edges, periods = np.array(self._edges), np.array(self._periods)
         self._edges, self._periods = [], []
         return edges, periods
 
-    def take_contacts(self) -> list[tuple[float, bool]]:
-        """Contacts made and lost since the last call."""
+    def contacts(self) -> list[tuple[float, bool]]:
+        """The truth: (time in s, whether force began or ended) since the last call. For scoring alone."""
         taken, self._contacts = self._contacts, []
         return taken
 
-    def take_switches(self) -> list[tuple[float, str]]:
-        """Switches kept since the last call."""
+    def switches(self) -> list[tuple[float, str]]:
+        """All switches in spans that observed `switches`, since the last call.
+
+        Returns:
+            (time in s, one of `made`, `lost`, `comparator_up`, `comparator_down`, `drive_up`, `drive_down`).
+        """
         taken, self._switches = self._switches, []
         return taken

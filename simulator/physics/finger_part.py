@@ -9,7 +9,6 @@ from pydantic import Field
 
 from simulator.physics.bench import Bench, BenchPart, Floats, StreamSpec
 from simulator.physics.finger import CHANNELS, FingerPlant, FingerSettings
-from simulator.physics.stage_axis import AxisMotion, MotionPiece
 
 STREAMS = (
     # 16 bits over the ADXL335's +-3.6 g (data sheet); the converter is an assumption.
@@ -61,11 +60,6 @@ class FingerPart(BenchPart):
         for stream in STREAMS:
             if stream.rate_hz is not None:
                 bench.sample(stream.name, np.array([0.005]))
-        carrier = AxisMotion()
-        bench.mount(carrier)
-        carrier.replace(0.01, [MotionPiece(0.01, 0.0, 0.005, 0.0)])
-        bench.on_plan(0.01)
-        bench.advance(0.02, frozenset())
 
     def begin(self, settings: FingerBenchSettings, factors: Mapping[str, Any]) -> None:
         """The probe is where it is, the finger at rest, perhaps on it; the factor `location` names where it is met."""

@@ -22,7 +22,7 @@ from simulator.physics.fingertip_settings import (
     SlipBenchSettings,
 )
 from simulator.physics.noise import gaussian_at
-from simulator.physics.slip import SENSORS, SlipPlant, SlipPlantSettings
+from simulator.physics.slip import SENSORS, SlipPlant
 from simulator.physics.slip_track import SlipTruth, Track
 
 
@@ -44,7 +44,7 @@ class FingertipPart(BenchPart):
     def __init__(self, bench: Bench, settings: SlipBenchSettings) -> None:
         super().__init__(bench)
         self._settings = settings
-        self._plants: dict[SlipPlantSettings, SlipPlant] = {}
+        self._plant = SlipPlant(settings.of("fingertip"))
         self._computed = dict.fromkeys(PLANTS, 0)
         self._begin("fingertip")
 
@@ -71,9 +71,8 @@ class FingertipPart(BenchPart):
 
     def _begin(self, sensor: Sensor) -> None:
         wanted = self._settings.of(sensor)
-        if wanted not in self._plants:
-            self._plants = {wanted: SlipPlant(wanted)}
-        self._plant = self._plants[wanted]
+        if wanted != self._plant.settings:
+            self._plant = SlipPlant(wanted)
         self.sensor = sensor
         arm_m, press_m, roll_rad = (float(track[0]) for track in self._tracks(np.array([self.bench.t_s])))
         self._plant.begin(key=self.bench.key, arm_m=arm_m, press_m=press_m, roll_rad=roll_rad)

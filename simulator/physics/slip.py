@@ -11,17 +11,15 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, Strict
 
 from drivers.core.settings import Settings
+from simulator.physics import slip_kernel as kernel
 from simulator.physics.stage_axis import SANE
-
-if TYPE_CHECKING:
-    from simulator.physics.slip_kernel import Electronics, Tip
 
 
 class SlipNuisances(Settings):
@@ -217,9 +215,6 @@ class SlipPlant:
     """
 
     def __init__(self, settings: SlipPlantSettings) -> None:
-        from simulator.physics import slip_kernel
-
-        self._kernel = slip_kernel
         self.settings = settings
         self.begin(key=(0, 0))
 
@@ -243,8 +238,8 @@ class SlipPlant:
         """
         self._key = key
         self._count = first
-        self._x = np.zeros(self._kernel.STATES)
-        self._flags = np.zeros(self._kernel.FLAGS, dtype=np.int64)
+        self._x = np.zeros(kernel.STATES)
+        self._flags = np.zeros(kernel.FLAGS, dtype=np.int64)
         self._last = (arm_m, press_m, roll_rad)
         self._play = np.zeros((len(self.settings.bridges), 1))
         self.__dict__.pop("_tip", None)
@@ -295,7 +290,6 @@ class SlipPlant:
         if self.settings.nuisances.table_m_s != 0.0:
             tracks[0] -= self._table_m(self._count + np.arange(n + 1))
         tangential_n, normal_n, self.slid_m = np.empty(n), np.empty(n), np.empty(n)
-        kernel = self._kernel
         status = kernel.advance(
             self._tip, self._x, self._flags, self._count, tracks, tangential_n, normal_n, self.slid_m
         )
@@ -324,7 +318,7 @@ class SlipPlant:
             # the loop's width, and the gain that a line through zero finds in it, are those that were set
             share = bridge.hysteresis / (2.0 * _PLAY + bridge.hysteresis / 8.0)
             gain, play_n = bridge.gain / (1.0 - share / 8.0), _PLAY * bridge.full_scale_n
-            self._kernel.strain_bridge(force_n, gain, play_n, share, self._play[channel], values[channel])
+            kernel.strain_bridge(force_n, gain, play_n, share, self._play[channel], values[channel])
         return values.T
 
     def shown(self, values: Floats, numbers: NDArray[np.int64]) -> Floats:
@@ -336,19 +330,19 @@ class SlipPlant:
         """
         shown = np.empty(values.shape[::-1])
         for channel, electronics in enumerate(self._electronics):
-            stream = self._kernel.STREAM_BRIDGE + channel
+            stream = kernel.STREAM_BRIDGE + channel
             given = np.ascontiguousarray(values[:, channel])
-            self._kernel.amplify(given, numbers, electronics, self._key, stream, shown[channel])
+            kernel.amplify(given, numbers, electronics, self._key, stream, shown[channel])
         return shown.T
 
     @cached_property
-    def _electronics(self) -> Sequence[Electronics]:
+    def _electronics(self) -> Sequence[kernel.Electronics]:
         s, wrong = self.settings, self.settings.nuisances
         found = []
         for bridge in s.bridges:
             noise = s.noise_scale * bridge.noise
             found.append(
-                self._kernel.Electronics(
+                kernel.Electronics(
                     noise,
                     wrong.converter * noise if wrong.converter > 0.0 else bridge.step,
                     wrong.tails,
@@ -365,7 +359,7 @@ class SlipPlant:
         return rms * math.sqrt(2.0 / max(1, len(frequencies_hz))), rad
 
     @cached_property
-    def _tip(self) -> Tip:
+    def _tip(self) -> kernel.Tip:
         s, wrong = self.settings, self.settings.nuisances
         tremor_n, tremor_rad = self._sines(wrong.tremor_n * (1.0 + s.contact_ratio), wrong.tremor_hz)
         omega = 2.0 * math.pi * s.mode_hz
@@ -379,7 +373,7 @@ class SlipPlant:
         loading = s.bridges[-1]
         # of the force that acts on a tip that holds, the sensor's spring carries this share
         carried = loading.gain * max(abs(loading.tangential), 1e-6) / (1.0 + s.contact_ratio)
-        return self._kernel.Tip(
+        return kernel.Tip(
             sample_s=sample_s,
             mass=s.mass_kg,
             spring=spring,
