@@ -8,7 +8,7 @@ from drivers.audio.codec import MAX_LINE_BYTES, Sound, SoundMessage, decode_line
 from drivers.audio.oscillator import WHOLE
 from drivers.audio.settings import FINGERS, RATE_HZ
 from drivers.core.errors import CodecError
-from simulator.devices.faults import break_by
+from simulator.devices.far_end import EmulatedDevice
 from simulator.physics.bench import Bench, part
 
 DRIFT_PPM = 43.0
@@ -25,7 +25,7 @@ IDENTITY = {"recorder": "emulated recorder", "serial": "R1", "version": "1.0", "
 """What it says of itself (assumption)."""
 
 
-class EmulatedAudio:
+class EmulatedAudio(EmulatedDevice):
     """Follows docs/reference/sensors.md: bytes in, bytes out, and time from outside.
 
     Its converter runs by itself; sound is computed while the host subscribes. One host at a time: `hang_up` ends its
@@ -39,11 +39,13 @@ class EmulatedAudio:
         lossy: True drops every packet.
     """
 
+    called = "a recorder"
+
     def __init__(self, bench: Bench, drift_ppm: float = DRIFT_PPM) -> None:
+        super().__init__()
         self._drift_ppm = drift_ppm
         self._bench = bench
         self._line = bytearray()
-        self._outbox = bytearray()
         self._on = False
         self._refusals = 0
         self._next = 0
@@ -61,7 +63,7 @@ class EmulatedAudio:
         }
 
     def receive(self, data: bytes, t_s: float) -> bytes:
-        """Take bytes from the host at `t_s`; returns what was due until then and what is answered at once."""
+        """See `EmulatedDevice.receive`."""
         self._run(t_s)
         self._line += data
         *lines, rest = bytes(self._line).split(b"\n")
@@ -76,12 +78,7 @@ class EmulatedAudio:
             self._reply(
                 {"reply": tag if isinstance(tag, int) else 0, **self._obey(command, self._frame(t_s))}, t_s
             )
-        return self._take()
-
-    def step(self, t_s: float) -> bytes:
-        """What it sends by `t_s` on its own."""
-        self._run(t_s)
-        return self._take()
+        return self._take(t_s)
 
     def hang_up(self, t_s: float) -> None:
         """The host is gone: nothing is recorded or driven any more."""
@@ -90,19 +87,11 @@ class EmulatedAudio:
         self._on = False
         self._sweep_end = None
         self._line.clear()
-        self._outbox.clear()
+        self._outbox = b""
 
-    def inject(self, kind: str, t_s: float) -> None:
-        """Break something at `t_s`.
-
-        Args:
-            kind: "refuse" affects the next drive; "restart" sets the converter's counter back.
-
-        Raises:
-            ValueError: a recorder cannot break in that way.
-        """
-        self._run(t_s)
-        break_by(kind, {"refuse": self._refuse_next, "restart": self._begin_anew}, "a recorder")
+    def _ways(self, t_s: float) -> Mapping[str, Callable[[], object]]:
+        """Faults: "refuse" affects the next drive; "restart" sets the converter's counter back."""
+        return {"refuse": self._refuse_next, "restart": self._begin_anew}
 
     def _refuse_next(self) -> None:
         self._refusals += 1
@@ -185,10 +174,6 @@ class EmulatedAudio:
 
     def _put(self, frame: Sound | SoundMessage) -> None:
         self._outbox += encode(frame)
-
-    def _take(self) -> bytes:
-        out, self._outbox = bytes(self._outbox), bytearray()
-        return out
 
 
 def _finite(command: Mapping[str, Any], key: str) -> float:

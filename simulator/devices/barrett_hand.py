@@ -10,7 +10,7 @@ from drivers.barrett_hand import codec
 from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
-from simulator.devices.faults import break_by
+from simulator.devices.far_end import EmulatedDevice
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.bench import Bench, part
 
@@ -25,7 +25,7 @@ WAKES_S = 0.25
 """How long a controller is deaf while it wakes (assumption: libbarrett waits 0.3 s)."""
 
 
-class EmulatedBarrettHand:
+class EmulatedBarrettHand(EmulatedDevice):
     """Answers as the nodes of fingers 11 to 13 do when they are asked for their status or their strain.
 
     A node that sleeps answers for its status alone; one that wakes hears nothing.
@@ -34,20 +34,23 @@ class EmulatedBarrettHand:
         asleep: As all are after power-up.
     """
 
+    called = "a hand"
+
     def __init__(self, settings: FingerStrainSettings, source: Bench, *, asleep: bool = True) -> None:
+        super().__init__()
         self._settings = settings
         self._ready_s = dict.fromkeys(codec.FINGERS, math.inf if asleep else -math.inf)
         self._source = source
 
-    def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
-        """Take a frame at `t_s`; returns what its nodes answer at once."""
-        self._source.advance(t_s)
+    def receive(self, data: CanFrame, t_s: float) -> list[CanFrame]:
+        """See `EmulatedDevice.receive`."""
+        self._run(t_s)
         for finger, ready_s in self._ready_s.items():
-            if frame == codec.encode_wake(finger) and ready_s == math.inf:
+            if data == codec.encode_wake(finger) and ready_s == math.inf:
                 self._ready_s[finger] = t_s + WAKES_S
         for subject in (codec.STATUS, codec.STRAIN):
             try:
-                receiver, group = codec.decode_query(frame, subject)
+                receiver, group = codec.decode_query(data, subject)
             except CodecError:
                 continue
             asked = codec.FINGERS if group and receiver == codec.HAND else () if group else (receiver,)
@@ -65,14 +68,8 @@ class EmulatedBarrettHand:
             return codec.encode_reading(finger, self._reading(finger, t_s))
         return codec.encode_reading(finger, codec.READY if self._ready_s[finger] <= t_s else 0, codec.STATUS)
 
-    def step(self, t_s: float) -> list[CanFrame]:
-        """It sends nothing on its own."""
+    def _run(self, t_s: float) -> None:
         self._source.advance(t_s)
-        return []
-
-    def inject(self, kind: str, t_s: float) -> None:
-        """It has no faults beside its line's."""
-        break_by(kind, {}, "a hand")
 
     def _reading(self, finger: int, t_s: float) -> int:
         return int(counts(self._source.forces_n(finger, np.array([t_s])), self._settings)[0])

@@ -20,7 +20,7 @@ from drivers.can_gripper.codec import (
 from drivers.core.can_frame import CanFrame
 from drivers.core.errors import CodecError
 from drivers.gripper.state import GripperState
-from simulator.devices.faults import break_by
+from simulator.devices.far_end import EmulatedDevice
 from simulator.devices.slcan import EmulatedSlcan
 from simulator.physics.bench import part
 from simulator.physics.jaws_drive import JawsDrive
@@ -38,7 +38,7 @@ SUPPLY_MV = 24_000
 """Supply that it reports (data sheet: 24 V)."""
 
 
-class EmulatedCanGripper:
+class EmulatedCanGripper(EmulatedDevice):
     """Answers as the gripper does.
 
     Its habits, all of the firmware's: orders but `DriveOrder` and `POLL` have no answer; a `DriveOrder` is answered
@@ -53,7 +53,10 @@ class EmulatedCanGripper:
         heartbeat_s: Period of its heartbeat; infinite is none.
     """
 
+    called = "a gripper"
+
     def __init__(self, source: JawsDrive, node: int = 0, heartbeat_s: float = HEARTBEAT_S) -> None:
+        super().__init__()
         self._node, self._usual_heartbeat_s = node, heartbeat_s
         self._source = source
         self._power_up()
@@ -67,11 +70,11 @@ class EmulatedCanGripper:
         self._heartbeat_s = self._usual_heartbeat_s
         self._sent_s: float | None = None
 
-    def receive(self, frame: CanFrame, t_s: float) -> list[CanFrame]:
-        """Take a frame at `t_s`; returns what it answers at once."""
+    def receive(self, data: CanFrame, t_s: float) -> list[CanFrame]:
+        """See `EmulatedDevice.receive`."""
         self._run(t_s)
         try:
-            node, order = decode_order(frame)
+            node, order = decode_order(data)
         except CodecError:
             return []
         if node != self._node:
@@ -88,23 +91,14 @@ class EmulatedCanGripper:
             return []
         return [self._sent(GripperMessage(GripperCode.HEARTBEAT), t_s)]
 
-    def inject(self, kind: str, t_s: float) -> None:
-        """Break something at `t_s`.
-
-        Args:
-            kind: "stall" jams the jaws where they are until the next calibration, "overheat" is a fault that
-                can be cleared, "reboot" a power failure.
-
-        Raises:
-            ValueError: it cannot break in that way.
-        """
-        self._run(t_s)
-        ways: Mapping[str, Callable[[], object]] = {
+    def _ways(self, t_s: float) -> Mapping[str, Callable[[], object]]:
+        """Faults: "stall" jams the jaws where they are until the next calibration, "overheat" can be cleared,
+        "reboot" is a power failure."""
+        return {
             "stall": self._source.jam,
             "overheat": lambda: self._break("over temperature"),
             "reboot": self._lose_power,
         }
-        break_by(kind, ways, "a gripper")
 
     def _lose_power(self) -> None:
         self._power_up()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.core.errors import CodecError
 from drivers.dsa_matrix import codec
 from drivers.dsa_matrix.packets import PacketDecoder, encode_packet
-from simulator.devices.faults import break_by
+from simulator.devices.far_end import EmulatedDevice
 from simulator.physics.bench import Bench, part
 
 BITS_PER_BYTE = 10
@@ -49,7 +49,7 @@ START_MS = codec.TIME_MODULUS - 5_000
 """What its clock shows at the first call, in ms: 5 s before it wraps, so that it does in a run."""
 
 
-class EmulatedDsaMatrix:
+class EmulatedDsaMatrix(EmulatedDevice):
     """Answers as the controller does: bytes in, bytes out, and time from outside.
 
     Frames are taken on the grid of its own clock. One frame may wait for the line; the next is dropped
@@ -62,6 +62,8 @@ class EmulatedDsaMatrix:
         start_ms: What its clock shows at the first call.
         booted: False where it is switched on at the first call: deaf for 8 s, with noise on the line.
     """
+
+    called = "a matrix controller"
 
     def __init__(
         self,
@@ -77,7 +79,7 @@ class EmulatedDsaMatrix:
         self._source = source
         self._matrices = tuple(source.matrices())
         self._line = PacketDecoder()
-        self._outbox: list[tuple[float, bytes]] = []
+        self._coming: list[tuple[float, bytes]] = []
         self._free_s = -math.inf
         self._power_s: float | None = None
         self._start_ms = start_ms
@@ -100,26 +102,12 @@ class EmulatedDsaMatrix:
                 self._send(encode_packet(codec.encode_answer(answer)), t_s)
         return self._take(t_s)
 
-    def step(self, t_s: float) -> bytes:
-        """What is on the line by `t_s`."""
-        self._run(t_s)
-        return self._take(t_s)
-
-    def inject(self, kind: str, t_s: float) -> None:
-        """Break something at `t_s`.
-
-        Args:
-            kind: "refuse" answers the next command with an error; "reboot" is a power failure.
-
-        Raises:
-            ValueError: it cannot break in that way.
-        """
-        self._run(t_s)
-        ways: Mapping[str, Callable[[], object]] = {
+    def _ways(self, t_s: float) -> Mapping[str, Callable[[], object]]:
+        """Faults: "refuse" answers the next command with an error; "reboot" is a power failure."""
+        return {
             "refuse": self._refuse_next,
             "reboot": lambda: self._power_up(t_s, 0, booted=False),
         }
-        break_by(kind, ways, "a matrix controller")
 
     def _refuse_next(self) -> None:
         self._refusals += 1
@@ -129,7 +117,7 @@ class EmulatedDsaMatrix:
     def _power_up(self, t_s: float, start_ms: int, booted: bool) -> None:
         self._power_s, self._start_ms = t_s, start_ms
         self._rate_hz, self._rle = 0, False
-        self._outbox.clear()
+        self._coming.clear()
         self._noise = [] if booted else [t_s + after_s for after_s in NOISE_S]
         self._deaf_s = -math.inf if booted else t_s + DEAF_S
 
@@ -169,11 +157,11 @@ class EmulatedDsaMatrix:
     def _send(self, data: bytes, t_s: float) -> None:
         """Put bytes on the line; the host has them when the last of them has come."""
         self._free_s = max(self._free_s, t_s) + len(data) * BITS_PER_BYTE / self._baud
-        self._outbox.append((self._free_s, data))
+        self._coming.append((self._free_s, data))
 
     def _take(self, t_s: float) -> bytes:
-        sent = b"".join(data for due_s, data in self._outbox if due_s <= t_s)
-        self._outbox = [(due_s, data) for due_s, data in self._outbox if due_s > t_s]
+        sent = b"".join(data for due_s, data in self._coming if due_s <= t_s)
+        self._coming = [(due_s, data) for due_s, data in self._coming if due_s > t_s]
         return sent
 
     # commands

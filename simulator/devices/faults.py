@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from drivers.core.clock import VirtualClock
-from drivers.core.messages import Command, Failed, SampleBlock, Status
+from drivers.core.messages import Command, SampleBlock, Status
 from drivers.core.settings import Settings
 
 Kind = Literal[
@@ -293,13 +293,6 @@ class FaultSchedule:
         ago_s = first_s - np.minimum(times, (fault.times or math.inf) - 1) * (fault.every_s or 0.0)
         return np.where((first_s >= 0.0) & (ago_s < (fault.for_s or math.inf)), ago_s, math.nan)
 
-    def failure(self, t_s: float, device: str) -> Failed | None:
-        """What a driver reports when the plug is pulled; once."""
-        fault = self.begun(t_s, "unplug")
-        if fault is None:
-            return None
-        return Failed(t_s, device, f"the link is gone ({fault.kind} injected at {fault.at_s:g} s)")
-
     def _on(self, fault: Fault, t_s: float) -> bool:
         since_s = self._since_s.get(fault.after)
         if since_s is None or t_s < since_s + fault.at_s:
@@ -416,20 +409,6 @@ def disk_takes_s(faults: FaultSchedule, t_s: float) -> float:
         return math.inf
     slow = faults.on(t_s, "slow")
     return slow.much if slow else 0.0
-
-
-def break_by(kind: str, ways: Mapping[str, Callable[[], object]], device: str) -> None:
-    """Break a device in one of the ways that it has of its own; what befalls its line is `corrupted`.
-
-    Args:
-        device: What it is, to begin a sentence with.
-
-    Raises:
-        ValueError: it has no such way.
-    """
-    if kind not in ways:
-        raise ValueError(f"{device} has no fault {kind!r} of its own; it has {', '.join(ways) or 'none'}")
-    ways[kind]()
 
 
 def inject_begun(faults: FaultSchedule, device: Any, trial_s: float, t_s: float) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from drivers.ni_daq.settings import NiDaqSettings
+from simulator.devices.far_end import EmulatedDevice
 from simulator.devices.shown import ShownColumns
 from simulator.physics.bench import Bench, Floats, part
 
@@ -18,7 +19,7 @@ RANGES_V = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Ends of the ranges that it has: a USB-6363's (data sheet). It takes the next wider one, where there is one."""
 
 
-class EmulatedNiDaq:
+class EmulatedNiDaq(EmulatedDevice):
     """Samples its inputs from its first moment on, without noise of its own, within its range; its output switches what
     excites the bench.
 
@@ -29,7 +30,10 @@ class EmulatedNiDaq:
         RefusedError: an input that is named shows nothing of this bench.
     """
 
+    called = DEVICE
+
     def __init__(self, settings: NiDaqSettings, bench: Bench) -> None:
+        super().__init__()
         self._bench = bench
         self.range_v = next((end_v for end_v in RANGES_V if end_v >= settings.range_v), settings.range_v)
         self._hz = settings.rate_hz * (1.0 + DRIFT_PPM * 1e-6)
@@ -77,10 +81,6 @@ class EmulatedNiDaq:
     def _taken(self, t_s: float) -> int:
         assert self._begun_s is not None
         return math.floor((t_s - self._begun_s) * self._hz + 1e-9) + 1
-
-    def inject(self, kind: str, t_s: float) -> None:
-        """It has no faults beside its link's."""
-        raise ValueError(f"analog inputs have no fault {kind}")
 
 
 def emulated(settings: NiDaqSettings, bench: Bench) -> Any:

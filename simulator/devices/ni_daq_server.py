@@ -1,7 +1,7 @@
 """A server of the gRPC calls that NI's `nidaqmx` makes for analog inputs, counters and an analog output."""
 
 import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from concurrent import futures
 from typing import Any
 
@@ -10,9 +10,8 @@ import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2 as pb
 from nidaqmx._stubs import nidaqmx_pb2_grpc
 
-from drivers.core.clock import Clock
 from drivers.ni_daq.settings import NiDaqSettings
-from simulator.devices.faults import FaultSchedule
+from simulator.devices.far_end import FarEnd
 from simulator.devices.ni_daq import EmulatedNiDaq
 
 Fields = Mapping[str, Any]
@@ -54,9 +53,8 @@ class DaqTask:
         self.asked_hz = 0.0
 
 
-class NiDaqServer:
-    """A far end of its own (`simulator.wiring.far_ends.FarEnd`): calls are answered by threads of grpc's, the samples
-    come from `exchange`.
+class NiDaqServer(FarEnd):
+    """A far end of its own: calls are answered by threads of grpc's, the samples come from `exchange`.
 
     Args:
         device: Whose inputs are sampled.
@@ -77,7 +75,6 @@ class NiDaqServer:
         self._kept = np.empty((0, len(self._columns)))
         self._next = 0  # of the sample behind those that are kept
         self._pending: list[float] = []
-        self._faults = FaultSchedule()
         self.given_hz, self.lowest_v = 0.0, -10.0
         self.asked: list[Any] = []
         self.written: list[float] = []
@@ -89,8 +86,7 @@ class NiDaqServer:
         port = self._server.add_insecure_port("127.0.0.1:0")
         self._server.start()
         self.endpoint: Mapping[str, Any] = {"port": PORT, "server": f"127.0.0.1:{port}"}
-        self._plugged, self._t_s = True, 0.0
-        self.inject = device.inject
+        self._plugged, self._now_s = True, 0.0
 
     @property
     def tasks(self) -> int:
@@ -99,17 +95,9 @@ class NiDaqServer:
 
     # as a far end
 
-    def open(self, faults: FaultSchedule, clock: Clock) -> None:
-        """See `FarEnd.open`."""
-        self._faults = faults
-
-    def waited(self) -> Sequence[Any]:
-        """See `FarEnd.waited`: its threads wait."""
-        return ()
-
-    def due_s(self) -> float:
-        """See `FarEnd.due_s`: any step will do."""
-        return np.inf
+    def inject(self, kind: str, t_s: float) -> None:
+        """See `FarEnd.inject`."""
+        self._device.inject(kind, t_s)
 
     def unread(self) -> bool:
         """See `FarEnd.unread`."""
@@ -117,12 +105,9 @@ class NiDaqServer:
         with self._changed:
             return any(t.number is not None and self._next - t.number > longest for t in self._tasks.values())
 
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
-        """See `FarEnd.exchange`."""
-        if self._faults.begun(trial_s, "unplug"):
-            self.unplug()
+    def _carry(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         with self._changed:
-            self._t_s = t_s
+            self._now_s = t_s
             for volts in self._pending:
                 self._device.drive(volts, t_s)
             self._pending = []
@@ -222,8 +207,8 @@ class NiDaqServer:
         task, n = self._task(request), request.num_samps_per_chan
         assert task.number is not None
         with self._changed:
-            end, until_s = task.number + n, self._t_s + request.timeout  # bench time: it may stand still
-            while self._next < end and self._t_s <= until_s and self._plugged:
+            end, until_s = task.number + n, self._now_s + request.timeout  # bench time: it may stand still
+            while self._next < end and self._now_s <= until_s and self._plugged:
                 self._changed.wait(WAIT_S)
             if self._next < end:
                 _refuse(

@@ -1,6 +1,7 @@
 """An emulated person at the far end of a line: reads requests, takes a while, hangs weights, confirms."""
 
 import math
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -11,7 +12,9 @@ from drivers.core.errors import CodecError, RefusedError
 from drivers.core.links import LineBuffer
 from drivers.core.settings import Settings
 from drivers.operator.codec import LINE_MAX, decode, encode
+from simulator.devices.far_end import EmulatedDevice
 from simulator.physics.bench import Bench, part
+from simulator.physics.noise import gaussian_at
 
 STREAM_WEIGHTS = 64
 """Number of the weights' errors among the bench's counter-based streams; plant, arm and idle sensors are below."""
@@ -28,13 +31,16 @@ class HandSettings(Settings):
     gravity included."""
 
 
-class EmulatedPerson:
+class EmulatedPerson(EmulatedDevice):
     """Does what the latest request states; hangs one load at a time.
 
     A weight of a given size is the same piece in all trials of a run, with the same error.
     """
 
+    called = "a person"
+
     def __init__(self, settings: HandSettings, bench: Bench) -> None:
+        super().__init__()
         self._settings = settings
         self._bench = bench
         self._lines = LineBuffer(LINE_MAX)
@@ -79,22 +85,17 @@ class EmulatedPerson:
 
     def _true_n(self, force_n: float) -> float:
         """What pulls when this is written on the weight, N."""
-        from simulator.physics.noise import gaussian_at
-
         if force_n == 0.0:
             return 0.0
         number = np.array([round(force_n * 1e6)])
         deviate = float(gaussian_at((self._bench.key[0], 0), STREAM_WEIGHTS, number)[0])
         return force_n * (1.0 + self._settings.weight_error * deviate)
 
-    def inject(self, kind: str, t_s: float) -> None:
-        """From now on it declines ("refuse").
+    def _ways(self, t_s: float) -> Mapping[str, Callable[[], object]]:
+        """From now on they decline ("refuse")."""
+        return {"refuse": self._decline}
 
-        Raises:
-            ValueError: a person does not stall.
-        """
-        if kind != "refuse":
-            raise ValueError(f"a person has no fault {kind}")
+    def _decline(self) -> None:
         self._unwilling = True
 
 

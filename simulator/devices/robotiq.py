@@ -7,7 +7,7 @@ from drivers.core.links import LineBuffer
 from drivers.gripper.state import GripFinding
 from drivers.robotiq import codec
 from drivers.robotiq.settings import RobotiqSettings
-from simulator.devices.faults import break_by
+from simulator.devices.far_end import EmulatedDevice
 from simulator.physics.bench import part
 
 MAX_LINE = 200
@@ -24,7 +24,7 @@ SETTABLE = ("ACT", "GTO", "ATR", "ARD", "FOR", "SPE", "POS")
 """What an order may set (URCap)."""
 
 
-class EmulatedRobotiq:
+class EmulatedRobotiq(EmulatedDevice):
     """Answers as the URCap does, on the bench's jaws, whose drive is an SSG-48's: 60 N at the most.
 
     Orders take effect at once. Activation opens and closes the jaws; what was activated before stays so. A question for
@@ -38,7 +38,10 @@ class EmulatedRobotiq:
         RefusedError: the bench has no jaws.
     """
 
+    called = "a Robotiq"
+
     def __init__(self, settings: RobotiqSettings, bench: object) -> None:
+        super().__init__()
         self._units = settings.units()
         self._source = source = part(bench, "jaws", "gripper")
         self._lines = LineBuffer(MAX_LINE)
@@ -48,32 +51,17 @@ class EmulatedRobotiq:
         self._set["POS"] = self._position()
 
     def receive(self, data: bytes, t_s: float) -> bytes:
-        """Take bytes at `t_s`; what it answers at once."""
-        self._source.advance(t_s)
+        """See `EmulatedDevice.receive`."""
+        self._run(t_s)
         return b"".join(self._answer(line.decode("ascii", "replace")) for line in self._lines.feed(data))
 
-    def step(self, t_s: float) -> bytes:
-        """It sends nothing on its own."""
+    def _run(self, t_s: float) -> None:
         self._source.advance(t_s)
-        return b""
 
-    def inject(self, kind: str, t_s: float) -> None:
-        """Break something at `t_s`.
-
-        Args:
-            kind: "stall" jams the jaws where they are until the next activation, "overheat" is a fault that an
-                activation clears, "reboot" a power failure.
-
-        Raises:
-            ValueError: it cannot break in that way.
-        """
-        self._source.advance(t_s)
-        ways: Mapping[str, Callable[[], object]] = {
-            "stall": self._source.jam,
-            "overheat": self._overheat,
-            "reboot": self._lose_power,
-        }
-        break_by(kind, ways, "a Robotiq")
+    def _ways(self, t_s: float) -> Mapping[str, Callable[[], object]]:
+        """Faults: "stall" jams the jaws where they are until the next activation, "overheat" is cleared by one,
+        "reboot" is a power failure."""
+        return {"stall": self._source.jam, "overheat": self._overheat, "reboot": self._lose_power}
 
     def _overheat(self) -> None:
         self._fault = 8

@@ -22,7 +22,7 @@ from drivers.sensor_board.codec import (
     encode,
 )
 from drivers.sensor_board.framing import BoardFrameDecoder
-from simulator.devices.faults import break_by
+from simulator.devices.far_end import EmulatedDevice
 from simulator.physics.bench import Bench, StreamSpec, part
 
 INT32 = np.iinfo(np.int32)
@@ -133,7 +133,7 @@ TENDON_M = (-0.005, 0.03)
 """Least and greatest tendon position that is not refused (assumption)."""
 
 
-class EmulatedSensorBoard:
+class EmulatedSensorBoard(EmulatedDevice):
     """Answers as the board does: bytes in, bytes out, and time from outside.
 
     Regular streams are sampled on the grid of the board's own clock, all at the same instants; only those in
@@ -151,6 +151,8 @@ class EmulatedSensorBoard:
         adc_bits: Of each stream's converter.
     """
 
+    called = "a sensor board"
+
     def __init__(
         self,
         source: Bench,
@@ -161,6 +163,7 @@ class EmulatedSensorBoard:
         block_samples: int = BLOCK_SAMPLES,
         adc_bits: Mapping[str, int] = ADC_BITS,
     ) -> None:
+        super().__init__()
         self._source = source
         self._boot_s, self._block_samples = boot_s, block_samples
         self._rate, self._start_us = 1.0 + drift_ppm * 1e-6, start_us
@@ -168,7 +171,6 @@ class EmulatedSensorBoard:
             Channel(number, spec, adc_bits.get(spec.name, 32)) for number, spec in enumerate(source.streams())
         ]
         self._line = BoardFrameDecoder()
-        self._outbox = bytearray()
         self._clock: BoardClock | None = None
         self._watchdog_s = math.inf
         self._fed_s = 0.0
@@ -184,7 +186,7 @@ class EmulatedSensorBoard:
         }
 
     def receive(self, data: bytes, t_s: float) -> bytes:
-        """Take bytes from the host at `t_s`; returns what was due until then and what is answered at once."""
+        """See `EmulatedDevice.receive`."""
         clock = self._run(t_s)
         booting = t_s < clock.power_s + self._boot_s
         for body in self._line.feed(b"" if booting else data):
@@ -196,31 +198,17 @@ class EmulatedSensorBoard:
                 self._fed_s = t_s
                 status = self._answers.pop(0) if self._answers else self._obey(command, clock)
                 self._outbox += encode(BoardReply(command.code, command.tag, status))
-        return self._take()
+        return self._take(t_s)
 
-    def step(self, t_s: float) -> bytes:
-        """What the board sends by `t_s` on its own."""
-        self._run(t_s)
-        return self._take()
-
-    def inject(self, kind: str, t_s: float) -> None:
-        """Break something at `t_s`.
-
-        Args:
-            kind: "refuse" and "busy" answer the next command; "reboot" is a power failure, after which nothing is on;
-                "restart" sets clock, counters and zeros back while the streams go on.
-
-        Raises:
-            ValueError: this board cannot break in that way.
-        """
-        self._run(t_s)
-        ways: Mapping[str, Callable[[], object]] = {
+    def _ways(self, t_s: float) -> Mapping[str, Callable[[], object]]:
+        """Faults: "refuse" and "busy" answer the next command; "reboot" is a power failure, after which nothing is on;
+        "restart" sets clock, counters and zeros back while the streams go on."""
+        return {
             "refuse": lambda: self._answers.append(ReplyStatus.REFUSED),
             "busy": lambda: self._answers.append(ReplyStatus.BUSY),
             "reboot": lambda: self._restart(t_s, keep=False),
             "restart": lambda: self._restart(t_s, keep=True),
         }
-        break_by(kind, ways, "a sensor board")
 
     # time
 
@@ -274,12 +262,6 @@ class EmulatedSensorBoard:
             seq = channel.number_block(len(counts[part]))
             message = BoardSamples(channel.number, seq, int(shown_us[start]), counts[part], shown_us[part])
             self._outbox += encode(message)
-
-    # the line
-
-    def _take(self) -> bytes:
-        sent, self._outbox = bytes(self._outbox), bytearray()
-        return sent
 
     # commands
 

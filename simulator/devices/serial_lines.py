@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from drivers.serial_lines.settings import SerialLinesSettings
+from simulator.devices.far_end import EmulatedDevice
 from simulator.devices.shown import ShownColumns
 from simulator.physics.bench import Bench
 
@@ -26,7 +27,7 @@ BANNER = b"board is up\r\n"
 """What its sketch prints first (assumption)."""
 
 
-class EmulatedSerialLines:
+class EmulatedSerialLines(EmulatedDevice):
     """Prints a line for each sample from its first moment on, as a sketch does; it takes nothing from the host.
 
     Args:
@@ -36,7 +37,10 @@ class EmulatedSerialLines:
         RefusedError: a column that is named shows nothing of this bench.
     """
 
+    called = DEVICE
+
     def __init__(self, settings: SerialLinesSettings, bench: Bench) -> None:
+        super().__init__()
         self._settings, self._bench = settings, bench
         self._format = settings.format
         self._own_hz = settings.rate_hz or IRREGULAR_HZ  # by its own clock
@@ -88,10 +92,6 @@ class EmulatedSerialLines:
                 self._fields[int(column)] = f"{value:.4f}"
             sent.append((at_s, self._format.encode(self._stamped(self._fields, tick))))
         return sent
-
-    def inject(self, kind: str, t_s: float) -> None:
-        """It has no faults beside its line's."""
-        raise ValueError(f"a board that prints lines has no fault {kind}")
 
     def _stamped(self, fields: list[str], tick: int) -> list[str]:
         """The line of a tick with the board's time and count."""

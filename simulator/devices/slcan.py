@@ -23,7 +23,7 @@ class EmulatedSlcan:
     """Answers as an adapter does; every node receives every frame of the host, and the host all of theirs.
 
     Args:
-        nodes: As `simulator.wiring.far_ends.EmulatedDevice`, for frames in place of bytes.
+        nodes: Each an `EmulatedDevice`, with frames in place of bytes.
     """
 
     def __init__(self, *nodes: Any) -> None:

@@ -15,6 +15,7 @@ from drivers.udp_force.codec import (
     decode_request,
     encode_record,
 )
+from simulator.devices.far_end import EmulatedDevice
 from simulator.physics.bench import Bench
 
 BOX = BoxSettings(1e6, 1e6, 1000.0, 7000.0)
@@ -32,7 +33,7 @@ NOISE_COUNTS = 20
 INT32: Final = np.iinfo(np.int32)
 
 
-class EmulatedUdpForce:
+class EmulatedUdpForce(EmulatedDevice):
     """Answers as the box does: datagrams in, records out, time from outside. The pushed axis is the profile's `normal`.
     A zero is taken, or with the number 0 taken away, as OnRobot's boxes do it.
 
@@ -44,7 +45,10 @@ class EmulatedUdpForce:
     datagram = RECORD_BYTES
     """Bytes of each datagram that it sends."""
 
+    called = "a force sensor's box"
+
     def __init__(self, settings: Any, bench: Bench) -> None:
+        super().__init__()
         given = dict(settings)
         self.box = BoxSettings(*(given.get(key) or own for key, own in zip(BOX._fields, BOX, strict=True)))
         normal = settings.normal
@@ -100,10 +104,6 @@ class EmulatedUdpForce:
             sent += self._record(self._next)
             self._next += 1
         return sent
-
-    def inject(self, kind: str, t_s: float) -> None:
-        """It has no faults beside its link's."""
-        raise ValueError(f"a force sensor's box has no fault {kind}")
 
     def _record(self, tick: int) -> bytes:
         self._rdt += 1

@@ -9,7 +9,7 @@ from drivers.core.errors import CodecError
 from drivers.core.links import LineBuffer
 from drivers.zaber_stage import codec
 from drivers.zaber_stage.mounting import ZaberStageSettings
-from simulator.devices.faults import break_by
+from simulator.devices.far_end import EmulatedDevice
 from simulator.physics.bench import Bench
 from simulator.physics.stage_axis import STAGE_HOME_M_S, STAGE_M_S, STAGE_M_S2, StageAxis
 
@@ -36,7 +36,7 @@ FIRMWARE = "7.38"
 """Firmware that it reports: one in which `move abs` takes a velocity."""
 
 
-class EmulatedZaberStage:
+class EmulatedZaberStage(EmulatedDevice):
     """Answers as the stage does: bytes in, bytes out, and time from outside.
 
     Positions of the axis are metres of the rail, 0 at its home end. Bytes may arrive split anywhere. A line
@@ -49,6 +49,8 @@ class EmulatedZaberStage:
         homed: True where it has been homed before the program starts.
     """
 
+    called = "a stage"
+
     def __init__(
         self,
         axis: StageAxis,
@@ -59,13 +61,13 @@ class EmulatedZaberStage:
         firmware: str = FIRMWARE,
         homed: bool = False,
     ) -> None:
+        super().__init__()
         self._microstep_m, self._firmware = microstep_m, firmware
         self._axis = axis
         self._usual_m_s2 = axis.acceleration_m_s2
         self._storage: dict[str, str] = {}
         self._on_plan = on_plan
         self._lines = LineBuffer(codec.MAX_LINE)
-        self._alerts: list[bytes] = []
         self._refuses_next = False
         self._stalls_next = False
         self._moving = False
@@ -124,35 +126,20 @@ class EmulatedZaberStage:
         }
 
     def receive(self, data: bytes, t_s: float) -> bytes:
-        """Take bytes from the host at `t_s`; what it answers at once."""
-        self._settle(t_s)
+        """See `EmulatedDevice.receive`; alerts come by themselves."""
+        self._run(t_s)
         return b"".join(self._answer(line, t_s) for line in self._lines.feed(data))
 
-    def step(self, t_s: float) -> bytes:
-        """What it sends by `t_s` on its own: alerts."""
-        self._settle(t_s)
-        sent, self._alerts = b"".join(self._alerts), []
-        return sent
-
-    def inject(self, kind: str, t_s: float) -> None:
-        """Break something at `t_s`.
-
-        Args:
-            kind: "refuse" (STATUSBUSY) the next movement; "stall" (FS) stops a movement dead, the next one
-                where it stands still; "interrupt" (NI) ends a movement as a hand on the knob does;
-                "disable" (FD) takes the motor's power.
-
-        Raises:
-            ValueError: it cannot break in that way.
-        """
-        self._settle(t_s)
-        ways: Mapping[str, Callable[[], object]] = {
+    def _ways(self, t_s: float) -> Mapping[str, Callable[[], object]]:
+        """Faults: "refuse" (STATUSBUSY) the next movement; "stall" (FS) stops a movement dead, the next one where it
+        stands still; "interrupt" (NI) ends a movement as a hand on the knob does; "disable" (FD) takes the motor's
+        power."""
+        return {
             "refuse": self._refuse_next,
             "stall": lambda: self._stall(t_s),
             "interrupt": lambda: self._stop([], t_s),
             "disable": lambda: self._break_down("FD", t_s),
         }
-        break_by(kind, ways, "a stage")
 
     def _refuse_next(self) -> None:
         self._refuses_next = True
@@ -358,7 +345,7 @@ class EmulatedZaberStage:
     def _velocity(self, t_s: float) -> int:
         return codec.velocity_data(self._axis.velocity(t_s), self._microstep_m)
 
-    def _settle(self, t_s: float) -> None:
+    def _run(self, t_s: float) -> None:
         """Note that a movement has ended."""
         if not self._moving or self._axis.moving(t_s):
             return
@@ -370,7 +357,7 @@ class EmulatedZaberStage:
             flag = next((name for name in codec.FLAGS if name in self._flags), codec.NO_FLAG)
             alert = codec.StageReply(self._values["comm.address"], 1, None, True, False, flag, "", lead="!")
             checksum = self._values["comm.checksum"] == 1
-            self._alerts.append(codec.encode_message(alert, checksum=checksum))
+            self._outbox += codec.encode_message(alert, checksum=checksum)
 
 
 class _RejectedError(Exception):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.clock import Clock, last_tick
-from drivers.core.messages import DeviceInfo, SampleBlock, Status, StreamInfo
+from drivers.core.messages import DeviceInfo, Failed, SampleBlock, Status, StreamInfo
 from drivers.core.wire import Driver, WireDriver
 from simulator.devices.faults import FaultSchedule, corrupted, inject_begun
 
@@ -156,10 +156,11 @@ class MockDriver(Driver):
 
     def poll(self) -> Sequence[Status]:
         """What became of the commands."""
-        failed = self._faults.failure(self._clock.now(), self.name)
-        if failed is not None:
-            self._cut_off(failed.t_s)
-            self._report(failed)
+        now_s = self._clock.now()
+        if (fault := self._faults.begun(now_s, "unplug")) is not None:
+            self._cut_off(now_s)
+            reason = f"the link is gone ({fault.kind} injected at {fault.at_s:g} s)"
+            self._report(Failed(now_s, self.name, reason))
         return super().poll()
 
     def _cut_off(self, now_s: float) -> None:

@@ -23,11 +23,11 @@ from pydantic import Field, ValidationError, model_validator
 from drivers.core.compiled import make_signed
 from drivers.core.errors import DeviceError
 from drivers.core.settings import Settings
+from simulator.devices.far_end import FarEnd
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.devices.tcp_clients import TcpClients
-from simulator.devices.ur_controller.server import UrServer
 from simulator.wiring.bench_clock import BenchClock, Pace
-from simulator.wiring.far_ends import FarEnd, Line, Network, TcpLine, UdpLine
+from simulator.wiring.far_ends import Line, TcpLine, UdpLine
 
 STEP_S = 0.002
 """How often plants and devices are stepped: a fifth of the shortest frame period of the board, and an arm's cycle."""
@@ -260,8 +260,6 @@ def wired(scene: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
 
 def _far_end(device: Any) -> FarEnd:
     """An emulated device at the end of a wire of its kind; one with an `exchange` is its own."""
-    if isinstance(device, UrServer):
-        return Network(device)
     if hasattr(device, "exchange"):
         own: FarEnd = device
         return own

@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import fcntl
-import math
 import os
 import pty
 import socket
@@ -11,89 +10,33 @@ import struct
 import termios
 import tty
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
-from drivers.core.clock import Clock
-from simulator.devices.faults import FaultSchedule, corrupted, inject_begun
+from simulator.devices.far_end import FarEnd
+from simulator.devices.faults import corrupted
 from simulator.devices.tcp_clients import TcpClients
-from simulator.devices.ur_controller.server import UrServer
 
 READ_BYTES = 4096
 
 _NONE = struct.pack("i", 0)
 
-HOSTS = tuple(f"127.0.0.{number}" for number in range(2, 255))
-"""Loopback addresses for networked devices: the first that is free. The ports of a controller are fixed."""
+
+class DeviceEnd(FarEnd):
+    """The end of a wire with a device behind it: an `EmulatedDevice`, or what has its methods."""
+
+    def __init__(self, device: Any) -> None:
+        self._device = device
+
+    def inject(self, kind: str, t_s: float) -> None:
+        """See `EmulatedDevice.inject`."""
+        self._device.inject(kind, t_s)
 
 
-class EmulatedDevice(Protocol):
-    """A device made of software, at the far end of a serial line."""
-
-    def receive(self, data: bytes, t_s: float) -> bytes:
-        """Take bytes from the host; returns what is answered at once."""
-
-    def step(self, t_s: float) -> bytes:
-        """What the device sends by `t_s` on its own."""
-
-    def inject(self, kind: Any, t_s: float) -> None:
-        """Break something of the device's own: "stall" or "refuse".
-
-        Raises:
-            ValueError: it cannot break in that way.
-        """
-
-
-class FarEnd:
-    """One device's end of the wire.
-
-    Attributes:
-        endpoint: Where the host finds it: settings of its driver.
-    """
-
-    endpoint: Mapping[str, Any]
-
-    def __init__(self) -> None:
-        self._faults = FaultSchedule()
-
-    def open(self, faults: FaultSchedule, clock: Clock) -> None:
-        """Accept the host; times come from `clock`, what goes wrong from `faults`."""
-        self._faults = faults
-
-    def waited(self) -> Sequence[Any]:
-        """What to select on."""
-        raise NotImplementedError
-
-    def due_s(self) -> float:
-        """When it has something to do by itself that is worth waking up for."""
-        return math.inf
-
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
-        """Carry bytes both ways, and let the faults happen that have begun.
-
-        Args:
-            ready: What of `waited` can be read.
-            trial_s: Present time since the trial began, as faults count it.
-
-        Returns:
-            False where nobody is served: the emulator may take longer steps.
-        """
-        raise NotImplementedError
-
-    def unread(self) -> bool:
-        """Whether the host has bytes before it that it has not read."""
-        return False
-
-    def unplug(self) -> None:
-        """Disconnect; may be called twice."""
-        raise NotImplementedError
-
-
-class Line(FarEnd):
+class Line(DeviceEnd):
     """A pty with an emulated device at its far end."""
 
-    def __init__(self, device: EmulatedDevice) -> None:
-        super().__init__()
-        self._device = device
+    def __init__(self, device: Any) -> None:
+        super().__init__(device)
         self._far, near = pty.openpty()
         tty.setraw(near)
         os.set_blocking(self._far, False)
@@ -105,9 +48,7 @@ class Line(FarEnd):
         """See `FarEnd.waited`."""
         return [self._far] if self._near is not None else []
 
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
-        """See `FarEnd.exchange`."""
-        self._fail(t_s, trial_s)
+    def _carry(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         if self._near is None:
             return False
         out = b""
@@ -131,11 +72,6 @@ class Line(FarEnd):
             os.close(self._far)
             self._near = None
 
-    def _fail(self, t_s: float, trial_s: float) -> None:
-        if self._faults.begun(trial_s, "unplug"):
-            self.unplug()
-        inject_begun(self._faults, self._device, trial_s, t_s)
-
     def _write(self, out: bytes) -> None:
         try:
             os.write(self._far, out)
@@ -143,60 +79,6 @@ class Line(FarEnd):
             # Nothing reads: a real board's bytes are lost as well.
             if error.errno not in (errno.EAGAIN, errno.EIO):
                 raise
-
-
-class Network(FarEnd):
-    """An emulated controller on a loopback address of its own.
-
-    A stall is a protective stop; a refusal is local control, taken at the pendant.
-    """
-
-    def __init__(self, server: UrServer) -> None:
-        super().__init__()
-        self._server = server
-
-    def open(self, faults: FaultSchedule, clock: Clock) -> None:
-        """See `FarEnd.open`.
-
-        Raises:
-            OSError: no address is free.
-        """
-        super().open(faults, clock)
-        self._server.clock = clock
-        self._server.open(HOSTS)
-        # what acts on an emulated arm is not to be scheduled before the loop
-        self.endpoint = {"host": self._server.host, "realtime_priority": 0}
-
-    def waited(self) -> Sequence[Any]:
-        """See `FarEnd.waited`."""
-        return self._server.sockets
-
-    def due_s(self) -> float:
-        """See `FarEnd.due_s`: the controller's next cycle, where somebody waits for it."""
-        return self._server.next_s if self._server.served else math.inf
-
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
-        """See `FarEnd.exchange`."""
-        self._fail(trial_s)
-        self._server.deaf = silent = self._faults.active(trial_s, "silent")
-        # by TCP bytes come whole or not at all, corrupt ones not
-        self._server.streams = not (silent or self._faults.active(trial_s, "lose", "corrupt"))
-        self._server.turn(now_s=t_s)
-        return self._server.served
-
-    def unplug(self) -> None:
-        """See `FarEnd.unplug`: the host sees its connections end, and no more answers."""
-        self._server.close()
-
-    def _fail(self, trial_s: float) -> None:
-        controller = self._server.controller
-        if self._faults.begun(trial_s, "unplug"):
-            self.unplug()
-        if self._faults.begun(trial_s, "stall"):
-            controller.protective_stop("injected")
-        if self._faults.begun(trial_s, "refuse"):
-            controller.remote = False
-            controller.stop_program("local control")
 
 
 WAITING_BYTES = 1 << 19
@@ -212,7 +94,7 @@ SOCK_DIAG, BY_FAMILY, REQUEST = 4, 20, 1
 ANY = 0xFFFFFFFF
 
 
-class UdpLine(FarEnd):
+class UdpLine(DeviceEnd):
     """A device on a loopback port of its own, that answers whoever asked last, in datagrams.
 
     A datagram comes whole or not at all: data that are corrupt are data that do not come.
@@ -222,8 +104,7 @@ class UdpLine(FarEnd):
     """
 
     def __init__(self, device: Any) -> None:
-        super().__init__()
-        self._device = device
+        super().__init__(device)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.setblocking(False)
@@ -237,13 +118,9 @@ class UdpLine(FarEnd):
         """See `FarEnd.waited`."""
         return [] if self._socket.fileno() < 0 else [self._socket]
 
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
-        """See `FarEnd.exchange`."""
-        if self._faults.begun(trial_s, "unplug"):
-            self.unplug()
+    def _carry(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         if not self.waited():
             return False
-        inject_begun(self._faults, self._device, trial_s, t_s)
         out = b""
         if self._socket in ready:
             with contextlib.suppress(OSError):
@@ -263,17 +140,15 @@ class UdpLine(FarEnd):
         self._socket.close()
 
 
-class TcpLine(FarEnd):
-    """A `FarEnd`: a device on a loopback port of its own, for one host at a time; a second one is disconnected.
+class TcpLine(DeviceEnd):
+    """A device on a loopback port of its own, for one host at a time; a second one is disconnected.
 
     Args:
         device: While its `lossy` is set it drops what it streams; it is told by `hang_up` that the host is gone.
     """
 
     def __init__(self, device: Any) -> None:
-        super().__init__()
-        self._device = device
-        self._t_s = 0.0
+        super().__init__(device)
         self._clients = TcpClients(1, UNREAD_BYTES, lambda host, reason: device.hang_up(self._t_s))
         self._listener = self._clients.listen()
         host, port = self._listener.getsockname()
@@ -284,12 +159,7 @@ class TcpLine(FarEnd):
         """See `FarEnd.waited`."""
         return self._clients.sockets
 
-    def exchange(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
-        """See `FarEnd.exchange`."""
-        self._t_s = t_s
-        if self._faults.begun(trial_s, "unplug"):
-            self.unplug()
-        inject_begun(self._faults, self._device, trial_s, t_s)
+    def _carry(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
         out = b""
         for host in [host for host in self._clients.unsent if host in ready]:
             if data := self._clients.receive(host):

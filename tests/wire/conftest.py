@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 from controller.campaign import Campaign, Outcome
+from simulator.devices.far_end import FarEnd
 from simulator.devices.faults import FaultSchedule
 from simulator.wiring.bench_clock import BenchClock, Pace
 from simulator.wiring.emulator import STEP_S
-from simulator.wiring.far_ends import EmulatedDevice, FarEnd, Line
+from simulator.wiring.far_ends import Line
 from tests.wire.emulated_ur import EmulatedUr
 from tests.wire.ur_hand import Hand
 
@@ -47,7 +48,7 @@ class Serve:
         self._thread = threading.Thread(target=self._serve, name="bench", daemon=True)
         self._thread.start()
 
-    def __call__(self, device: EmulatedDevice) -> str:
+    def __call__(self, device: Any) -> str:
         return self.wire(Line(device))
 
     def wire(self, end: FarEnd, faults: FaultSchedule | None = None) -> str:
@@ -106,7 +107,7 @@ class Serve:
 class Hurried:
     """An emulated device whose time runs five times as fast: a calibration takes half a second."""
 
-    def __init__(self, device: EmulatedDevice) -> None:
+    def __init__(self, device: Any) -> None:
         self._device = device
 
     def receive(self, data: bytes, t_s: float) -> bytes:

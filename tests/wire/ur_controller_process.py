@@ -69,7 +69,7 @@ def obey(server: UrServer, order: Order) -> dict[str, object]:
     if order.stop_program:
         controller.stop_program("asked for")
     if order.gone:
-        server.close()
+        server.unplug()
     return {
         "t_s": controller.t_s,
         "runtime": controller.runtime.name,
@@ -91,7 +91,7 @@ def main(settings: str, plane_m: float | None) -> None:
     server = UrServer(UrController(found, plane))
     pace = Pace()
     server.clock = BenchClock(pace.page)
-    server.open()
+    server.listen()
     click.echo(json.dumps({"arm": {"host": found.host}, "clock": pace.page.path}))
     pending = b""
     try:
@@ -109,7 +109,7 @@ def main(settings: str, plane_m: float | None) -> None:
     except KeyboardInterrupt:
         return
     finally:
-        server.close()
+        server.unplug()
 
 
 if __name__ == "__main__":

@@ -8,10 +8,13 @@ import select
 import socket
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
+from typing import Any
 
 from drivers.core.clock import Clock, WallClock
+from simulator.devices.far_end import FarEnd
+from simulator.devices.faults import FaultSchedule
 from simulator.devices.tcp_clients import TcpClients
 from simulator.devices.ur_controller.controller import UrController
 from simulator.devices.ur_controller.primary import PrimarySession, greeting
@@ -32,6 +35,9 @@ BURST_STEPS = 10
 UNREAD_BYTES = 1 << 22
 """What a client may leave unread beyond what the network takes: seconds of every variable at 500 Hz (assumption)."""
 
+HOSTS = tuple(f"127.0.0.{number}" for number in range(2, 255))
+"""Loopback addresses of an emulated bench: the first that is free. The ports of a controller are fixed."""
+
 CLIENTS = 64
 """Connections at a time (assumption; `select` bears a thousand)."""
 
@@ -39,16 +45,15 @@ CLIENTS = 64
 Session = RtdeSession | ScriptSession | DashboardSession
 
 
-class UrServer:
-    """A controller that listens.
+class UrServer(FarEnd):
+    """A controller that listens; a far end of its own, on a loopback address.
 
     Attributes:
         deaf: True makes it accept RTDE connections and answer none.
         streams: False makes it send no data packages.
         silent_until_s: Host time until which nothing goes out on RTDE.
         next_s: Host time of the controller's next cycle.
-        clock: For the controller's cycles; to be set before it opens.
-        bench_s: The surroundings' time of a host time.
+        clock: For the controller's cycles; to be set before it listens.
     """
 
     def __init__(self, controller: UrController) -> None:
@@ -59,23 +64,49 @@ class UrServer:
         self.host = controller.settings.host
         self.next_s = 0.0
         self.clock: Clock = WallClock()
-        self.bench_s: Callable[[float], float] = lambda host_s: host_s
         self._taken: set[str] = set()
         self._listeners: dict[socket.socket, Callable[[], Session]] = {}
         self._sessions: dict[socket.socket, Session] = {}
         self._clients = TcpClients(CLIENTS, UNREAD_BYTES, self._left)
 
-    @property
-    def sockets(self) -> list[socket.socket]:
-        """What to select on."""
+    def open(self, faults: FaultSchedule, clock: Clock) -> None:
+        """See `FarEnd.open`.
+
+        Raises:
+            OSError: no address is free.
+        """
+        super().open(faults, clock)
+        self.clock = clock
+        self.listen(HOSTS)
+        # what acts on an emulated arm is not to be scheduled before the loop
+        self.endpoint = {"host": self.host, "realtime_priority": 0}
+
+    def waited(self) -> Sequence[socket.socket]:
+        """See `FarEnd.waited`."""
         return self._clients.sockets
 
-    @property
-    def served(self) -> bool:
-        """Whether there is a client."""
+    def due_s(self) -> float:
+        """See `FarEnd.due_s`: the controller's next cycle, where somebody waits for it."""
+        return self.next_s if self._sessions else math.inf
+
+    def _carry(self, ready: Collection[Any], t_s: float, trial_s: float) -> bool:
+        self.deaf = silent = self._faults.active(trial_s, "silent")
+        # by TCP bytes come whole or not at all, corrupt ones not
+        self.streams = not (silent or self._faults.active(trial_s, "lose", "corrupt"))
+        self.turn(now_s=t_s)
         return bool(self._sessions)
 
-    def open(self, hosts: Sequence[str] = ()) -> None:
+    def inject(self, kind: str, t_s: float) -> None:
+        """See `FarEnd.inject`: a "stall" is a protective stop, "refuse" local control, taken at the pendant."""
+        if kind == "stall":
+            self.controller.protective_stop("injected")
+        elif kind == "refuse":
+            self.controller.remote = False
+            self.controller.stop_program("local control")
+        else:
+            raise ValueError(f"an arm has no fault {kind!r} of its own; it has stall, refuse")
+
+    def listen(self, hosts: Sequence[str] = ()) -> None:
         """Listen.
 
         Args:
@@ -87,11 +118,11 @@ class UrServer:
         *others, last = hosts or (self.host,)
         for host in others:
             with suppress(OSError):
-                self._listen(host)
+                self._listen_at(host)
                 return
-        self._listen(last)
+        self._listen_at(last)
 
-    def _listen(self, host: str) -> None:
+    def _listen_at(self, host: str) -> None:
         kinds: dict[int, Callable[[], Session]] = {
             RTDE_PORT: lambda: RtdeSession(self.controller, self._taken),
             PRIMARY_PORT: lambda: PrimarySession(self.controller),
@@ -103,13 +134,13 @@ class UrServer:
             for port, kind in kinds.items():
                 self._listeners[self._clients.listen(host, port)] = kind
         except OSError:
-            self.close()
+            self.unplug()
             raise
         self.host = host
         self.next_s = self.clock.monotonic_s() + STEP_S
 
-    def close(self) -> None:
-        """Drop every connection and stop listening; may be called twice."""
+    def unplug(self) -> None:
+        """See `FarEnd.unplug`: clients see their connections end, and no more answers."""
         self._clients.close()
         self._listeners.clear()
 
@@ -130,7 +161,7 @@ class UrServer:
         """
         # select alone waits in microseconds: epoll and poll round to 1 ms.
         ready, writable, _ = select.select(
-            self.sockets,
+            self.waited(),
             [connection for connection, rest in self._clients.unsent.items() if rest],
             [],
             wait_s,
@@ -158,7 +189,7 @@ class UrServer:
             self.next_s += (late_steps - BACKLOG_STEPS) * STEP_S
         for _ in range(min(late_steps, BURST_STEPS)):
             # The arm moves in a world whose time does not begin with the controller's.
-            self.controller.epoch_s = self.bench_s(self.next_s) - self.controller.t_s - STEP_S
+            self.controller.epoch_s = self.next_s - self.controller.t_s - STEP_S
             self.next_s += STEP_S
             self.controller.step()
             self._stream()

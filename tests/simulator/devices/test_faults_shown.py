@@ -78,7 +78,7 @@ def test_a_mock_shows_the_faults_that_the_table_gives_it_and_no_others(driver: s
     assert device._faults.kinds - either == set(KINDS["driver"][driver].mock_faults) - either - {"nan"}
 
 
-TWINS = [name for name in BENCH if KINDS["driver"][name].emulated and name != "ur_arm"]
+TWINS = [name for name in BENCH if KINDS["driver"][name].emulated]
 
 
 @pytest.mark.parametrize("driver", TWINS)

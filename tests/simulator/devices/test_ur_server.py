@@ -15,12 +15,12 @@ from simulator.devices.ur_controller.controller import Runtime, Safety, UrContro
 from simulator.devices.ur_controller.rtde import PackageKind
 from simulator.devices.ur_controller.server import (
     DASHBOARD_PORT,
+    HOSTS,
     RTDE_PORT,
     UNREAD_BYTES,
     UrServer,
 )
 from simulator.devices.ur_controller.session import RtdeSession
-from simulator.wiring.far_ends import HOSTS
 from tests.simulator.devices.ur_desk import Desk, desk
 
 PATIENCE_S = 10.0
@@ -32,7 +32,7 @@ GREETING = b"Connected: Universal Robots Dashboard Server\n"
 class Bench:
     def __init__(self) -> None:
         self.server = UrServer(UrController(UrControllerSettings()))
-        self.server.open(HOSTS)
+        self.server.listen(HOSTS)
         self.clients: list[socket.socket] = []
         self.now_s = self.server.next_s
 
@@ -66,7 +66,7 @@ def bench() -> Iterator[Bench]:
     yield one
     for client in one.clients:
         client.close()
-    one.server.close()
+    one.server.unplug()
 
 
 def is_gone(client: socket.socket) -> bool:

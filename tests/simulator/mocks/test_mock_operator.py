@@ -141,5 +141,5 @@ def test_the_emulated_person_greets_hangs_the_weight_and_answers_once() -> None:
     assert json.loads(person.step(1.5)) == {"answer": 9, "done": True}
     assert tip.hangs["t"] == 1.0
     assert person.step(2.0) == b""
-    with pytest.raises(ValueError, match="no fault stall"):
+    with pytest.raises(ValueError, match="no fault 'stall'"):
         person.inject("stall", 0.0)

@@ -10,7 +10,7 @@ from drivers.core.clock import WallClock
 from simulator.devices.faults import Fault, FaultSchedule
 from simulator.devices.ur_controller.controller import Runtime, Safety, UrController, UrControllerSettings
 from simulator.devices.ur_controller.server import DASHBOARD_PORT, UrServer
-from simulator.wiring.far_ends import Line, Network
+from simulator.wiring.far_ends import Line
 
 NOW_S = 100.0
 """The emulator has been up for a while: faults count from the trial's beginning all the same."""
@@ -73,7 +73,7 @@ def host():
 def test_a_line_is_in_use_while_bytes_pass_it_and_a_controller_while_it_has_a_client(host):
     one, network = (
         host(Fault(device="d", kind="silent", at_s=5.0)),
-        Network(UrServer(UrController(UrControllerSettings()))),
+        UrServer(UrController(UrControllerSettings())),
     )
     assert one.line.exchange([], NOW_S, 0.0) and not one.line.exchange([], NOW_S, 6.0)
     os.write(one.port, b"?")
@@ -118,13 +118,12 @@ def test_a_pulled_plug_leaves_nothing_to_wait_for(host):
 
 @pytest.fixture
 def network():
-    made: list[Network] = []
+    made: list[UrServer] = []
 
-    def make(*faults: Fault) -> tuple[Network, UrServer]:
-        server = UrServer(UrController(UrControllerSettings()))
-        made.append(Network(server))
+    def make(*faults: Fault) -> UrServer:
+        made.append(UrServer(UrController(UrControllerSettings())))
         made[-1].open(FaultSchedule(faults), WallClock())
-        return made[-1], server
+        return made[-1]
 
     yield make
     for one in made:
@@ -132,7 +131,7 @@ def network():
 
 
 def test_two_controllers_find_two_addresses(network):
-    (first, _), (second, _) = network(), network()
+    first, second = network(), network()
     assert first.endpoint["host"] != second.endpoint["host"]
     with socket.create_connection((second.endpoint["host"], DASHBOARD_PORT), 1.0) as client:
         second.exchange((), NOW_S, 0.0)
@@ -140,34 +139,34 @@ def test_two_controllers_find_two_addresses(network):
 
 
 def test_a_silent_controller_sends_and_receives_nothing_for_a_while(network):
-    one, server = network(Fault(device="arm", kind="silent", at_s=1.0, for_s=1.0))
+    server = network(Fault(device="arm", kind="silent", at_s=1.0, for_s=1.0))
     seen = []
     for trial_s in (0.5, 1.5, 2.5):
-        one.exchange((), NOW_S, trial_s)
+        server.exchange((), NOW_S, trial_s)
         seen.append((server.streams, server.deaf))
     assert seen == [(True, False), (False, True), (True, False)]
 
 
 def test_a_stall_is_a_protective_stop(network):
-    one, server = network(Fault(device="arm", kind="stall", at_s=1.0))
+    server = network(Fault(device="arm", kind="stall", at_s=1.0))
     server.controller.start_program(0)
-    one.exchange((), NOW_S, 0.9)
+    server.exchange((), NOW_S, 0.9)
     assert server.controller.runtime is Runtime.PLAYING
-    one.exchange((), NOW_S, 1.0)
+    server.exchange((), NOW_S, 1.0)
     assert (server.controller.safety, server.controller.runtime) == (Safety.PROTECTIVE_STOP, Runtime.STOPPED)
 
 
 def test_a_refusal_is_local_control(network):
-    one, server = network(Fault(device="arm", kind="refuse", at_s=1.0))
+    server = network(Fault(device="arm", kind="refuse", at_s=1.0))
     server.controller.start_program(0)
-    one.exchange((), NOW_S, 1.0)
+    server.exchange((), NOW_S, 1.0)
     assert (server.controller.remote, server.controller.runtime) == (False, Runtime.STOPPED)
 
 
 def test_a_controller_without_a_plug_answers_no_client(network):
-    one, _ = network(Fault(device="arm", kind="unplug", at_s=0.0))
-    host = one.endpoint["host"]
-    one.exchange((), NOW_S, 0.0)
-    assert one.waited() == []
+    server = network(Fault(device="arm", kind="unplug", at_s=0.0))
+    host = server.endpoint["host"]
+    server.exchange((), NOW_S, 0.0)
+    assert server.waited() == []
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection((host, DASHBOARD_PORT), 1.0)
