@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from drivers.core.messages import Floats
 from drivers.ni_daq.settings import NiDaqSettings
 from simulator.devices.far_end import EmulatedDevice
 from simulator.devices.shown import ShownColumns
-from simulator.physics.bench import Bench, Floats, part
+from simulator.physics.bench import Bench, part
 
 DRIFT_PPM = 31.0
 """How much faster than the host's its clock runs. Assumption: an ordinary crystal, within 100 ppm."""

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.core.errors import RefusedError
+from drivers.core.messages import Floats
 from drivers.core.scaled import ScaledStream
-from simulator.physics.bench import Bench, Floats, StreamSpec, part
+from simulator.physics.bench import Bench, StreamSpec, part
 
 POSITION = StreamSpec("position", ("position",), "m", 1e-6, 1000.0)
 """What an encoder, or a distance sensor, at the mover shows: where it is on the approach axis."""

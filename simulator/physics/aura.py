@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.core.messages import Floats, Ints
 from simulator.physics.aura_drive import FRAME_HZ
 from simulator.physics.aura_kernel import (
     Air,
@@ -29,8 +30,6 @@ from simulator.physics.aura_settings import (
 )
 from simulator.physics.noise import gaussian_at
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Complexes = NDArray[np.complex128]
 
 FINGERS = 2

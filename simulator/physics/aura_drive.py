@@ -5,12 +5,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.core.messages import Floats, Ints
 from simulator.physics.stage_axis import sane
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FRAME_HZ = 96_000
 """Frames a second (Rupavatharam et al., IV: 96 kHz)."""

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.compiled import compiled
+from drivers.core.messages import Floats, Ints
 from simulator.physics.aura_settings import PAD_LENGTH_M, PAD_WIDTH_M
 from simulator.physics.noise import normal
 
-Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Counts = NDArray[np.int32]
-Ints = NDArray[np.int64]
 
 HALF_WIDTH_M = 0.5 * PAD_WIDTH_M
 HALF_LENGTH_M = 0.5 * PAD_LENGTH_M

@@ -6,11 +6,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.core.messages import Floats
 from simulator.physics.aura import ENVELOPE_HZ, FINGERS, LEFT, RIGHT, AuraPlant
 from simulator.physics.aura_drive import FRAME_HZ, AuraDrive
 from simulator.physics.aura_scene import RATE, TOOL, WIDTH
 from simulator.physics.aura_settings import Side
-from simulator.physics.bench import Bench, BenchPart, Floats
+from simulator.physics.bench import Bench, BenchPart
 from simulator.physics.gripper_part import AuraBenchSettings, GripperPart, ticks_of
 
 Complexes = NDArray[np.complex128]

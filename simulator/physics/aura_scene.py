@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.core.messages import Floats, Ints
 from simulator.physics import gripper_kernel as kernel
 from simulator.physics.aura import ENVELOPE_HZ, AuraMotion
 from simulator.physics.held_kernel import GRAVITY_M_S2, NUMBERS, TOOL_BEFORE, TURN_M, Held
@@ -17,8 +17,6 @@ from simulator.physics.jaws_kernel import SEEN
 if TYPE_CHECKING:
     from simulator.physics.gripper_part import AuraBenchSettings
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 KEEP = 4096
 """Milliseconds that are remembered: longer than an emulated bench falls behind, and twice as long as a look ahead (2 s

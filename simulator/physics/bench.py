@@ -10,12 +10,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.core.errors import RefusedError
+from drivers.core.messages import Floats
 from drivers.core.settings import Settings
-
-Floats = NDArray[np.float64]
 
 
 class StreamSpec(NamedTuple):

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.core.messages import Floats
 from simulator.physics import finger_scene as scene
 from simulator.physics.finger_course import FingerCourse
 from simulator.physics.finger_kernel import STREAM_LOAD_CELL
@@ -20,7 +20,6 @@ from simulator.physics.stage_axis import SANE
 
 __all__ = ["CHANNELS", "LOCATIONS", "FingerPlant", "FingerSettings"]
 
-Floats = NDArray[np.float64]
 
 WAVEFORMS = {"accelerometer": (1, 0), "load_cell": (2, 1), "distal": (8, 2)}
 """Channels with a value at any time: their bit in what is recorded, and their place there."""

@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.core.messages import Floats
 from simulator.physics import finger_kernel as kernel
 from simulator.physics import finger_scene as scene
 from simulator.physics.piecewise import DEGREE
@@ -15,7 +15,6 @@ from simulator.physics.piecewise import DEGREE
 if TYPE_CHECKING:
     from simulator.physics.finger_lock import Lock
 
-Floats = NDArray[np.float64]
 
 SWITCHES = ("made", "lost", "comparator_up", "comparator_down", "drive_up", "drive_down")
 """Names of the switches, in the kernel's order: contact, comparator, oscillator."""

@@ -6,9 +6,9 @@ Numbers in brackets are those of the equations in docs/explanation/finger_physic
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.core.compiled import compiled
+from drivers.core.messages import Floats, Ints
 from simulator.physics.finger_scene import (
     BASE,
     BASE_RATE,
@@ -46,9 +46,6 @@ from simulator.physics.finger_scene import (
 )
 from simulator.physics.noise import normal
 from simulator.physics.piecewise import DEGREE, SPAN, degree_for, parts_for, rising, value_slope
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 GUARDS = 6
 DEPTH, SPEED, PUSH, COMPARED, TURNED, STRETCHED = range(GUARDS)

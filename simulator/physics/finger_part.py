@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from simulator.physics.bench import Bench, BenchPart, Floats, StreamSpec
+from drivers.core.messages import Floats
+from simulator.physics.bench import Bench, BenchPart, StreamSpec
 from simulator.physics.finger import CHANNELS, FingerPlant, FingerSettings
 
 STREAMS = (

@@ -10,13 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.core.messages import Floats, Ints
 from simulator.physics.finger_settings import LOCATIONS, FingerSettings
 from simulator.physics.piecewise import SPAN
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LOOP_STATES, STATES = 9, 11
 THETA, OMEGA, BASE, BASE_RATE, FILTERED, HIGH_1, HIGH_2, CONTROL, PHASE, SLEEVE, DISTAL = range(STATES)

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from drivers.core.errors import RefusedError
-from simulator.physics.bench import Bench, BenchPart, Floats, StreamSpec
+from drivers.core.messages import Floats
+from simulator.physics.bench import Bench, BenchPart, StreamSpec
 from simulator.physics.fingertip_settings import (
     BRIDGES,
     FINGER,

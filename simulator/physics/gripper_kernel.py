@@ -3,10 +3,8 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.core.compiled import compiled
+from drivers.core.messages import Floats, Ints
 from simulator.physics.aura_settings import PAD_LENGTH_M, PAD_WIDTH_M
 from simulator.physics.held_kernel import HEIGHT, STEPS, TURN_M, Held, carried
 from simulator.physics.held_kernel import LEAST as HELD_LEAST
@@ -19,9 +17,6 @@ from simulator.physics.jaws_kernel import RATE as JAWS_RATE
 from simulator.physics.jaws_kernel import WIDTH as JAWS_WIDTH
 from simulator.physics.jaws_kernel import advance as run_jaws
 from simulator.physics.jaws_kernel import contact_n as pressed_n
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROW_HZ = 1000
 """Rows a second (as `aura.ENVELOPE_HZ`)."""

@@ -9,10 +9,11 @@ from pydantic import Field, Strict
 
 from drivers.core.clock import last_tick
 from drivers.core.errors import RefusedError
+from drivers.core.messages import Floats
 from simulator.physics.aura import ENVELOPE_HZ, FINGERS
 from simulator.physics.aura_scene import FORCE, LOAD, TOOL, WIDTH, AuraScene, Lift, Weight
 from simulator.physics.aura_settings import NOTHING, OBJECTS, AuraObject, AuraPlantSettings, Side
-from simulator.physics.bench import Bench, BenchPart, Floats
+from simulator.physics.bench import Bench, BenchPart
 from simulator.physics.jaws_drive import JawsDrive
 
 

@@ -11,11 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.core.compiled import compiled
-
-Floats = NDArray[np.float64]
+from drivers.core.messages import Floats
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM 1901)."""

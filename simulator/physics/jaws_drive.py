@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.can_gripper.units import MOST_MA, STROKE_M, TICKS_PER_M
 from drivers.core.clock import last_tick
+from drivers.core.messages import Floats
 from drivers.gripper.state import GripFinding
 from simulator.physics import jaws_kernel as kernel
 from simulator.physics.stage_axis import sane
@@ -42,8 +42,6 @@ def _number(place: int) -> Any:
 
     return property(get, put)
 
-
-Floats = NDArray[np.float64]
 
 RATE_HZ = 1.0 / kernel.TICK_S
 

@@ -1,13 +1,8 @@
 """A gripper's loops on its jaws, tick by tick: speed loop, finding of objects, calibration, dry friction. Compiled."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.can_gripper.units import FORCE_N_PER_MA, STEADY_MA, TICKS_PER_M
 from drivers.core.compiled import compiled
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from drivers.core.messages import Floats, Ints
 
 TICK_S = 2e-4
 """Step of the integration: the period of the gripper's own loops (5 kHz: docs/reference/grippers.md)."""

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+from drivers.core.messages import Floats
 from simulator.physics.aura_part import AuraPart
 from simulator.physics.aura_scene import FORCE, LOAD, SHARE, SLID, Weight
 from simulator.physics.aura_settings import AuraObject
-from simulator.physics.bench import Bench, BenchPart, Floats, StreamSpec
+from simulator.physics.bench import Bench, BenchPart, StreamSpec
 from simulator.physics.fingertip_settings import CONVERTER_V
 from simulator.physics.gripper_part import AuraBenchSettings, GripperPart, ticks_of
 from simulator.physics.held_kernel import GRAVITY_M_S2, Held

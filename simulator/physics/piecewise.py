@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.compiled import compiled
+from drivers.core.messages import Floats
 
 SPAN = 3.2
 """Longest piece times the spectral radius of A: longer ones would lose digits to terms that cancel."""
@@ -32,8 +33,6 @@ NEAR = 1e-11
 
 _REST = 1e-17
 """What a series may leave out, relative to the state."""
-
-Floats = NDArray[np.float64]
 
 
 def _degrees(resolution: int) -> NDArray[np.int64]:

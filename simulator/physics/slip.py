@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, Strict
 
+from drivers.core.messages import Floats
 from drivers.core.settings import Settings
 from simulator.physics import slip_kernel as kernel
 from simulator.physics.stage_axis import SANE
@@ -71,9 +72,6 @@ class SlipNuisances(Settings):
 
     table_m_s: float = Field(default=0.0, ge=-1.0, le=1.0)
     """Speed of the table under the tip, m/s: slip that is in progress from the first contact on."""
-
-
-Floats = NDArray[np.float64]
 
 
 class BridgeSettings(Settings):

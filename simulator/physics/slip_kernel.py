@@ -10,14 +10,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.core.compiled import compiled
+from drivers.core.messages import Floats, Ints
 from simulator.physics.noise import normal, philox
 from simulator.physics.piecewise import DEGREE, SPAN, degree_for, parts_for, rising
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STATES = 9
 Q, P, Z, TRAVEL, ROLL_1, ROLL_2, LOAD, LOAD_FROM, LOAD_TO = range(STATES)

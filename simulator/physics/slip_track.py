@@ -3,10 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from drivers.core.messages import Floats, Ints
 
 KEEP_S = 4.0
 """How long samples are kept: longer than an emulated bench falls behind, and twice as long as the loop looks ahead (2 s

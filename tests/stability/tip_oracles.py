@@ -6,12 +6,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from drivers.core.messages import Floats
 from simulator.physics.slip import BridgeSettings, SlipPlantSettings
-
-Floats = NDArray[np.float64]
 
 FT = BridgeSettings(name="Ft", tangential=1.0, gain=1.0, full_scale_n=1.0, noise=0.0)
 PRESS_M = 1e-3

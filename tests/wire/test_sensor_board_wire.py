@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from drivers.core.messages import Excite, Failed, Lost
+from drivers.core.messages import Excite, Failed, Floats, Lost
 from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
 from simulator.devices.sensor_board import EmulatedSensorBoard
 from tests.contracts.crank import Crank
-from tests.unit.drivers.sensor_board.conftest import Floats, Source
+from tests.unit.drivers.sensor_board.conftest import Source
 from tests.wire.conftest import Serve, Wired
 
 FORCE, ACCELERATION, PERIOD = "board.load_cell", "board.accelerometer", "board.period"

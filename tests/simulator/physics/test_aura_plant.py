@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from controller.signals.transducer import analyse
+from drivers.core.messages import Floats
 from simulator.physics.aura import COUNTS, LEFT, RIGHT, AuraMotion, AuraPlant, plate_echo
 from simulator.physics.aura_part import aura_bench
 from simulator.physics.aura_settings import (
@@ -31,8 +32,6 @@ QUIET: dict[str, Any] = {
     "gain_scatter_db": 0.0,
     "phase_scatter_rad": 0.0,
 }
-
-Floats = NDArray[np.float64]
 
 
 def motion(

@@ -5,17 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import firwin
 
 from drivers.core.errors import RefusedError
+from drivers.core.messages import Floats
 from simulator.physics.aura import COUNTS, LEFT, RIGHT
 from simulator.physics.aura_part import aura_bench
 from simulator.physics.bench import Bench
 from simulator.physics.gripper_part import AuraBenchSettings
 from simulator.physics.stage_axis import AxisMotion
 
-Floats = NDArray[np.float64]
 PIPE_M = 0.01905
 SURFACE_M = 0.055
 

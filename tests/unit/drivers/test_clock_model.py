@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from drivers.core.clock_model import PATIENCE_S, SETTLING_S, WINDOW_S, DeviceClock
+from drivers.core.messages import Floats
 from drivers.core.numbering import GAP, StreamTrack
-
-Floats = NDArray[np.float64]
 
 FRAME_S = 0.01
 """Between two frames of ten samples, at 1 kHz."""

@@ -7,15 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from drivers.core.messages import SampleBlock
+from drivers.core.messages import Floats, SampleBlock
 from drivers.sensor_board.driver import SensorBoard, SensorBoardSettings
 from simulator.devices.sensor_board import EmulatedSensorBoard
 from tests.contracts.crank import Crank
 from tests.unit.drivers.far_end import BEGIN_S, FarClock, FarEnd
-
-Floats = NDArray[np.float64]
 
 PERIOD_S = 1.0 / 28.0
 """Of the events that the source makes."""
