@@ -132,7 +132,8 @@ class MockAudio(MockSensor):
 
     def _watch(self, block: SampleBlock) -> None:
         """Report each excursion to full scale once."""
-        values, step = block.values, 2 if self._envelope else 1
+        values: Any = block.values
+        step = 2 if self._envelope else 1
         full = np.hypot(values[:, 0::2], values[:, 1::2]) >= 1.0 if self._envelope else clipped(values)
         for place, finger in self._excursions.push(full):
             value = float(values[place, step * finger]) * block.scale
