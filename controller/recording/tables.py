@@ -114,7 +114,7 @@ class Chosen:
     clock: str = ""
 
 
-class Table(NamedTuple):
+class ReadTable(NamedTuple):
     """What a file holds.
 
     Attributes:
@@ -170,7 +170,7 @@ def read_columns(path: Path, column: str | None, count: int = 1) -> Chosen:
         raise ReplayError(f"{path}: no {kind} file of numbers that can be read: {reason}") from None
 
 
-def _chosen(table: Table, column: str | None, count: int) -> Chosen:
+def _chosen(table: ReadTable, column: str | None, count: int) -> Chosen:
     """The columns that are asked for, and their times."""
     columns = table.columns
     clock = "t_s" if "t_s" in columns else next((name for name in columns if TIME.fullmatch(name)), None)
@@ -312,7 +312,7 @@ Laid = tuple[list[str], list[str], Sequence[str], str]
 spaces)."""
 
 
-def _read_text(path: Path, column: str | None) -> Table:
+def _read_text(path: Path, column: str | None) -> ReadTable:
     """One line of names, or a comment with them, or none; then rows of numbers, with whatever stands between them."""
     import pandas as pd
 
@@ -363,7 +363,7 @@ def _read_text(path: Path, column: str | None) -> Table:
     }
     ends = (" ,;\t", rows[0].strip(" ,;\t") if rows else "")
     above = next((n for n, line in enumerate(lines) if line.strip(ends[0]) == ends[1]), 0)
-    return Table({name: table[name].to_numpy() for name in names}, full, lines[:above])
+    return ReadTable({name: table[name].to_numpy() for name in names}, full, lines[:above])
 
 
 def _laid(rows: Sequence[str], lines: Sequence[str]) -> Laid:
@@ -473,7 +473,7 @@ def _numeric(field: str) -> bool:
 # --- arrays --------------------------------------------------------------------------------------
 
 
-def _read_npz(path: Path, column: str | None) -> Table:
+def _read_npz(path: Path, column: str | None) -> ReadTable:
     with ZipFile(path) as packed:
         if sum(part.file_size for part in packed.infolist()) > LARGEST_BYTES:
             raise ReplayError(f"unpacks to more than {LARGEST_BYTES >> 30} GiB; cut it into pieces")
@@ -496,7 +496,7 @@ def _check_npy(packed: ZipFile, part: ZipInfo) -> None:
         raise ValueError(f"{part.filename} has {part.file_size} bytes, no {shape} of {dtype}")
 
 
-def _read_mat(path: Path, column: str | None) -> Table:
+def _read_mat(path: Path, column: str | None) -> ReadTable:
     from scipy.io import loadmat
 
     try:
@@ -515,7 +515,7 @@ def _arrays(loaded: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, 
             yield f"{within}{name}", np.squeeze(found)
 
 
-def _of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Table:
+def _of_arrays(arrays: Mapping[str, NDArray[Any]]) -> ReadTable:
     """Arrays of one dimension are columns; one of two has them side by side along its shorter one."""
     table: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
@@ -527,10 +527,10 @@ def _of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Table:
     said = [f"{name} = {array}" for name, array in arrays.items() if not array.ndim]
     if not table:
         raise ReplayError(f"no array of one or two dimensions; it has {', '.join(arrays) or 'nothing'}")
-    return Table(table, said=said)
+    return ReadTable(table, said=said)
 
 
-def _read_wav(path: Path, column: str | None) -> Table:
+def _read_wav(path: Path, column: str | None) -> ReadTable:
     """Channels in full-scale units (-1 to 1), and the sample rate."""
     from scipy.io import wavfile
 
@@ -544,7 +544,7 @@ def _read_wav(path: Path, column: str | None) -> Table:
     return _sound(samples if samples.ndim == 2 else samples[:, None], rate_hz, full_scale)
 
 
-def _read_flac(path: Path, column: str | None) -> Table:
+def _read_flac(path: Path, column: str | None) -> ReadTable:
     """As a WAV file."""
     try:
         import soundfile
@@ -553,15 +553,15 @@ def _read_flac(path: Path, column: str | None) -> Table:
     return _sound(*soundfile.read(path, always_2d=True))
 
 
-def _sound(samples: NDArray[Any], rate_hz: float, full_scale: float = 1.0) -> Table:
+def _sound(samples: NDArray[Any], rate_hz: float, full_scale: float = 1.0) -> ReadTable:
     channels = {str(number): samples[:, number] for number in range(samples.shape[1])}
-    return Table(channels, rate_hz=float(rate_hz), clock="the file itself", full_scale=full_scale)
+    return ReadTable(channels, rate_hz=float(rate_hz), clock="the file itself", full_scale=full_scale)
 
 
 # --- MCAP of other programs ----------------------------------------------------------------------
 
 
-def _read_mcap(path: Path, column: str | None) -> Table:
+def _read_mcap(path: Path, column: str | None) -> ReadTable:
     """Fields of one topic, TOPIC:FIELD[,FIELD]; a field within a field has a dot, an item of a list its number."""
     asked = (column or "").split(",")
     topic, _, first = asked[0].partition(":")
@@ -599,7 +599,7 @@ def _read_mcap(path: Path, column: str | None) -> Table:
     after_ns = rows[0][0] - begin_ns - since_ns[0]
     times_s = np.array([each + after_ns for each in since_ns], np.int64).astype(np.float64) * 1e-9
     columns = dict(zip(asked, np.array([row for *_, row in rows], np.float64).T, strict=True))
-    return Table(columns, times_s=times_s, clock="header.stamp" if stamped else "log_time")
+    return ReadTable(columns, times_s=times_s, clock="header.stamp" if stamped else "log_time")
 
 
 def _decoder(channel: Channel, schema: Schema | None) -> Callable[[bytes], Any]:
@@ -637,7 +637,7 @@ def _stamp_ns(message: Any) -> int | None:
     return None
 
 
-READERS: Mapping[str, Callable[[Path, str | None], Table]] = {
+READERS: Mapping[str, Callable[[Path, str | None], ReadTable]] = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".lvm", ".log"), _read_text),
     ".npz": _read_npz,
     ".mat": _read_mat,
