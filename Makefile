@@ -67,7 +67,7 @@ format: .venv/dev.stamp         ## put code into its format
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: .venv/dev.stamp          ## the loop's cost, the stop's latency, detectors beside rivals: into benchmarks/
+bench: .venv/dev.stamp          ## run time against error, the loop's cost, the stop's latency: into benchmarks/
 	$(BIN)/python -m pytest benchmarks
 	$(BIN)/python -m benchmarks
 

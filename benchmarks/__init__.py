@@ -1,1 +1,1 @@
-"""Measurements: cost of the loop, latency of the stop, detectors beside rivals."""
+"""Measurements: run time against error, cost of the loop, latency of the stop."""

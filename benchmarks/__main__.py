@@ -3,7 +3,7 @@
 import sys
 from importlib import import_module
 
-STUDIES = "grasp slip slip_thresholds pretouch pretouch_rooms centering contact onset curves costs"
+STUDIES = "physics grasp slip slip_thresholds pretouch pretouch_rooms centering contact onset curves costs"
 MODULES = {"stop": "stop_latency"}
 BENCHMARKS = ("loop", "stop", "left_alone", *STUDIES.split())
 

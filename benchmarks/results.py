@@ -15,7 +15,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from config.script import run_trials
 from controller.recording.reader import Run
@@ -24,6 +26,12 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "benchmarks" / "results"
 KEPT = Path("build/benchmarks")
 """Finished parts of studies, by the code that they depend on."""
+
+ROUNDS = 11
+"""Measurements of what is timed."""
+
+AT_LEAST_S = 0.004
+"""A measurement shorter than this is repeated inside: a thousand times what reading the clock costs."""
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -94,6 +102,36 @@ def _code() -> str:
     rooms = ("benchmarks", "behaviors", "controller/detectors", "controller/signals", "simulator/physics")
     files = sorted(path for room in rooms for path in ROOT.glob(f"{room}/*.py"))
     return sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
+
+
+def side_by_side_s(
+    works: Sequence[tuple[Callable[[], object], Callable[[], object]]], rounds: int = ROUNDS
+) -> NDArray[np.float64]:
+    """CPU time of each after a warm-up, s, shape (rounds, works): measured in turns, so that other load affects all.
+
+    Args:
+        works: What has to be done before each run and is not timed, and the run.
+        rounds: How often.
+    """
+
+    def once_s(before: Callable[[], object], run: Callable[[], object]) -> float:
+        before()
+        begun_s = time.process_time()
+        run()
+        return time.process_time() - begun_s
+
+    for work in works:
+        once_s(*work)  # compiles
+    inners = [max(1, min(100, int(AT_LEAST_S / max(once_s(*work), 1e-6)))) for work in works]
+    return np.array(
+        [
+            [
+                sum(once_s(*work) for _ in range(inner)) / inner
+                for work, inner in zip(works, inners, strict=True)
+            ]
+            for _ in range(rounds)
+        ]
+    )
 
 
 def progress(what: str) -> None:
