@@ -1,9 +1,7 @@
-"""What movers and the board promise, run for mock drivers in virtual time.
-
-What every device promises of streams, subscribers and refusals is tried by `controller.contracts`.
-"""
+"""What every device promises: run for mock drivers in virtual time, for real ones on ptys."""
 
 import math
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -55,14 +53,58 @@ class DeviceContract:
     mover: ClassVar[str] = "stage"
     """Name of the mover."""
 
+    reach_m: ClassVar[float] = 1e-6
+    """How far from its target the mover may stand and have reached it."""
+
+    def test_streams_bear_their_devices_name_and_a_unit(self, bench: Bench) -> None:
+        for device, info in bench.infos.items():
+            assert info.device == device
+            assert info.streams
+            for name, stream in info.streams.items():
+                assert name == stream.name
+                assert name.startswith(f"{device}.")
+                assert stream.unit
+                assert stream.scale > 0.0
+
+    def test_nothing_is_sent_without_a_subscriber(self, bench: Bench) -> None:
+        bench.turn(0.05)
+        assert bench.blocks == []
+
+    def test_blocks_follow_one_another_in_sequence_and_time(self, bench: Bench) -> None:
+        bench.apply(Listen("board", frozenset({"board.load_cell"})))
+        # A busy machine may keep the wire waiting; 1 kHz is another test's business.
+        while bench.rig.clock.now() < 10.0 and sum(map(len, bench.blocks_of("board.load_cell"))) <= 250:
+            bench.turn(0.1)
+        blocks = bench.blocks_of("board.load_cell")
+        assert sum(map(len, blocks)) > 250
+        for before, after in pairwise(blocks):
+            assert after.seq == before.seq + len(before)
+            assert after.t0_s > before.t0_s
+        info = bench.infos["board"].streams["board.load_cell"]
+        assert {(block.unit, block.scale, block.rate_hz) for block in blocks} == {
+            (info.unit, info.scale, info.rate_hz)
+        }
+        assert all(np.issubdtype(block.values.dtype, np.integer) for block in blocks), "raw counts"
+        assert all(block.device_t0_s is not None and block.arrival_s is not None for block in blocks)
+
+    def test_a_stream_ends_when_it_is_unsubscribed(self, bench: Bench) -> None:
+        bench.apply(Listen("board", frozenset({"board.load_cell"})))
+        bench.turn(0.1)
+        bench.apply(Listen("board", frozenset()))
+        bench.turn(0.1)
+        bench.blocks.clear()
+        bench.turn(0.1)
+        assert bench.blocks == []
+
     def test_periods_come_with_a_time_each_while_the_finger_is_excited(self, bench: Bench) -> None:
         bench.apply(Listen("board", frozenset({"board.period"})))
         bench.apply(Excite("board", True))
         bench.turn(1.5)
         times_s, periods_s = bench.times("board.period"), bench.values("board.period")[:, 0]
         assert (np.diff(times_s) > 0.0).all()
-        # a period is the time since the last one's end
-        assert np.diff(times_s) == pytest.approx(periods_s[1:], abs=4e-3)
+        # A period is the time since the last one's end: the two agree, but for the clock model, which
+        # is still learning drift and delay in the first second: 3.6 ms is the 99th percentile of a pty's delay.
+        assert np.diff(times_s)[5:] == pytest.approx(periods_s[6:], abs=4e-3)
 
     def test_a_motion_is_sent_and_reaches_its_target(self, bench: Bench) -> None:
         self.home(bench)
@@ -71,16 +113,16 @@ class DeviceContract:
         sent = bench.until(Sent, self.mover)
         reached = bench.until(Reached, self.mover)
         assert isinstance(sent.command, MoveTo)
-        assert reached.position_m == pytest.approx(0.002, abs=1e-6)
+        assert reached.position_m == pytest.approx(0.002, abs=self.reach_m)
         assert reached.t_s - sent.t_s > 0.2, "2 mm at 10 mm/s"
         bench.turn(0.05)
         positions = bench.blocks_of(f"{self.mover}.position")[-1].physical[:, 0]
-        assert positions[-1] == pytest.approx(0.002, abs=1e-6)
+        assert positions[-1] == pytest.approx(0.002, abs=self.reach_m)
 
     def test_an_approach_ends_at_its_limit_by_itself(self, bench: Bench) -> None:
         self.home(bench)
         bench.apply(MoveAt(self.mover, 0.01, 0.001))
-        assert bench.until(Reached, self.mover).position_m == pytest.approx(0.001, abs=1e-6)
+        assert bench.until(Reached, self.mover).position_m == pytest.approx(0.001, abs=self.reach_m)
 
     def test_a_stop_is_answered_by_standstill_while_moving(self, bench: Bench) -> None:
         self.home(bench)
@@ -95,7 +137,7 @@ class DeviceContract:
     def test_a_stop_is_answered_by_standstill_while_standing(self, bench: Bench) -> None:
         self.home(bench)
         bench.apply(Stop(self.mover))
-        assert bench.until(Standstill, self.mover).position_m == pytest.approx(0.0, abs=1e-6)
+        assert bench.until(Standstill, self.mover).position_m == pytest.approx(0.0, abs=self.reach_m)
 
     def test_a_status_names_the_command_that_it_is_about(self, bench: Bench) -> None:
         self.home(bench)
@@ -137,6 +179,11 @@ class DeviceContract:
         sent = bench.until(Sent, "board")
         assert sent.command_id == 5
         assert sent.command.position_m == pytest.approx(0.01, abs=1e-12)
+
+    def test_closing_twice_is_no_error(self, bench: Bench) -> None:
+        for device in bench.rig.devices.values():
+            device.close()
+            device.close()
 
     def home(self, bench: Bench) -> None:
         bench.apply(Home(self.mover))

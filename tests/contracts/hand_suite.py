@@ -1,4 +1,4 @@
-"""What every hand promises: run for the mock driver in virtual time."""
+"""What every hand promises: run for the mock driver in virtual time, for the real one on a pty."""
 
 from itertools import pairwise
 
@@ -27,7 +27,8 @@ class HandContract(SensorContract):
 
     def check_pause(self, bench: HandBench, missing: int, pause: float) -> None:
         assert missing >= 0
-        assert bench.of(Lost) == [], "the pause is not lost"
+        # a busy bus may be too slow for some cycles of the last fifth of a second, and the pause was twice as long
+        assert sum(lost.samples for lost in bench.of(Lost)) < 0.6 * pause, "the pause itself is not lost"
 
     def test_each_finger_has_a_stream_in_newtons(self, bench: HandBench) -> None:
         assert {name: (stream.unit, len(stream.channels)) for name, stream in bench.info.streams.items()} == {

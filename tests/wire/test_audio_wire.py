@@ -60,11 +60,8 @@ def bench(server: Server, connect: Callable[..., AudioTrial]) -> AudioTrial:
     return connect(server.port)
 
 
-class TestWireAudio:
-    """Where frames and commands pass each other on the line; all else, of the mock: tests/contracts."""
-
-    test_phase = AudioContract.test_the_frames_numbers_are_the_phase_reference
-    test_chirp = AudioContract.test_a_chirp_is_reported_when_it_is_over
+class TestWireAudio(AudioContract):
+    pass
 
 
 def gaps(blocks: list[SampleBlock]) -> int:

@@ -10,7 +10,7 @@ from drivers.barrett_hand.strain import FingerStrainSettings
 from drivers.core.errors import SilentError
 from simulator.devices.barrett_hand import EmulatedBarrettHand
 from simulator.devices.slcan import EmulatedSlcan
-from tests.contracts.hand_suite import FORCES_N, HandBench
+from tests.contracts.hand_suite import FORCES_N, HandBench, HandContract
 from tests.steady import SteadyForces
 from tests.wire.conftest import Serve, Wired
 
@@ -38,6 +38,10 @@ def wire(serve: Any) -> Iterator[Wire]:
 @pytest.fixture
 def bench(wire: Wire) -> HandBench:
     return HandBench(wire.driver, wire.clock)
+
+
+class TestWireHand(HandContract):
+    pass
 
 
 def test_open_reads_every_finger(bench: HandBench) -> None:
