@@ -83,7 +83,7 @@ class Client(Protocol):
     """Commands to the controller, from one thread: each comes back within a few cycles, False where it was refused."""
 
     def speed(self, twist: Pose, acceleration_m_s2: float) -> bool:
-        """Bring the tool to a twist, and keep it until the next one."""
+        """Bring the tool to a twist, and keep it until the next one; feeds the watchdog, too."""
 
     def end_speed(self) -> bool:
         """End tool speeds; the tool stands."""
@@ -98,7 +98,7 @@ class Client(Protocol):
         """Whether a move, or its stop, is under way."""
 
     def feed_watchdog(self) -> bool:
-        """Feed the controller's watchdog."""
+        """Feed the controller's watchdog while no tool speeds are sent."""
 
     def tare(self) -> bool:
         """Take the present force for zero."""
