@@ -151,8 +151,9 @@ class Procedures:
         if not isinstance(command, MoveAt | MoveTo):
             yield from _accepted("home")
             flagged = yield from _accepted("warnings")
-            # The motion that this replaced was interrupted, or a way home whose reply was lost, and not this one.
-            if flagged.busy and "NI" in flagged.data.split():
+            # What was interrupted is the motion that this replaced, or a way home whose reply was lost, and not this
+            # one: it goes on, or it is over and the stage is home.
+            if "NI" in flagged.data.split() and (flagged.busy or (yield from _asked("pos")) == 0):
                 yield from _accepted("warnings clear")
             return None
         if codec.UNHOMED.intersection(warnings.data.split()):

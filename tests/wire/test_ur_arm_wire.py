@@ -93,10 +93,8 @@ def test_closing_stops_the_arm_before_the_process_ends(hand: Callable[..., Hand]
     one.arm.close()
 
 
-def test_what_ends_the_arms_program_is_a_stall_and_home_recovers_where_the_controller_lets_it(
-    hand: Callable[..., Hand],
-) -> None:
-    one = hand(recover_s=1.0)
+def test_a_protective_stop_is_a_stall_and_home_recovers(hand: Callable[..., Hand]) -> None:
+    one = hand()
     one.set_out(MoveAt("arm", 0.02, 0.04))
     one.emulated.order(protective_stop=True)
     assert "protective stop" in one.await_(Stalled).reason
@@ -104,16 +102,26 @@ def test_what_ends_the_arms_program_is_a_stall_and_home_recovers_where_the_contr
     one.do(Stop("arm"), Standstill)
     one.do(Home("arm"), Reached)
     assert one.emulated.order()["runtime"] == "PLAYING"
+
+
+def test_an_emergency_stop_is_a_stall_that_home_does_not_undo(hand: Callable[..., Hand]) -> None:
+    one = hand()
+    one.emulated.order(emergency_stop=True)
+    one.await_(Stalled)
+    assert "emergency stop" in one.do(Home("arm"), Refused).reason
+
+
+def test_remote_control_that_was_switched_off_keeps_home_from_recovering(hand: Callable[..., Hand]) -> None:
+    one = hand()
     one.emulated.order(remote=False, stop_program=True)
     one.await_(Stalled)
     assert "remote control" in one.do(Home("arm"), Refused).reason
-    one.emulated.order(remote=True)
-    one.do(Home("arm"), Reached)
+
+
+def test_a_script_that_is_refused_later_keeps_home_from_recovering(hand: Callable[..., Hand]) -> None:
+    one = hand(recover_s=1.0)
     one.emulated.order(accepts_scripts=False, stop_program=True)
     one.await_(Stalled)
     one.do(Home("arm"), Refused)
     one.emulated.order(accepts_scripts=True)
     one.do(Home("arm"), Reached)
-    one.emulated.order(emergency_stop=True)
-    one.await_(Stalled)
-    assert "emergency stop" in one.do(Home("arm"), Refused).reason

@@ -545,6 +545,20 @@ def test_a_stage_that_is_sent_home_from_a_motion_of_ours_reaches_home() -> None:
     assert b.statuses == []
 
 
+def test_a_stage_that_is_home_before_it_is_asked_what_it_interrupted_reached_home() -> None:
+    """The host was late: the way home that interrupted a motion of ours is over, and the device still flags it."""
+    b = Bench()
+    b.wire.axis.place(b.clock.now(), 0.002)
+    b.begin(MoveTo("stage", 0.0, 0.02))
+    b.turn_until(lambda: b.wire.axis.position(b.clock.now()) < 0.0006)
+    b.wire.loses = b" warnings:"
+    b.begin(Home("stage", id=6))
+    reached = b.expect(Reached)
+    assert b.wire.lines().count("warnings") == 3, "one was lost, one came late, one is asked at rest"
+    assert (reached.command_id, reached.position_m) == (6, 0.0)
+    assert b.statuses == []
+
+
 def test_a_place_that_is_no_number_is_a_failure() -> None:
     b = Bench()
     b.wire.device._readings["pos"] = lambda t_s: "NA"
